@@ -1,0 +1,17 @@
+//! Makes every binary and test of this package find libtorch at run time, with no environment variable.
+//!
+//! Cargo hands a library's location only to direct dependents (hence `torch-sys` in Cargo.toml) and its link
+//! arguments to nobody, so they are set here, once for all targets.
+
+fn main() {
+    println!("cargo:rerun-if-changed=build.rs");
+    let library = std::env::var("DEP_TCH_LIBTORCH_LIB")
+        .expect("torch-sys did not say where libtorch is; run `make libtorch`, or set LIBTORCH");
+    println!("cargo:rustc-link-arg=-Wl,-rpath,{library}");
+    // Nothing names a symbol of libtorch_cuda, so a linker that drops unused libraries would drop the GPU with it:
+    // keep libtorch.so, which brings in whatever the installed libtorch has.
+    println!("cargo:rustc-link-arg=-Wl,--no-as-needed");
+    println!("cargo:rustc-link-arg=-L{library}");
+    println!("cargo:rustc-link-arg=-ltorch");
+    println!("cargo:rustc-link-arg=-Wl,--as-needed");
+}

@@ -1,0 +1,215 @@
+//! Building blocks of the network: layers, the up-sampling, the two U-Nets, learned variables.
+//!
+//! Original: `nn/network/blocks.py`. Tensors are `[batch, channels, height, width]`, weights are in PyTorch's layouts
+//! (`[out, in, kh, kw]` and `[out, in]`); names follow the original's scopes, with `weight` for its `kernel`.
+
+use tch::Tensor;
+use tch::nn::Path;
+
+/// What follows a layer's affine map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Activation {
+    None,
+    Relu,
+    Tanh,
+}
+
+impl Activation {
+    fn apply(self, x: Tensor) -> Tensor {
+        match self {
+            Activation::None => x,
+            Activation::Relu => x.relu(),
+            Activation::Tanh => x.tanh(),
+        }
+    }
+}
+
+/// A square convolution with stride 1 and zero padding that keeps the size (TensorFlow's `SAME`).
+#[derive(Debug)]
+pub struct Conv2d {
+    weight: Tensor,
+    bias: Tensor,
+    padding: i64,
+    activation: Activation,
+}
+
+impl Conv2d {
+    fn forward(&self, x: &Tensor) -> Tensor {
+        self.activation.apply(x.conv2d(&self.weight, Some(&self.bias), 1, self.padding, 1, 1))
+    }
+}
+
+/// A fully connected layer on the last axis.
+#[derive(Debug)]
+pub struct Dense {
+    weight: Tensor,
+    bias: Tensor,
+    activation: Activation,
+}
+
+impl Dense {
+    /// `[.., in]` to `[.., out]`.
+    pub fn forward(&self, x: &Tensor) -> Tensor {
+        self.activation.apply(x.linear(&self.weight, Some(&self.bias)))
+    }
+}
+
+/// Makes the layers of one scope and numbers them as TensorFlow does: `conv2d`, `conv2d_1`, .., `dense`, `dense_1`, ..
+///
+/// New weights are zero; [`crate::initial_values`] fills a finished model.
+#[derive(Debug)]
+pub struct Layers<'a> {
+    scope: Path<'a>,
+    convolutions: usize,
+    denses: usize,
+}
+
+impl<'a> Layers<'a> {
+    pub fn new(scope: Path<'a>) -> Self {
+        Layers { scope, convolutions: 0, denses: 0 }
+    }
+
+    /// A convolution with a `size` x `size` kernel.
+    pub fn conv2d(&mut self, inputs: usize, outputs: usize, size: usize, activation: Activation) -> Conv2d {
+        let path = &self.scope / numbered("conv2d", &mut self.convolutions);
+        Conv2d {
+            weight: path.zeros("weight", &[outputs as i64, inputs as i64, size as i64, size as i64]),
+            bias: path.zeros("bias", &[outputs as i64]),
+            padding: size as i64 / 2,
+            activation,
+        }
+    }
+
+    pub fn dense(&mut self, inputs: usize, outputs: usize, activation: Activation) -> Dense {
+        let path = &self.scope / numbered("dense", &mut self.denses);
+        Dense {
+            weight: path.zeros("weight", &[outputs as i64, inputs as i64]),
+            bias: path.zeros("bias", &[outputs as i64]),
+            activation,
+        }
+    }
+}
+
+fn numbered(kind: &str, count: &mut usize) -> String {
+    let name = if *count == 0 { kind.to_string() } else { format!("{kind}_{count}") };
+    *count += 1;
+    name
+}
+
+/// Doubles height and width as TensorFlow 1's `resize_bilinear` does (`align_corners=False`, no half-pixel centres):
+/// `out[2i] = in[i]`, `out[2i+1] = (in[i] + in[min(i+1, n-1)]) / 2` on each axis. No mode of PyTorch's `interpolate`
+/// equals it.
+pub fn resize_bilinear_x2(x: &Tensor) -> Tensor {
+    // Worked out with the channels last, the layout in which the convolutions are fastest, so that nothing is copied.
+    let doubled_rows = double_axis(&x.permute([0, 2, 3, 1]), 1);
+    double_axis(&doubled_rows, 2).permute([0, 3, 1, 2])
+}
+
+fn double_axis(x: &Tensor, axis: i64) -> Tensor {
+    let n = x.size()[axis as usize];
+    let next = Tensor::cat(&[x.narrow(axis, 1, n - 1), x.narrow(axis, n - 1, 1)], axis);
+    Tensor::stack(&[x, &((x + next) * 0.5)], axis + 1).flatten(axis, axis + 1)
+}
+
+/// A U-Net: `levels` times two convolutions and a 2x2 max pooling with the width doubling, and the way back up with
+/// skip connections. Gives one mask logit per object and pixel.
+#[derive(Debug)]
+pub struct UNet {
+    /// Two convolutions for each level, the lowest (not pooled) last.
+    down: Vec<[Conv2d; 2]>,
+    /// From the lowest level up: the linear convolution after the up-sampling, and the two after the concatenation.
+    up: Vec<(Conv2d, [Conv2d; 2])>,
+    logits: Conv2d,
+}
+
+/// Base width and poolings of the two networks (original: `shallow_unet`, `unet`).
+const SHALLOW: (usize, usize) = (8, 2);
+const DEEP: (usize, usize) = (16, 3);
+/// Frames smaller than this go through the shallow network.
+const DEEP_FROM_SIDE: usize = 40;
+
+/// Whether frames of this side go through the deep U-Net (and its masked frames are halved before the dense layers).
+pub fn uses_deep_unet(side: usize) -> bool {
+    side >= DEEP_FROM_SIDE
+}
+
+impl UNet {
+    /// The U-Net the original uses for frames of this side.
+    pub fn for_side(layers: &mut Layers, side: usize, channels: usize, objects: usize) -> Self {
+        let (base, poolings) = if uses_deep_unet(side) { DEEP } else { SHALLOW };
+        let mut down = Vec::new();
+        let (mut inputs, mut width) = (channels, base);
+        for _ in 0..=poolings {
+            down.push([
+                layers.conv2d(inputs, width, 3, Activation::Relu),
+                layers.conv2d(width, width, 3, Activation::Relu),
+            ]);
+            inputs = width;
+            width *= 2;
+        }
+        let mut up = Vec::new();
+        for level in (0..poolings).rev() {
+            let skip = base << level;
+            let upsampled = layers.conv2d(inputs, 2 * base, 3, Activation::None);
+            up.push((
+                upsampled,
+                [
+                    layers.conv2d(2 * base + skip, skip, 3, Activation::Relu),
+                    layers.conv2d(skip, skip, 3, Activation::Relu),
+                ],
+            ));
+            inputs = skip;
+        }
+        UNet { down, up, logits: layers.conv2d(base, objects, 1, Activation::None) }
+    }
+
+    /// `[frames, channels, S, S]` in \[0, 1\] to logits `[frames, objects, S, S]`.
+    pub fn forward(&self, frames: &Tensor) -> Tensor {
+        let mut skips: Vec<Tensor> = Vec::new();
+        let mut h = frames.shallow_clone();
+        for [first, second] in &self.down {
+            if !skips.is_empty() {
+                h = h.max_pool2d(2, 2, 0, 1, false);
+            }
+            h = second.forward(&first.forward(&h));
+            skips.push(h.shallow_clone());
+        }
+        skips.pop();
+        for (upsampled, [first, second]) in &self.up {
+            let skip = skips.pop().expect("one skip connection for each level");
+            h = Tensor::cat(&[upsampled.forward(&resize_bilinear_x2(&h)), skip], 1);
+            h = second.forward(&first.forward(&h));
+        }
+        self.logits.forward(&h)
+    }
+}
+
+/// A learned array written as the output of a small network on a constant input, which conditions its training better
+/// than a bare variable (original: `variable_from_network`).
+#[derive(Debug)]
+pub struct VariableFromNetwork {
+    hidden: Dense,
+    output: Dense,
+    shape: Vec<i64>,
+}
+
+const CONSTANT_INPUTS: usize = 10;
+const HIDDEN: usize = 200;
+
+impl VariableFromNetwork {
+    pub fn new(layers: &mut Layers, shape: &[i64]) -> Self {
+        let values: i64 = shape.iter().product();
+        VariableFromNetwork {
+            hidden: layers.dense(CONSTANT_INPUTS, HIDDEN, Activation::Tanh),
+            output: layers.dense(HIDDEN, values as usize, Activation::None),
+            shape: shape.to_vec(),
+        }
+    }
+
+    /// The array, of the shape given at construction.
+    pub fn value(&self) -> Tensor {
+        let weight = &self.hidden.weight;
+        let ones = Tensor::ones([1, CONSTANT_INPUTS as i64], (weight.kind(), weight.device()));
+        self.output.forward(&self.hidden.forward(&ones)).reshape(&self.shape)
+    }
+}

@@ -1,0 +1,3 @@
+//! Datasets: making them, reading them, serving them in batches.
+
+pub mod scene;

@@ -1,0 +1,146 @@
+//! Optimizers with TensorFlow 1's arithmetic, over named variables, with slots that can be saved.
+//!
+//! Original: `base.py` (`tf.train.RMSPropOptimizer`, `AdamOptimizer`, `MomentumOptimizer`, `GradientDescentOptimizer`).
+//! PyTorch's differ: its RMSProp starts at zero and adds epsilon outside the root, its Adam corrects both moments.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Result, ensure};
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+
+/// Which update rule. The constants are TensorFlow 1's defaults, as the original uses them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Rule {
+    /// `ms = 0.9 ms + 0.1 g^2` from ms = 1; `w -= lr g / sqrt(ms + 1e-10)`.
+    RmsProp,
+    /// `w -= lr_t m / (sqrt(v) + 1e-8)` with `lr_t = lr sqrt(1 - 0.999^t) / (1 - 0.9^t)`.
+    Adam,
+    /// `a = 0.9 a + g`; `w -= lr a`.
+    Momentum,
+    /// `w -= lr g`.
+    Sgd,
+}
+
+const RMSPROP_DECAY: f64 = 0.9;
+const RMSPROP_EPSILON: f64 = 1e-10;
+const ADAM_BETAS: (f64, f64) = (0.9, 0.999);
+const ADAM_EPSILON: f64 = 1e-8;
+const MOMENTUM: f64 = 0.9;
+
+/// An update rule with its slots.
+#[derive(Debug)]
+pub struct Optimizer {
+    rule: Rule,
+    /// Every element of a gradient is clipped to +- this.
+    clip: Option<f64>,
+    steps: u64,
+    /// Slots by `variable/slot`.
+    slots: BTreeMap<String, Tensor>,
+}
+
+impl Rule {
+    /// Names and initial values of the rule's slots.
+    fn slots(self) -> &'static [(&'static str, f64)] {
+        match self {
+            Rule::RmsProp => &[("ms", 1.0)],
+            Rule::Adam => &[("m", 0.0), ("v", 0.0)],
+            Rule::Momentum => &[("momentum", 0.0)],
+            Rule::Sgd => &[],
+        }
+    }
+}
+
+impl Optimizer {
+    /// Slots at their initial values for these variables.
+    pub fn new(rule: Rule, clip: Option<f64>, variables: &[(String, Tensor)]) -> Self {
+        let _guard = tch::no_grad_guard();
+        let mut slots = BTreeMap::new();
+        for (name, variable) in variables {
+            for (slot, initial) in rule.slots() {
+                slots.insert(format!("{name}/{slot}"), variable.detach().full_like(*initial));
+            }
+        }
+        Optimizer { rule, clip, steps: 0, slots }
+    }
+
+    /// One step on the variables' gradients, with a learning rate for each variable; clears the gradients.
+    ///
+    /// A variable without a gradient is left as it is.
+    pub fn step(&mut self, variables: &[(String, Tensor)], learning_rate: impl Fn(&str) -> f64) {
+        let _guard = tch::no_grad_guard();
+        self.steps += 1;
+        for (name, variable) in variables {
+            let mut gradient = variable.grad();
+            if !gradient.defined() {
+                continue;
+            }
+            let clipped = match self.clip {
+                Some(limit) => gradient.clamp(-limit, limit),
+                None => gradient.shallow_clone(),
+            };
+            let change = self.change(name, &clipped) * learning_rate(name);
+            let _ = variable.shallow_clone().f_sub_(&change).expect("a step has its variable's shape");
+            let _ = gradient.zero_();
+        }
+    }
+
+    /// The step for a learning rate of 1; updates the slots.
+    fn change(&mut self, name: &str, g: &Tensor) -> Tensor {
+        let slot = |slot: &str| {
+            let key = format!("{name}/{slot}");
+            self.slots.get(&key).unwrap_or_else(|| panic!("no slot {key}")).shallow_clone()
+        };
+        match self.rule {
+            Rule::Sgd => g.shallow_clone(),
+            Rule::Momentum => {
+                let mut a = slot("momentum");
+                let _ = a.g_mul_scalar_(MOMENTUM).g_add_(g);
+                a
+            }
+            Rule::RmsProp => {
+                let mut ms = slot("ms");
+                let _ = ms.g_mul_scalar_(RMSPROP_DECAY).g_add_(&(g.square() * (1.0 - RMSPROP_DECAY)));
+                g / (ms + RMSPROP_EPSILON).sqrt()
+            }
+            Rule::Adam => {
+                let (b1, b2) = ADAM_BETAS;
+                let (mut m, mut v) = (slot("m"), slot("v"));
+                let _ = m.g_mul_scalar_(b1).g_add_(&(g * (1.0 - b1)));
+                let _ = v.g_mul_scalar_(b2).g_add_(&(g.square() * (1.0 - b2)));
+                let t = self.steps as f64;
+                let correction = (1.0 - b2.powf(t)).sqrt() / (1.0 - b1.powf(t));
+                m * correction / (v.sqrt() + ADAM_EPSILON)
+            }
+        }
+    }
+
+    /// Steps taken, and the slots sorted by name.
+    pub fn state(&self) -> (u64, Vec<(String, Tensor)>) {
+        (self.steps, self.slots.iter().map(|(name, slot)| (name.clone(), slot.shallow_clone())).collect())
+    }
+
+    /// Takes over a saved state.
+    ///
+    /// # Errors
+    /// A slot that is missing, unknown, or of another shape than the variable's.
+    pub fn restore(&mut self, steps: u64, saved: Vec<(String, Tensor)>) -> Result<()> {
+        let _guard = tch::no_grad_guard();
+        let names: Vec<_> = saved.iter().map(|(name, _)| name.as_str()).collect();
+        let expected: Vec<_> = self.slots.keys().map(String::as_str).collect();
+        ensure!(names == expected, "optimizer slots differ: found {names:?}, expected {expected:?}");
+        for (name, value) in saved {
+            let slot = self.slots.get_mut(&name).expect("names were compared");
+            ensure!(
+                slot.size() == value.size(),
+                "optimizer slot {name}: shape {:?} found, {:?} expected",
+                value.size(),
+                slot.size()
+            );
+            slot.copy_(&value);
+        }
+        self.steps = steps;
+        Ok(())
+    }
+}

@@ -1,0 +1,101 @@
+//! Coordinate-consistent decoder: each object's learned sprite is moved to its position by a spatial transformer, and
+//! the sprites are composed over a learned background.
+//!
+//! Original: `conv_st_decoder`; paper: section 3.3 and figure 4.
+
+use tch::Tensor;
+use tch::nn::Path;
+
+use crate::blocks::{Layers, VariableFromNetwork};
+use crate::stn;
+use crate::tasks::Task;
+
+/// Added to a template before it is moved and taken off again after, so that outside its window it is -5.
+const OUTSIDE: f64 = 5.0;
+/// The constant logit of the background in the softmax over masks.
+const BACKGROUND_LOGIT: f64 = 1.0;
+
+/// Learned sprites and the way they are drawn.
+#[derive(Debug)]
+pub struct Decoder {
+    log_sigma: Tensor,
+    template: VariableFromNetwork,
+    contents: VariableFromNetwork,
+    background: VariableFromNetwork,
+    side: usize,
+    objects: i64,
+    /// Pixels by which half a frame's side in position moves a sprite; see [`super::ModelOptions::exact_shift`].
+    half_span: f64,
+}
+
+/// What the decoder has learned to draw, before the sigmoid of the colours.
+#[derive(Debug)]
+pub struct Sprites {
+    /// Mask logits, `[objects, 1, S/2, S/2]`.
+    pub template: Tensor,
+    /// Colour logits, `[objects, channels, S/2, S/2]`.
+    pub contents: Tensor,
+    /// Colours in \[0, 1\], `[1, channels, S, S]`.
+    pub background: Tensor,
+}
+
+/// Drawn frames and their layers.
+#[derive(Debug)]
+pub struct Rendering {
+    /// `[frames, channels, S, S]` in \[0, 1\].
+    pub frames: Tensor,
+    /// Visibility of each object and of the background, summing to 1: `[objects + 1, frames, S, S]`.
+    pub masks: Tensor,
+    /// Each object's moved colours, `[objects, frames, channels, S, S]`.
+    pub contents: Tensor,
+}
+
+impl Decoder {
+    pub fn new(scope: Path, task: &Task, exact_shift: bool) -> Self {
+        let (objects, channels, side) = (task.objects as i64, task.channels as i64, task.side as i64);
+        let window = side / 2;
+        let log_sigma = scope.zeros("logsigma", &[]);
+        let mut layers = Layers::new(scope);
+        Decoder {
+            log_sigma,
+            // Channels last, as the original stores them.
+            template: VariableFromNetwork::new(&mut layers, &[objects, window, window, 1]),
+            contents: VariableFromNetwork::new(&mut layers, &[objects, window, window, channels]),
+            background: VariableFromNetwork::new(&mut layers, &[1, side, side, channels]),
+            side: task.side,
+            objects,
+            half_span: if exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
+        }
+    }
+
+    /// The learned sprites and background.
+    pub fn sprites(&self) -> Sprites {
+        let channels_first = |x: Tensor| x.permute([0, 3, 1, 2]);
+        Sprites {
+            template: channels_first(self.template.value()),
+            contents: channels_first(self.contents.value()),
+            background: channels_first(self.background.value()).sigmoid(),
+        }
+    }
+
+    /// Draws the objects at `positions`, `[frames, 2 * objects]` in pixels.
+    pub fn forward(&self, positions: &Tensor) -> Rendering {
+        let sprites = self.sprites();
+        let layers = Tensor::cat(&[sprites.template + OUTSIDE, sprites.contents.sigmoid()], 1);
+        // theta = [sigma, 0, (S/2 - x) / t * sigma, 0, sigma, (S/2 - y) / t * sigma]
+        let sigma = self.log_sigma.exp();
+        let half = self.side as f64 / 2.0;
+        let shift = (half - positions) * (&sigma / self.half_span);
+        let shift = shift.reshape([-1, self.objects, 2]).transpose(0, 1);
+        let moved = stn::transform_separable(&layers, &sigma, &shift, self.side as i64);
+        let channels = moved.size()[2] - 1;
+        let template = moved.select(2, 0) - OUTSIDE;
+        let background_logit = template.narrow(0, 0, 1).full_like(BACKGROUND_LOGIT);
+        let masks = Tensor::cat(&[template, background_logit], 0).softmax(0, positions.kind());
+        let contents = moved.narrow(2, 1, channels);
+        let drawn =
+            (masks.narrow(0, 0, self.objects).unsqueeze(2) * &contents).sum_dim_intlist([0i64].as_slice(), false, None);
+        let frames = drawn + masks.select(0, self.objects).unsqueeze(1) * sprites.background;
+        Rendering { frames, masks, contents }
+    }
+}

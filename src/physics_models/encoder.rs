@@ -1,0 +1,71 @@
+//! Encoder: a U-Net segments each frame into objects, a dense network localises each masked object.
+//!
+//! Original: `conv_encoder`; paper: section 3.1 and figure 3.
+
+use tch::Tensor;
+use tch::nn::Path;
+
+use crate::blocks::{Activation, Dense, Layers, UNet, uses_deep_unet};
+use crate::tasks::Task;
+
+const HIDDEN: usize = 200;
+/// The constant logit of the background in the softmax over masks.
+const BACKGROUND_LOGIT: f64 = 1.0;
+
+/// U-Net and localisation network.
+#[derive(Debug)]
+pub struct Encoder {
+    unet: UNet,
+    localisation: [Dense; 3],
+    side: usize,
+    objects: i64,
+}
+
+/// What the encoder makes of frames.
+#[derive(Debug)]
+pub struct Encoding {
+    /// One mask for each object and the background, summing to 1: `[frames, objects + 1, S, S]`.
+    pub masks: Tensor,
+    /// Mask times frame for each object: `[objects, frames, channels, S, S]`.
+    pub masked: Tensor,
+    /// `[frames, 2 * objects]` as `(x0, y0, x1, y1, ..)`, pixels in (0, S).
+    pub positions: Tensor,
+}
+
+impl Encoder {
+    pub fn new(scope: Path, task: &Task) -> Self {
+        let mut layers = Layers::new(scope);
+        let unet = UNet::for_side(&mut layers, task.side, task.channels, task.objects);
+        let seen = if uses_deep_unet(task.side) { task.side / 2 } else { task.side };
+        let localisation = [
+            layers.dense(seen * seen * task.channels, HIDDEN, Activation::Relu),
+            layers.dense(HIDDEN, HIDDEN, Activation::Relu),
+            layers.dense(HIDDEN, 2, Activation::None),
+        ];
+        Encoder { unet, localisation, side: task.side, objects: task.objects as i64 }
+    }
+
+    /// `[frames, channels, S, S]` in \[0, 1\].
+    pub fn forward(&self, frames: &Tensor) -> Encoding {
+        let logits = self.unet.forward(frames);
+        let background = logits.narrow(1, 0, 1).full_like(BACKGROUND_LOGIT);
+        let masks = Tensor::cat(&[logits, background], 1).softmax(1, frames.kind());
+        let object_masks = masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2);
+        let masked = object_masks * frames.unsqueeze(0);
+        Encoding { positions: self.localise(&masked), masks, masked }
+    }
+
+    /// `[objects, frames, channels, S, S]` to positions `[frames, 2 * objects]`.
+    fn localise(&self, masked: &Tensor) -> Tensor {
+        let stacked = masked.flatten(0, 1);
+        let seen = if uses_deep_unet(self.side) { stacked.avg_pool2d(2, 2, 0, false, true, None) } else { stacked };
+        // Flattened in the original's order: height, width, channel.
+        let mut h = seen.permute([0, 2, 3, 1]).flatten(1, 3);
+        for layer in &self.localisation {
+            h = layer.forward(&h);
+        }
+        let half = self.side as f64 / 2.0;
+        let positions = h.tanh() * half + half;
+        positions.reshape([self.objects, -1, 2]).transpose(0, 1).flatten(1, 2)
+    }
+}

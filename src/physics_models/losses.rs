@@ -1,0 +1,78 @@
+//! Losses: squared error summed over a frame, averaged over frames and clips.
+//!
+//! Original: `PhysicsNet.compute_loss`; paper: section 3.4, equation 7.
+
+use tch::{Kind, Tensor};
+
+use super::ForwardPass;
+use crate::tasks::Task;
+
+/// Mean over frames of the squared error summed over channels, height and width.
+///
+/// Both `[batch, time, channels, S, S]`.
+pub fn frame_error(frames: &Tensor, truth: &Tensor) -> Tensor {
+    let frames_in_all = frames.size()[0] * frames.size()[1];
+    (frames - truth).square().sum(frames.kind()) / frames_in_all as f64
+}
+
+/// The three losses of one pass. T_ext may be empty, then `extrapolation` is none.
+#[derive(Debug)]
+pub struct Losses {
+    /// L_rec over the first L + T_pred frames, encoder to decoder.
+    pub reconstruction: Tensor,
+    /// L_pred over the T_pred frames after the input, roll-out to decoder.
+    pub prediction: Tensor,
+    /// L_extrap over the frames after those; scored, never trained.
+    pub extrapolation: Option<Tensor>,
+}
+
+impl Losses {
+    pub fn new(pass: &ForwardPass, clips: &Tensor, task: &Task) -> Self {
+        let (input, pred) = (task.input_steps as i64, task.pred_steps as i64);
+        let predicted = pass.predictions.size()[1];
+        let error = |first: i64, count: i64| {
+            frame_error(&pass.predictions.narrow(1, first, count), &clips.narrow(1, input + first, count))
+        };
+        Losses {
+            reconstruction: frame_error(&pass.reconstructions, &clips.narrow(1, 0, input + pred)),
+            prediction: error(0, pred),
+            extrapolation: (predicted > pred).then(|| error(pred, predicted - pred)),
+        }
+    }
+
+    /// The training loss `L_pred + alpha L_rec`.
+    pub fn train(&self, alpha: f64) -> Tensor {
+        &self.prediction + &self.reconstruction * alpha
+    }
+}
+
+/// Smooth L1 (quadratic within 1 pixel) between rolled-out and encoded positions, both `[.., 2 * objects]`.
+///
+/// The encoded side is detached: it teaches the physics and the initial state, not the encoder.
+pub fn latent_error(rolled_out: &Tensor, encoded: &Tensor) -> Tensor {
+    rolled_out.smooth_l1_loss(&encoded.detach(), tch::Reduction::Mean, 1.0)
+}
+
+/// Mean of a loss over a set, gathered on the device and read once at the end.
+#[derive(Debug, Default)]
+pub struct Mean {
+    sum: Option<Tensor>,
+    weight: f64,
+}
+
+impl Mean {
+    /// Adds a batch's mean with the batch's size.
+    pub fn add(&mut self, value: &Tensor, weight: f64) {
+        let weighted = value.detach().to_kind(Kind::Double) * weight;
+        self.sum = Some(match self.sum.take() {
+            Some(sum) => sum + weighted,
+            None => weighted,
+        });
+        self.weight += weight;
+    }
+
+    /// The mean so far; NaN if nothing was added.
+    pub fn value(&self) -> f64 {
+        self.sum.as_ref().map_or(f64::NAN, |sum| sum.double_value(&[]) / self.weight)
+    }
+}

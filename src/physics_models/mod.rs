@@ -1,0 +1,194 @@
+//! The model: encoder, velocity estimator, physics, decoder, in the order in which the data flow.
+//!
+//! Original: `nn/network/physics_models.py`, class `PhysicsNet`; paper: section 3. Frames are
+//! `[batch, time, channels, S, S]` in \[0, 1\]; positions are `[batch, time, 2 * objects]` in pixels.
+
+mod decoder;
+mod encoder;
+pub mod losses;
+pub mod refinement;
+mod velocity;
+
+use anyhow::Result;
+use serde::{Deserialize, Serialize};
+use tch::nn::VarStore;
+use tch::{Device, Tensor};
+
+use crate::cells::{Cell, State};
+use crate::initial_values;
+use crate::tasks::Task;
+
+pub use decoder::{Decoder, Rendering, Sprites};
+pub use encoder::{Encoder, Encoding};
+pub use velocity::VelocityEstimator;
+
+/// Choices that change what the network computes. All off is the original.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelOptions {
+    /// Estimate the velocity from the differences of the input positions by one linear layer (original: `--alt_vel`).
+    pub alt_vel: bool,
+    /// Give the velocity estimator `(p - S/2) / (S/2)` instead of pixels, which saturate its tanh units at the start.
+    pub centred_velocity_input: bool,
+    /// Move a template by exactly one pixel for one unit of position; the original moves it by (S-1)/S pixels, so its
+    /// lengths come out S/(S-1) too large.
+    pub exact_shift: bool,
+    /// Improve the estimated state before the roll-out by this many Gauss-Newton steps on all input positions under the
+    /// current physics; 0 starts from the estimate as it is.
+    pub refinement_steps: usize,
+}
+
+impl ModelOptions {
+    /// The original's computation.
+    pub fn original() -> Self {
+        ModelOptions { alt_vel: false, centred_velocity_input: false, exact_shift: false, refinement_steps: 0 }
+    }
+}
+
+/// One physical parameter of a model.
+#[derive(Debug)]
+pub struct LearnedParameter {
+    /// Symbol of the paper.
+    pub name: &'static str,
+    /// Name in the variable store.
+    pub variable: String,
+    /// The logarithm, a scalar.
+    pub log: Tensor,
+    pub length_power: i32,
+}
+
+/// Encoder, velocity estimator, physics cell and decoder of one task, with their variables.
+#[derive(Debug)]
+pub struct PhysicsNet {
+    pub task: Task,
+    pub options: ModelOptions,
+    pub variables: VarStore,
+    pub encoder: Encoder,
+    pub velocity: VelocityEstimator,
+    pub cell: Box<dyn Cell>,
+    pub parameters: Vec<LearnedParameter>,
+    pub decoder: Decoder,
+}
+
+/// Everything one pass over clips computes.
+#[derive(Debug)]
+pub struct ForwardPass {
+    /// Masks, masked frames and positions of the first L + T_pred frames.
+    pub encoding: Encoding,
+    /// Encoded positions, `[batch, L + T_pred, 2 * objects]`.
+    pub positions: Tensor,
+    /// State at the last input frame.
+    pub initial: State,
+    /// Rolled-out states, one for each frame after the input.
+    pub states: Vec<State>,
+    /// Decoded encoder positions, `[batch, L + T_pred, channels, S, S]`.
+    pub reconstructions: Tensor,
+    /// Decoded roll-out, `[batch, T - L, channels, S, S]`.
+    pub predictions: Tensor,
+}
+
+impl PhysicsNet {
+    /// A fresh model with initial values drawn from `seed`.
+    pub fn new(task: &Task, options: &ModelOptions, device: Device, seed: u64) -> Self {
+        let variables = VarStore::new(device);
+        let root = variables.root();
+        let encoder = Encoder::new(&root / "encoder", task);
+        let decoder = Decoder::new(&root / "decoder", task, options.exact_shift);
+        let velocity = VelocityEstimator::new(&root / "init_vel", task, options);
+        let scope = &root / task.cell.scope();
+        let logs: Vec<_> = task.cell.parameters().iter().map(|p| scope.zeros(p.variable, &[])).collect();
+        let cell = task.cell.build(&logs, task.side);
+        let parameters = task
+            .cell
+            .parameters()
+            .iter()
+            .zip(logs)
+            .map(|(p, log)| LearnedParameter {
+                name: p.name,
+                variable: format!("{}.{}", task.cell.scope(), p.variable),
+                log,
+                length_power: p.length_power,
+            })
+            .collect();
+        initial_values::glorot_uniform(&variables, seed);
+        PhysicsNet {
+            task: task.clone(),
+            options: options.clone(),
+            variables,
+            encoder,
+            velocity,
+            cell,
+            parameters,
+            decoder,
+        }
+    }
+
+    /// All variables with their names, sorted by name.
+    pub fn named_variables(&self) -> Vec<(String, Tensor)> {
+        let mut named: Vec<_> = self.variables.variables().into_iter().collect();
+        named.sort_by(|a, b| a.0.cmp(&b.0));
+        named
+    }
+
+    /// Sets a physical parameter (not its logarithm).
+    pub fn set_parameter(&self, parameter: &LearnedParameter, value: f64) {
+        let _guard = tch::no_grad_guard();
+        let _ = parameter.log.shallow_clone().fill_(value.ln());
+    }
+
+    /// The physical parameters as `(symbol, value)`, lengths in true pixels whatever the decoder's scale.
+    pub fn parameter_values(&self) -> Vec<(&'static str, f64)> {
+        let pixels = self.pixels_per_unit();
+        self.parameters.iter().map(|p| (p.name, p.log.double_value(&[]).exp() * pixels.powi(p.length_power))).collect()
+    }
+
+    /// True pixels for one unit of position: (S-1)/S in the original's decoder, 1 with `exact_shift`.
+    pub fn pixels_per_unit(&self) -> f64 {
+        if self.options.exact_shift { 1.0 } else { (self.task.side - 1) as f64 / self.task.side as f64 }
+    }
+
+    /// Positions of frames `[batch, time, channels, S, S]` as `[batch, time, 2 * objects]`, with the encoder's masks.
+    pub fn encode(&self, frames: &Tensor) -> (Encoding, Tensor) {
+        let (batch, time) = (frames.size()[0], frames.size()[1]);
+        let encoding = self.encoder.forward(&frames.flatten(0, 1));
+        let positions = encoding.positions.reshape([batch, time, -1]);
+        (encoding, positions)
+    }
+
+    /// The state at the last of the input positions `[batch, L, 2 * objects]`: encoded position, estimated velocity,
+    /// both refined under the physics if the options say so.
+    pub fn initial_state(&self, input_positions: &Tensor) -> State {
+        let last = input_positions.select(1, input_positions.size()[1] - 1);
+        let estimate = State { pos: last, vel: self.velocity.forward(input_positions) };
+        refinement::refine(self.cell.as_ref(), self.task.dt, input_positions, estimate, self.options.refinement_steps)
+    }
+
+    /// Decodes the positions `[batch, 2 * objects]` of states and of encoded frames in one call.
+    fn decode(&self, reconstructed: &Tensor, states: &[State]) -> (Tensor, Tensor) {
+        let (batch, encoded_frames) = (reconstructed.size()[0], reconstructed.size()[1]);
+        let predicted: Vec<_> = states.iter().map(|state| state.pos.shallow_clone()).collect();
+        let predicted = Tensor::stack(&predicted, 1);
+        let positions = Tensor::cat(&[reconstructed, &predicted], 1);
+        let rendering = self.decoder.forward(&positions.flatten(0, 1));
+        let [channels, side] = [self.task.channels as i64, self.task.side as i64];
+        let frames = rendering.frames.reshape([batch, -1, channels, side, side]);
+        let total = frames.size()[1];
+        (frames.narrow(1, 0, encoded_frames), frames.narrow(1, encoded_frames, total - encoded_frames))
+    }
+
+    /// The whole model on clips `[batch, time, channels, S, S]`: the first L + T_pred frames are encoded, and all frames
+    /// after the first L are predicted.
+    ///
+    /// # Errors
+    /// A clip that is shorter than L + T_pred.
+    pub fn forward(&self, clips: &Tensor) -> Result<ForwardPass> {
+        let (input, encoded) = (self.task.input_steps, self.task.input_steps + self.task.pred_steps);
+        let time = clips.size()[1] as usize;
+        anyhow::ensure!(time >= encoded, "a clip has {time} frames; task {} needs at least {encoded}", self.task.key);
+        let (encoding, positions) = self.encode(&clips.narrow(1, 0, encoded as i64));
+        let initial = self.initial_state(&positions.narrow(1, 0, input as i64));
+        let states = self.cell.roll_out(&initial, self.task.dt, time - input);
+        let (reconstructions, predictions) = self.decode(&positions, &states);
+        Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions })
+    }
+}

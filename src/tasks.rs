@@ -1,0 +1,192 @@
+//! The task table: one row for each system of the paper, and the only place where a system's numbers stand.
+//!
+//! Lengths are in pixels, times in the paper's time unit (one frame is `dt` of it), positions are `(x, y)` with x to
+//! the right and y down. Keys and file names are the original's, so its files and ours are interchangeable.
+//! Original: the `datasets` and `--task` tables of `run_physics.py`, README; paper: section 4.1.
+
+use anyhow::{Result, anyhow};
+
+use crate::datasets::scene::{Look, Motion, Scene};
+
+/// A learnable physical parameter with the value the data were made with. The value scores a run; training never sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrueParameter {
+    /// Symbol of the paper: `k`, `l`, `g`, `m`.
+    pub name: &'static str,
+    pub value: f64,
+}
+
+/// The differential equation that a task assumes; implemented in [`crate::cells`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CellKind {
+    Bouncing,
+    Spring,
+    Gravity,
+}
+
+/// One system: what its videos look like, how they are cut into input and prediction, and what is to be learned.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Task {
+    /// Name on the command line, in run folders and in `summary.json`.
+    pub key: &'static str,
+    /// One line for `--help`.
+    pub summary: &'static str,
+    /// Side S of the square frames, pixels.
+    pub side: usize,
+    /// Colour channels of a frame.
+    pub channels: usize,
+    /// Frames of a training clip and of a test clip.
+    pub train_frames: usize,
+    pub test_frames: usize,
+    /// L: frames the encoder sees before the roll-out starts.
+    pub input_steps: usize,
+    /// T_pred: predicted frames that enter the training loss. What follows in a clip is T_ext, scored only.
+    pub pred_steps: usize,
+    pub cell: CellKind,
+    /// Time between two frames.
+    pub dt: f64,
+    /// N: moving objects.
+    pub objects: usize,
+    pub truth: &'static [TrueParameter],
+    /// Learning rate and weight alpha of the reconstruction loss in the paper's protocol.
+    pub base_lr: f64,
+    pub alpha: f64,
+    /// The authors' dataset files, relative to `data/datasets`.
+    pub train_file: &'static str,
+    pub test_file: &'static str,
+    /// How the data are made.
+    pub scene: Scene,
+}
+
+const SPRING_K4_L6: &[TrueParameter] =
+    &[TrueParameter { name: "k", value: 4.0 }, TrueParameter { name: "l", value: 6.0 }];
+
+/// All tasks, in the paper's order.
+pub const TASKS: &[Task] = &[
+    Task {
+        key: "bouncing_balls",
+        summary: "two coloured balls that bounce off the walls",
+        side: 32,
+        channels: 3,
+        train_frames: 12,
+        test_frames: 30,
+        input_steps: 4,
+        pred_steps: 6,
+        cell: CellKind::Bouncing,
+        dt: 0.3,
+        objects: 2,
+        truth: &[],
+        base_lr: 3e-4,
+        alpha: 2.0,
+        train_file: "bouncing/color_bounce_vx8_vy8_sl12_r2.npz",
+        test_file: "bouncing/color_bounce_vx8_vy8_sl30_r2.npz",
+        scene: Scene { motion: Motion::Bouncing, speed: [8.0, 8.0], radius: 2.0, look: Look::Balls },
+    },
+    Task {
+        key: "spring_color",
+        summary: "two coloured balls joined by a spring",
+        side: 32,
+        channels: 3,
+        train_frames: 12,
+        test_frames: 30,
+        input_steps: 4,
+        pred_steps: 6,
+        cell: CellKind::Spring,
+        dt: 0.3,
+        objects: 2,
+        truth: SPRING_K4_L6,
+        base_lr: 6e-4,
+        alpha: 3.0,
+        train_file: "spring_color/color_spring_vx8_vy8_sl12_r2_k4_e6.npz",
+        test_file: "spring_color/color_spring_vx8_vy8_sl30_r2_k4_e6.npz",
+        scene: Scene {
+            motion: Motion::Spring { k: 4.0, equil: 6.0, half_pane: false },
+            speed: [8.0, 8.0],
+            radius: 2.0,
+            look: Look::Balls,
+        },
+    },
+    Task {
+        key: "spring_color_half",
+        summary: "the spring, seen in one half of the frame during input and prediction",
+        side: 32,
+        channels: 3,
+        train_frames: 12,
+        test_frames: 30,
+        input_steps: 4,
+        pred_steps: 6,
+        cell: CellKind::Spring,
+        dt: 0.3,
+        objects: 2,
+        truth: SPRING_K4_L6,
+        base_lr: 6e-4,
+        alpha: 3.0,
+        train_file: "spring_color_half/color_spring_vx4_vy4_sl12_r2_k4_e6_halfpane.npz",
+        test_file: "spring_color_half/color_spring_vx4_vy4_sl30_r2_k4_e6_halfpane.npz",
+        scene: Scene {
+            motion: Motion::Spring { k: 4.0, equil: 6.0, half_pane: true },
+            speed: [4.0, 4.0],
+            radius: 2.0,
+            look: Look::Balls,
+        },
+    },
+    Task {
+        key: "mnist_spring_color",
+        summary: "two MNIST digits joined by a spring over a CIFAR-10 background",
+        side: 64,
+        channels: 3,
+        train_frames: 12,
+        test_frames: 30,
+        input_steps: 3,
+        pred_steps: 7,
+        cell: CellKind::Spring,
+        dt: 0.3,
+        objects: 2,
+        truth: &[TrueParameter { name: "k", value: 2.0 }, TrueParameter { name: "l", value: 12.0 }],
+        base_lr: 6e-4,
+        alpha: 3.0,
+        train_file: "mnist_spring_color/color_mnist_spring_vx8_vy8_sl12_r2_k2_e12.npz",
+        test_file: "mnist_spring_color/color_mnist_spring_vx8_vy8_sl30_r2_k2_e12.npz",
+        scene: Scene {
+            motion: Motion::Spring { k: 2.0, equil: 12.0, half_pane: false },
+            speed: [8.0, 8.0],
+            radius: 11.0,
+            look: Look::Digits,
+        },
+    },
+    Task {
+        key: "3bp_color",
+        summary: "three coloured balls that attract each other",
+        side: 36,
+        channels: 3,
+        train_frames: 20,
+        test_frames: 40,
+        input_steps: 4,
+        pred_steps: 12,
+        cell: CellKind::Gravity,
+        dt: 0.5,
+        objects: 3,
+        truth: &[TrueParameter { name: "g", value: 60.0 }],
+        base_lr: 1e-3,
+        alpha: 5.0,
+        train_file: "3bp_color/color_3bp_vx2_vy2_sl20_r2_g60_m1_dt05.npz",
+        test_file: "3bp_color/color_3bp_vx2_vy2_sl40_r2_g60_m1_dt05.npz",
+        scene: Scene {
+            motion: Motion::ThreeBodies { g: 60.0, m: 1.0 },
+            speed: [2.0, 2.0],
+            radius: 2.0,
+            look: Look::Balls,
+        },
+    },
+];
+
+/// The row with this key.
+///
+/// # Errors
+/// An unknown key, with the list of those there are.
+pub fn find(key: &str) -> Result<&'static Task> {
+    TASKS.iter().find(|task| task.key == key).ok_or_else(|| {
+        let keys: Vec<_> = TASKS.iter().map(|task| task.key).collect();
+        anyhow!("unknown task {key:?}; the tasks are {}", keys.join(", "))
+    })
+}

@@ -8,6 +8,8 @@ fn main() {
     let library = std::env::var("DEP_TCH_LIBTORCH_LIB")
         .expect("torch-sys did not say where libtorch is; run `make libtorch`, or set LIBTORCH");
     println!("cargo:rustc-link-arg=-Wl,-rpath,{library}");
+    let version = std::fs::read_to_string(format!("{library}/../build-version")).unwrap_or_else(|_| "2.11".into());
+    println!("cargo:rustc-env=PAIG_LIBTORCH_VERSION={}", version.trim());
     // Nothing names a symbol of libtorch_cuda, so a linker that drops unused libraries would drop the GPU with it:
     // keep libtorch.so, which brings in whatever the installed libtorch has.
     println!("cargo:rustc-link-arg=-Wl,--no-as-needed");

@@ -1,3 +1,5 @@
-fn main() {
-    println!("{:?}", tch::Tensor::from_slice(&[1f32]).exp());
+//! Trains and scores PAIG on any task of the task table.
+
+fn main() -> std::process::ExitCode {
+    paig::run::any_task()
 }

@@ -52,6 +52,12 @@ impl Dense {
     pub fn forward(&self, x: &Tensor) -> Tensor {
         self.activation.apply(x.linear(&self.weight, Some(&self.bias)))
     }
+
+    /// Multiplies the kernel by a factor.
+    pub fn scale(&self, factor: f64) {
+        let _guard = tch::no_grad_guard();
+        let _ = self.weight.shallow_clone().g_mul_scalar_(factor);
+    }
 }
 
 /// Makes the layers of one scope and numbers them as TensorFlow does: `conv2d`, `conv2d_1`, .., `dense`, `dense_1`, ..
@@ -182,6 +188,14 @@ impl UNet {
         }
         self.logits.forward(&h)
     }
+
+    /// Replaces each logit y by `scale (y - mean) + centre`; `mean` is `[objects]`.
+    pub fn rescale_logits(&self, scale: &Tensor, mean: &Tensor, centre: f64) {
+        let _guard = tch::no_grad_guard();
+        let Conv2d { weight, bias, .. } = &self.logits;
+        bias.shallow_clone().copy_(&((bias - mean) * scale + centre));
+        let _ = weight.shallow_clone().g_mul_(scale);
+    }
 }
 
 /// A learned array written as the output of a small network on a constant input, which conditions its training better
@@ -211,5 +225,12 @@ impl VariableFromNetwork {
         let weight = &self.hidden.weight;
         let ones = Tensor::ones([1, CONSTANT_INPUTS as i64], (weight.kind(), weight.device()));
         self.output.forward(&self.hidden.forward(&ones)).reshape(&self.shape)
+    }
+
+    /// Begins the array at `values` (as many as it has, in its order), with the output kernel scaled by `kernel`.
+    pub fn start_at(&self, values: &Tensor, kernel: f64) {
+        let _guard = tch::no_grad_guard();
+        self.output.scale(kernel);
+        self.output.bias.shallow_clone().copy_(&values.reshape([-1]));
     }
 }

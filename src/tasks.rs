@@ -190,3 +190,15 @@ pub fn find(key: &str) -> Result<&'static Task> {
         anyhow!("unknown task {key:?}; the tasks are {}", keys.join(", "))
     })
 }
+
+/// Test losses of the paper (its ablation table, row "joint training").
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PaperLosses {
+    pub reconstruction: f64,
+    pub prediction: f64,
+}
+
+/// What the paper reports for a task, if anything.
+pub fn paper_losses(key: &str) -> Option<PaperLosses> {
+    (key == "spring_color").then_some(PaperLosses { reconstruction: 0.63, prediction: 1.39 })
+}

@@ -78,6 +78,21 @@ impl Decoder {
         }
     }
 
+    /// Begins the background at these logits, `[channels, S, S]`, its network's kernel scaled by `kernel`.
+    pub fn start_background(&self, logits: &Tensor, kernel: f64) {
+        self.background.start_at(&logits.permute([1, 2, 0]), kernel);
+    }
+
+    /// Begins every template as a Gaussian bump from `-height` at the window's edge to `height` at its centre; `width` is
+    /// its standard deviation in half windows.
+    pub fn start_templates(&self, height: f64, width: f64) {
+        let window = self.side as i64 / 2;
+        let line = Tensor::linspace(-1.0, 1.0, window, (self.log_sigma.kind(), self.log_sigma.device()));
+        let squared = line.square().unsqueeze(0) + line.square().unsqueeze(1);
+        let bump = ((squared / (-2.0 * width * width)).exp() * 2.0 - 1.0) * height;
+        self.template.start_at(&bump.repeat([self.objects, 1, 1]), 1.0);
+    }
+
     /// Draws the objects at `positions`, `[frames, 2 * objects]` in pixels.
     pub fn forward(&self, positions: &Tensor) -> Rendering {
         let sprites = self.sprites();

@@ -68,4 +68,26 @@ impl Encoder {
         let positions = h.tanh() * half + half;
         positions.reshape([self.objects, -1, 2]).transpose(0, 1).flatten(1, 2)
     }
+
+    /// Scales the output layer of the localisation network: below 1, positions begin near the middle of the frame.
+    pub fn scale_localiser(&self, factor: f64) {
+        self.localisation[2].scale(factor);
+    }
+
+    /// Gives the objects' logits equal means and a standard deviation of `spread` between them on the moving pixels, so
+    /// that no object starts without a mask and none starts equal to another.
+    ///
+    /// `frames`: `[frames, channels, S, S]`; `moving`: `[frames, S, S]` in \[0, 1\].
+    pub fn spread_masks(&self, frames: &Tensor, moving: &Tensor, spread: f64) {
+        let _guard = tch::no_grad_guard();
+        let logits = self.unet.forward(frames).transpose(0, 1).flatten(1, 3);
+        let weight = moving.flatten(0, 2);
+        let weight = &weight / weight.sum(weight.kind());
+        let mean = (&logits * &weight).sum_dim_intlist([1i64].as_slice(), false, None);
+        let centred = logits - mean.unsqueeze(1);
+        let between = &centred - centred.mean_dim([0i64].as_slice(), true, None);
+        let deviation = ((between.square() * weight).sum(mean.kind()) / self.objects as f64).sqrt();
+        // The means go to the background's logit: every object begins as likely as the background.
+        self.unet.rescale_logits(&(spread / deviation), &mean, BACKGROUND_LOGIT);
+    }
 }

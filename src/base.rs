@@ -1,0 +1,335 @@
+//! The training and evaluation loops.
+//!
+//! Original: `nn/network/base.py`, class `BaseNet` (`train`, `eval`). A [`Trainer`] takes a model through the phases of
+//! its recipe, writes the logs and checkpoints, and can stop and go on between any two steps.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::json;
+use tch::Tensor;
+
+use crate::checkpoint::{self, RunState};
+use crate::config::Config;
+use crate::datasets::iterators::Clips;
+use crate::interrupt;
+use crate::optimizers::Optimizer;
+use crate::physics_models::PhysicsNet;
+use crate::physics_models::losses::{Losses, Mean};
+use crate::progress::Progress;
+use crate::recipe::{self, GradientPhase, Phase, StepLoss, discover, identify, join};
+use crate::run_folder::RunFolder;
+
+/// The three losses on a set of clips.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scores {
+    pub recons_loss: f64,
+    pub pred_loss: f64,
+    /// NaN where the clips end with the prediction.
+    pub extrap_loss: f64,
+}
+
+/// Scores the first `limit` clips of a split, `batch` at a time. The whole clips are predicted.
+///
+/// # Errors
+/// Clips shorter than L + T_pred.
+pub fn evaluate(model: &PhysicsNet, clips: &Clips, limit: usize, batch: usize) -> Result<Scores> {
+    let _guard = tch::no_grad_guard();
+    let (mut recons, mut pred, mut extrap) = (Mean::default(), Mean::default(), Mean::default());
+    let all: Vec<i64> = (0..clips.len().min(limit) as i64).collect();
+    for chosen in all.chunks(batch) {
+        let frames = clips.batch(chosen, clips.time());
+        let losses = Losses::new(&model.forward(&frames)?, &frames, &model.task);
+        let weight = chosen.len() as f64;
+        recons.add(&losses.reconstruction, weight);
+        pred.add(&losses.prediction, weight);
+        if let Some(loss) = &losses.extrapolation {
+            extrap.add(loss, weight);
+        }
+    }
+    Ok(Scores { recons_loss: recons.value(), pred_loss: pred.value(), extrap_loss: extrap.value() })
+}
+
+/// How a training ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    Finished,
+    /// Asked to stop by a signal; saved, ready to resume.
+    Interrupted,
+}
+
+/// A model in training.
+#[derive(Debug)]
+pub struct Trainer<'a> {
+    config: &'a Config,
+    pub model: &'a PhysicsNet,
+    train: &'a Clips,
+    valid: &'a Clips,
+    folder: &'a mut RunFolder,
+    pub state: RunState,
+    /// Start of the time that is not yet in `state.seconds`.
+    clock: Instant,
+}
+
+impl<'a> Trainer<'a> {
+    /// A training that starts from the beginning.
+    ///
+    /// # Errors
+    /// A parameter in `start` that the model lacks.
+    pub fn new(
+        config: &'a Config,
+        model: &'a PhysicsNet,
+        train: &'a Clips,
+        valid: &'a Clips,
+        folder: &'a mut RunFolder,
+    ) -> Result<Self> {
+        for (symbol, value) in &config.start {
+            let parameter = model.parameters.iter().find(|p| p.name == symbol);
+            let parameter = parameter.with_context(|| format!("start.{symbol}: the model has no such parameter"))?;
+            model.set_parameter(parameter, *value);
+        }
+        let state = RunState::new(model.task.key);
+        Ok(Trainer { config, model, train, valid, folder, state, clock: Instant::now() })
+    }
+
+    /// Goes through the phases that are left, from the last checkpoint if there is one.
+    ///
+    /// # Errors
+    /// A loss that is not a number, a full disk, a damaged checkpoint.
+    pub fn run(&mut self) -> Result<Outcome> {
+        let mut slots = self.load_last()?;
+        for (place, phase) in recipe::phases(self.config).into_iter().enumerate() {
+            if place < self.state.phase {
+                continue;
+            }
+            let before = self.elapsed();
+            let (name, outcome) = match phase {
+                Phase::Discover => {
+                    let config = self.config.discover.as_ref().expect("the phase is in the recipe");
+                    let seed = self.config.seed;
+                    let mut phase = discover::Discovery::new(config, self.model, self.train, self.valid, seed);
+                    ("discover", self.descend(&mut phase, config.optimizer, config.clip, slots.take())?)
+                }
+                Phase::Identify => ("identify", self.identify()?),
+                Phase::Join => {
+                    let config = &self.config.join;
+                    let mut phase = join::Joint::new(config, self.train, self.valid, self.config.seed)?;
+                    ("join", self.descend(&mut phase, config.optimizer, config.clip, slots.take())?)
+                }
+            };
+            let spent = self.elapsed() - before;
+            match self.state.phase_seconds.iter_mut().find(|(phase, _)| phase == name) {
+                Some((_, seconds)) => *seconds += spent,
+                None => self.state.phase_seconds.push((name.into(), spent)),
+            }
+            if outcome == Outcome::Interrupted {
+                return Ok(outcome);
+            }
+            self.state.phase += 1;
+            self.state.step = 0;
+            self.state.optimizer_steps = 0;
+            if phase != Phase::Join {
+                self.state.validations.clear();
+                self.state.best = None;
+            }
+            self.save(&[], false)?;
+        }
+        Ok(Outcome::Finished)
+    }
+
+    /// Restores the last checkpoint, if any; returns the optimizer's slots.
+    fn load_last(&mut self) -> Result<Option<Vec<(String, Tensor)>>> {
+        let folder = self.folder.checkpoints();
+        let Some(index) = checkpoint::read_index(&folder)? else {
+            self.folder.truncate(0, 0)?;
+            return Ok(None);
+        };
+        let (state, slots) = checkpoint::load(&folder.join(&index.last), self.model)?;
+        self.folder.truncate(state.log_bytes, state.metrics_bytes)?;
+        println!("resuming after step {} ({})", state.steps, index.last);
+        self.state = state;
+        Ok((!slots.is_empty()).then_some(slots))
+    }
+
+    fn elapsed(&self) -> f64 {
+        self.state.seconds + self.clock.elapsed().as_secs_f64()
+    }
+
+    fn save(&mut self, slots: &[(String, Tensor)], best: bool) -> Result<()> {
+        (self.state.log_bytes, self.state.metrics_bytes) = self.folder.lengths()?;
+        self.state.seconds = self.elapsed();
+        self.clock = Instant::now();
+        checkpoint::save(&self.folder.checkpoints(), self.model, slots, &self.state, best)
+    }
+
+    /// The gradient descent of one phase.
+    fn descend(
+        &mut self,
+        phase: &mut dyn GradientPhase,
+        rule: crate::optimizers::Rule,
+        clip: f64,
+        slots: Option<Vec<(String, Tensor)>>,
+    ) -> Result<Outcome> {
+        let variables = self.model.named_variables();
+        if self.state.step == 0 {
+            phase.begin(self.model)?;
+        }
+        let mut optimizer = Optimizer::new(rule, (clip > 0.0).then_some(clip), &variables);
+        if let Some(slots) = slots {
+            optimizer.restore(self.state.optimizer_steps, slots)?;
+        }
+        let progress = Progress::new(phase.name(), phase.max_steps(), self.state.step);
+        // As in the original, a validation stands before the first step and after every so many.
+        if self.state.step == 0 {
+            self.validate(phase, &progress)?;
+        }
+        while self.state.step < phase.max_steps() && !phase.finished(self.state.step, &self.state.validations) {
+            let step = self.state.step;
+            let loss = phase.loss(self.model, step)?;
+            let value = loss.total.double_value(&[]);
+            if !value.is_finite() {
+                bail!("{}: {}", phase.name(), self.not_finite(&loss, &variables));
+            }
+            loss.total.backward();
+            optimizer.step(&variables, |name| phase.learning_rate(step, name));
+            self.state.step += 1;
+            self.state.steps += 1;
+            self.state.optimizer_steps += 1;
+            progress.step(|| format!("loss {value:.3} {}", self.parameters_text()));
+            if self.state.step.is_multiple_of(self.config.output.print_every) {
+                self.print(phase, &progress, value, &loss)?;
+            }
+            let validated = self.state.step.is_multiple_of(phase.validate_every());
+            let best = validated && self.validate(phase, &progress)?;
+            let stop = interrupt::asked();
+            if best || stop || self.state.step.is_multiple_of(self.config.output.checkpoint_every) {
+                self.save(&optimizer.state().1, best)?;
+            }
+            if stop {
+                progress.finish();
+                return Ok(Outcome::Interrupted);
+            }
+        }
+        progress.finish();
+        Ok(Outcome::Finished)
+    }
+
+    /// A line of the log in the original's form, and a record.
+    fn print(&mut self, phase: &dyn GradientPhase, progress: &Progress, value: f64, loss: &StepLoss) -> Result<()> {
+        let steps = self.state.steps;
+        let line = format!("train - iter={steps} train_loss={value:.4} {}", self.parameters_text());
+        let line = line.trim_end();
+        progress.line(&format!("{:>9} {line} ({:.0} s)", phase.name(), self.elapsed()));
+        self.folder.log(line)?;
+        let mut record = json!({"kind": "train", "phase": phase.name(), "step": steps, "train_loss": value});
+        for (name, part) in &loss.parts {
+            record[*name] = part.double_value(&[]).into();
+        }
+        for (name, value) in self.model.parameter_values() {
+            record[name] = value.into();
+        }
+        record["seconds"] = self.elapsed().into();
+        self.folder.record(&record)
+    }
+
+    /// Scores the model on the validation split; true if it is the best of the phase so far.
+    fn validate(&mut self, phase: &dyn GradientPhase, progress: &Progress) -> Result<bool> {
+        let score = phase.validate(self.model)?;
+        ensure!(
+            score.is_finite(),
+            "{}: the validation score is not finite after step {}",
+            phase.name(),
+            self.state.steps
+        );
+        let clips = self.config.join.validation_clips;
+        let scores = evaluate(self.model, self.valid, clips, self.config.join.batch)?;
+        let steps_per_epoch = (self.train.len() / self.config.join.batch).max(1) as u64;
+        let line = format!(
+            "valid - epoch={} eval_extrap_loss={:.4} eval_pred_loss={:.4} eval_recons_loss={:.4}",
+            self.state.steps / steps_per_epoch,
+            scores.extrap_loss,
+            scores.pred_loss,
+            scores.recons_loss
+        );
+        progress.line(&format!("{:>9} {line}", phase.name()));
+        self.folder.log(&line)?;
+        let mut record = json!({
+            "kind": "valid", "phase": phase.name(), "step": self.state.steps, "score": score,
+            "recons_loss": scores.recons_loss, "pred_loss": scores.pred_loss, "extrap_loss": scores.extrap_loss,
+            "seconds": self.elapsed(),
+        });
+        for (name, value) in self.model.parameter_values() {
+            record[name] = value.into();
+        }
+        self.folder.record(&record)?;
+        self.state.validations.push(score);
+        let best = self.state.best.is_none_or(|(best, _)| score < best);
+        if best {
+            self.state.best = Some((score, self.state.steps));
+        }
+        Ok(best)
+    }
+
+    fn parameters_text(&self) -> String {
+        let values = self.model.parameter_values();
+        values.iter().map(|(name, value)| format!("{name}={value:.3}")).collect::<Vec<_>>().join(" ")
+    }
+
+    /// Says which tensor first went wrong.
+    fn not_finite(&self, loss: &StepLoss, variables: &[(String, Tensor)]) -> String {
+        let step = self.state.steps + 1;
+        let variable = variables.iter().find(|(_, variable)| !checkpoint::is_finite(variable));
+        let part = loss.parts.iter().find(|(_, part)| !checkpoint::is_finite(part));
+        let culprit = match (variable, part) {
+            (Some((name, _)), _) => format!("variable {name}"),
+            (None, Some((name, _))) => (*name).to_string(),
+            (None, None) => "the total loss".to_string(),
+        };
+        format!("{culprit} is not finite at step {step}; the last checkpoint is sound: lower the learning rate, resume")
+    }
+
+    /// Fits the physical parameters to encoded trajectories.
+    fn identify(&mut self) -> Result<Outcome> {
+        let config = self.config.identify.as_ref().expect("the phase is in the recipe");
+        let model = self.model;
+        if model.parameters.is_empty() {
+            return Ok(Outcome::Finished);
+        }
+        let positions = self.encode_clips(config.clips)?;
+        let start: Vec<f64> = model.parameters.iter().map(|p| p.log.double_value(&[])).collect();
+        let task = &model.task;
+        let fit = identify::fit(config, task.cell, task.side, task.dt, &positions, &start)?;
+        for (parameter, log) in model.parameters.iter().zip(&fit.logs) {
+            model.set_parameter(parameter, log.exp());
+        }
+        let line = format!(
+            "identify - residual={:.4} px iterations={} offsets={:.3?} {}",
+            fit.residual,
+            fit.iterations,
+            fit.offsets,
+            self.parameters_text()
+        );
+        println!("{line}");
+        self.folder.log(&line)?;
+        let mut record = json!({
+            "kind": "identify", "phase": "identify", "step": self.state.steps, "residual": fit.residual,
+            "iterations": fit.iterations, "offsets": fit.offsets, "seconds": self.elapsed(),
+        });
+        for (name, value) in model.parameter_values() {
+            record[name] = value.into();
+        }
+        self.folder.record(&record)?;
+        Ok(Outcome::Finished)
+    }
+
+    /// Encoded positions of the first `count` training clips, `[clips, time, 2 * objects]`.
+    fn encode_clips(&self, count: usize) -> Result<Tensor> {
+        let _guard = tch::no_grad_guard();
+        let chosen: Vec<i64> = (0..self.train.len().min(count) as i64).collect();
+        let encoded: Vec<Tensor> = chosen
+            .chunks(self.config.join.batch)
+            .map(|chosen| self.model.encode(&self.train.batch(chosen, self.train.time())).1)
+            .collect();
+        Ok(Tensor::cat(&encoded, 0))
+    }
+}

@@ -1,0 +1,305 @@
+//! Configuration: a recipe, under a file, under the command line. Unknown keys are refused at every layer.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use crate::optimizers::Rule;
+use crate::physics_models::ModelOptions;
+use crate::tasks::{self, Task};
+
+/// The recipes that come with the program, by name.
+const RECIPES: &[(&str, &str)] =
+    &[("fast", include_str!("../configs/fast.toml")), ("paper", include_str!("../configs/paper.toml"))];
+
+/// A complete run: what, how, where. Saved as `config.toml` in the run folder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    pub task: String,
+    pub recipe: String,
+    pub seed: u64,
+    /// `cpu`, `cuda` or `cuda:n`.
+    pub device: String,
+    /// 0: one for each core.
+    pub threads: usize,
+    pub data: Data,
+    pub model: ModelOptions,
+    /// Physical parameters at the start, by symbol; 1 where none is given.
+    #[serde(default)]
+    pub start: BTreeMap<String, f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub discover: Option<Discover>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub identify: Option<Identify>,
+    pub join: Join,
+    pub output: Output,
+}
+
+/// Where the data are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Data {
+    pub folder: PathBuf,
+    /// Relative to the folder; the task's own by default.
+    pub train_file: PathBuf,
+    pub test_file: PathBuf,
+}
+
+/// Finding the objects: autoencoder loss on random single frames.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Discover {
+    pub optimizer: Rule,
+    pub learning_rate: f64,
+    /// Limit of a gradient's elements; 0 is none.
+    pub clip: f64,
+    /// Frames in a step.
+    pub frames: usize,
+    pub max_steps: u64,
+    pub validate_every: u64,
+    /// Ends when the validation L_rec fell by less than this share over `patience` validations.
+    pub plateau: f64,
+    pub patience: usize,
+    pub start: DiscoverStart,
+    pub guide: Guide,
+}
+
+/// Initial values that let every object be found. 0 or false switches one off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DiscoverStart {
+    pub median_background: bool,
+    pub template_bump: f64,
+    pub localiser_scale: f64,
+    pub mask_spread: f64,
+}
+
+/// Weights of the guides on the encoder's masks (see [`crate::recipe::guide`]). 0 switches one off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Guide {
+    pub temperature: f64,
+    pub coverage: f64,
+    pub compactness: f64,
+    pub balance: f64,
+    pub tie: f64,
+    pub full_until: u64,
+    pub zero_from: u64,
+}
+
+/// Fitting parameters and template offsets to encoded trajectories.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Identify {
+    pub clips: usize,
+    /// Frames of a clip that are fitted, growing.
+    pub horizons: Vec<usize>,
+    pub max_iterations: usize,
+    /// Pixels.
+    pub huber: f64,
+}
+
+/// Training everything together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Join {
+    pub optimizer: Rule,
+    /// Rate of the networks; the task's `base_lr` by default.
+    pub learning_rate: f64,
+    /// Rate of the physical parameters; that of the networks by default.
+    pub physics_learning_rate: f64,
+    pub clip: f64,
+    /// Weight of L_rec; the task's by default.
+    pub alpha: f64,
+    /// Clips in a step.
+    pub batch: usize,
+    /// Either a number of steps or of passes over the training set.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_steps: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epochs: Option<u64>,
+    pub anneal_at: f64,
+    pub anneal_factor: f64,
+    /// Weight of the smooth-L1 between rolled-out and encoded positions.
+    pub latent: f64,
+    /// Weight of the smooth-L1 between estimated and refined velocities.
+    pub velocity: f64,
+    pub validate_every: u64,
+    /// Clips of the validation split that are scored; all if there are fewer.
+    pub validation_clips: usize,
+}
+
+/// What is written, and how often.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Output {
+    pub print_every: u64,
+    pub checkpoint_every: u64,
+    pub examples: usize,
+}
+
+/// What the command line says on top of the files.
+#[derive(Debug, Clone, Default)]
+pub struct Overrides {
+    pub task: Option<String>,
+    pub recipe: Option<String>,
+    pub seed: Option<u64>,
+    pub device: Option<String>,
+    pub threads: Option<usize>,
+    pub data: Option<PathBuf>,
+    /// `section.key=value` in TOML's notation.
+    pub set: Vec<String>,
+}
+
+impl Config {
+    /// Merges recipe, task, file and command line, in this order.
+    ///
+    /// # Errors
+    /// An unreadable file, an unknown key, task or recipe, a value of the wrong type or out of range.
+    pub fn load(file: Option<&Path>, overrides: &Overrides) -> Result<Config> {
+        let file_layer = match file {
+            Some(path) => {
+                let text = std::fs::read_to_string(path).with_context(|| format!("config {}", path.display()))?;
+                parse_layer(&text).with_context(|| format!("config {}", path.display()))?
+            }
+            None => Table::new(),
+        };
+        let mut command_line = Table::new();
+        for assignment in &overrides.set {
+            merge(&mut command_line, parse_assignment(assignment)?);
+        }
+        for (key, value) in [
+            ("task", overrides.task.clone().map(Value::from)),
+            ("recipe", overrides.recipe.clone().map(Value::from)),
+            ("seed", overrides.seed.map(|seed| Value::from(seed as i64))),
+            ("device", overrides.device.clone().map(Value::from)),
+            ("threads", overrides.threads.map(|threads| Value::from(threads as i64))),
+        ] {
+            if let Some(value) = value {
+                command_line.insert(key.into(), value);
+            }
+        }
+        if let Some(folder) = &overrides.data {
+            let folder = folder.to_str().with_context(|| format!("data folder {}: not UTF-8", folder.display()))?;
+            merge(&mut command_line, parse_assignment(&format!("data.folder={:?}", folder))?);
+        }
+        let said = |key: &str| command_line.get(key).or(file_layer.get(key)).and_then(Value::as_str).map(String::from);
+        let task = tasks::find(&said("task").context("no task given; use --task, or `task = \"..\"` in the config")?)?;
+        let recipe = said("recipe").unwrap_or_else(|| "fast".into());
+        let Some((_, recipe_text)) = RECIPES.iter().find(|(name, _)| *name == recipe) else {
+            let names: Vec<_> = RECIPES.iter().map(|(name, _)| *name).collect();
+            bail!("unknown recipe {recipe:?}; the recipes are {}", names.join(", "));
+        };
+        let mut merged = task_layer(task);
+        merge(&mut merged, parse_layer(recipe_text).expect("the recipes that come with the program are sound"));
+        merge(&mut merged, file_layer);
+        merge(&mut merged, command_line);
+        let config: Config = Value::Table(merged).try_into().context("config")?;
+        config.check(task)?;
+        Ok(config)
+    }
+
+    /// A config as it was saved in a run folder.
+    ///
+    /// # Errors
+    /// A file that is missing or is not a complete config.
+    pub fn read(path: &Path) -> Result<Config> {
+        let text = std::fs::read_to_string(path).with_context(|| format!("config {}", path.display()))?;
+        toml::from_str(&text).with_context(|| format!("config {}", path.display()))
+    }
+
+    /// The whole config as TOML.
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("a config is plain data")
+    }
+
+    /// The row of the task table.
+    ///
+    /// # Errors
+    /// An unknown key.
+    pub fn task(&self) -> Result<&'static Task> {
+        tasks::find(&self.task)
+    }
+
+    fn check(&self, task: &Task) -> Result<()> {
+        let join = &self.join;
+        ensure!(
+            join.max_steps.is_some() != join.epochs.is_some(),
+            "config: join needs either max_steps or epochs, not both and not neither"
+        );
+        ensure!(join.batch > 0, "config: join.batch must be at least 1");
+        for (key, every) in [
+            ("join.validate_every", join.validate_every),
+            ("output.print_every", self.output.print_every),
+            ("output.checkpoint_every", self.output.checkpoint_every),
+        ] {
+            ensure!(every > 0, "config: {key} must be at least 1");
+        }
+        for symbol in self.start.keys() {
+            let known: Vec<_> = task.cell.parameters().iter().map(|p| p.name).collect();
+            ensure!(
+                known.contains(&symbol.as_str()),
+                "config: start.{symbol}: task {} has no such parameter; it has {known:?}",
+                task.key
+            );
+        }
+        for (symbol, value) in &self.start {
+            ensure!(*value > 0.0, "config: start.{symbol} = {value}: must be positive");
+        }
+        if let Some(identify) = &self.identify {
+            ensure!(
+                identify.horizons.iter().all(|&h| h >= 3 && h <= task.train_frames),
+                "config: identify.horizons must lie between 3 and the clip length {}",
+                task.train_frames
+            );
+        }
+        Ok(())
+    }
+}
+
+/// What a task contributes: its files and the paper's rates, below the recipe.
+fn task_layer(task: &Task) -> Table {
+    let text = format!(
+        "task = {:?}\nseed = 0\ndevice = \"cpu\"\nthreads = 0\n\
+         [data]\nfolder = \"data/datasets\"\ntrain_file = {:?}\ntest_file = {:?}\n\
+         [join]\nlearning_rate = {lr}\nphysics_learning_rate = {lr}\nalpha = {:?}\n",
+        task.key,
+        task.train_file,
+        task.test_file,
+        task.alpha,
+        lr = toml::Value::from(task.base_lr),
+    );
+    parse_layer(&text).expect("the task table makes a sound layer")
+}
+
+fn parse_layer(text: &str) -> Result<Table> {
+    Ok(text.parse::<Table>()?)
+}
+
+/// `a.b=value` as a layer; a value that is no TOML is taken as a string.
+fn parse_assignment(assignment: &str) -> Result<Table> {
+    let (key, value) = assignment
+        .split_once('=')
+        .with_context(|| format!("--set {assignment:?}: expected key=value, for example join.batch=50"))?;
+    let (key, value) = (key.trim(), value.trim());
+    format!("{key} = {value}")
+        .parse::<Table>()
+        .or_else(|_| format!("{key} = {value:?}").parse::<Table>())
+        .with_context(|| format!("--set {assignment:?}"))
+}
+
+/// Lays `over` on `base`: tables are merged, everything else is replaced.
+fn merge(base: &mut Table, over: Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! Serving frames in batches: uint8 in memory, float32 only for the batch at hand.
+//!
+//! Original: `nn/datasets/iterators.py`. What a step sees is a function of the seed and the step alone, so a resumed
+//! run needs no saved iterator.
+
+use anyhow::{Result, ensure};
+use ndarray::Array5;
+use rand::Rng;
+use rand::seq::SliceRandom;
+use tch::{Device, Kind, Tensor};
+
+use crate::initial_values::named_generator;
+
+/// One split of a dataset on the device.
+#[derive(Debug)]
+pub struct Clips {
+    /// uint8 `[clips, time, S, S, channels]`.
+    pixels: Tensor,
+}
+
+impl Clips {
+    /// Moves `[clips, time, S, S, channels]` to the device.
+    pub fn new(pixels: Array5<u8>, device: Device) -> Self {
+        let shape: Vec<i64> = pixels.shape().iter().map(|&n| n as i64).collect();
+        let contiguous = pixels.as_standard_layout();
+        let pixels =
+            Tensor::from_slice(contiguous.as_slice().expect("standard layout")).reshape(&shape).to_device(device);
+        Clips { pixels }
+    }
+
+    /// Number of clips.
+    pub fn len(&self) -> usize {
+        self.pixels.size()[0] as usize
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Frames in a clip.
+    pub fn time(&self) -> usize {
+        self.pixels.size()[1] as usize
+    }
+
+    /// The first `frames` frames of these clips, `[batch, frames, channels, S, S]` in \[0, 1\].
+    pub fn batch(&self, clips: &[i64], frames: usize) -> Tensor {
+        let index = Tensor::from_slice(clips).to_device(self.pixels.device());
+        to_float(&self.pixels.narrow(1, 0, frames as i64).index_select(0, &index)).permute([0, 1, 4, 2, 3])
+    }
+
+    /// Single frames by their place in the sequence of all frames, `[batch, channels, S, S]` in \[0, 1\].
+    pub fn frames(&self, places: &[i64]) -> Tensor {
+        let index = Tensor::from_slice(places).to_device(self.pixels.device());
+        to_float(&self.pixels.flatten(0, 1).index_select(0, &index)).permute([0, 3, 1, 2])
+    }
+
+    /// `count` frames drawn at random from all clips for a step, with their places as in [`Clips::frames`].
+    pub fn random_frames(&self, count: usize, seed: u64, step: u64) -> Tensor {
+        let all = (self.len() * self.time()) as i64;
+        let mut random = named_generator(seed, &format!("frames of step {step}"));
+        self.frames(&(0..count).map(|_| random.random_range(0..all)).collect::<Vec<_>>())
+    }
+
+    /// The median over time and clips of each pixel, `[channels, S, S]` in \[0, 1\], from `count` random frames: what
+    /// stands still.
+    pub fn median_frame(&self, count: usize, seed: u64) -> Tensor {
+        let all = (self.len() * self.time()) as i64;
+        let mut random = named_generator(seed, "median frame");
+        let places: Vec<_> = (0..count).map(|_| random.random_range(0..all)).collect();
+        self.frames(&places).median_dim(0, false).0
+    }
+}
+
+fn to_float(pixels: &Tensor) -> Tensor {
+    // The channels stay last in memory, the layout in which the convolutions are fastest.
+    pixels.to_kind(Kind::Float) / 255.0
+}
+
+/// Shuffled passes over a split; the last partial batch of a pass is dropped, as in the original.
+#[derive(Debug)]
+pub struct ShuffledBatches {
+    seed: u64,
+    clips: usize,
+    batch: usize,
+    /// The epoch whose order is at hand.
+    epoch: Option<u64>,
+    order: Vec<i64>,
+}
+
+impl ShuffledBatches {
+    /// # Errors
+    /// Fewer clips than one batch.
+    pub fn new(clips: usize, batch: usize, seed: u64) -> Result<Self> {
+        ensure!(
+            batch > 0 && clips >= batch,
+            "{clips} training clips cannot fill a batch of {batch}; use more clips or a smaller batch"
+        );
+        Ok(ShuffledBatches { seed, clips, batch, epoch: None, order: Vec::new() })
+    }
+
+    /// Steps in one pass.
+    pub fn steps_per_epoch(&self) -> u64 {
+        (self.clips / self.batch) as u64
+    }
+
+    /// The clips of a step (counted from 0 over all passes).
+    pub fn clips_of_step(&mut self, step: u64) -> &[i64] {
+        let epoch = step / self.steps_per_epoch();
+        if self.epoch != Some(epoch) {
+            self.order = (0..self.clips as i64).collect();
+            self.order.shuffle(&mut named_generator(self.seed, &format!("order of epoch {epoch}")));
+            self.epoch = Some(epoch);
+        }
+        let first = (step % self.steps_per_epoch()) as usize * self.batch;
+        &self.order[first..first + self.batch]
+    }
+}

@@ -1,0 +1,70 @@
+//! Reading and writing npz files with messages that name the file and the array.
+
+use std::fs::{self, File};
+use std::io::{BufReader, Cursor, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail};
+use ndarray::ArrayD;
+use ndarray_npy::{NpzReader, NpzWriter, ReadNpyError, ReadNpzError, ReadableElement};
+
+use crate::durable;
+
+/// A compressed npz under construction, in memory.
+pub(super) type Writer = NpzWriter<Cursor<Vec<u8>>>;
+
+/// An npz file open for reading.
+pub(super) struct Archive {
+    path: PathBuf,
+    reader: NpzReader<BufReader<File>>,
+    names: Vec<String>,
+}
+
+impl Archive {
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).with_context(|| format!("cannot open {path:?}"))?;
+        let unreadable =
+            || format!("{path:?} is not a readable npz file: truncated, or something else; delete it and get it again");
+        let mut reader = NpzReader::new(BufReader::new(file)).with_context(unreadable)?;
+        let names = reader.names().with_context(unreadable)?;
+        Ok(Self { path: path.to_owned(), reader, names })
+    }
+
+    /// Reads an array of any shape, in row-major order. `dtype` is the name of `T` in messages.
+    pub(super) fn array<T: ReadableElement + Clone>(&mut self, name: &str, dtype: &str) -> Result<ArrayD<T>> {
+        if !self.names.iter().any(|known| known == name) {
+            bail!("{:?} has no array {name:?}; its arrays are {:?}", self.path, self.names);
+        }
+        let array: ArrayD<T> = self.reader.by_name(name).map_err(|error| match error {
+            ReadNpzError::Npy(ReadNpyError::WrongDescriptor(found)) => {
+                anyhow!("array {name:?} of {:?} has dtype {found}, expected {dtype}; save it as {dtype}", self.path)
+            }
+            error => anyhow::Error::new(error).context(format!(
+                "cannot read array {name:?} of {:?}: the file is damaged; delete it and get it again",
+                self.path
+            )),
+        })?;
+        Ok(if array.is_standard_layout() { array } else { array.as_standard_layout().into_owned() })
+    }
+}
+
+/// Collects arrays into a compressed npz and puts it at `path` in one step.
+pub(super) fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+    let mut npz = NpzWriter::new_compressed(Cursor::new(Vec::new()));
+    let bytes = fill(&mut npz).and_then(|()| Ok(npz.finish()?.into_inner()));
+    let bytes = bytes.with_context(|| format!("cannot compress the arrays of {path:?}"))?;
+    write_whole(path, &bytes)
+}
+
+/// Writes a file in one step, and the folders it lies in where missing.
+pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {folder:?}"))?;
+    }
+    durable::write_file(path, |file| Ok(file.write_all(bytes)?)).with_context(|| {
+        format!(
+            "{path:?} ({} bytes) was not saved, nothing is left of it; check free space and permissions",
+            bytes.len()
+        )
+    })
+}

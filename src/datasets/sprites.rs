@@ -1,0 +1,127 @@
+//! Source images of the digits scene: two MNIST digits and one CIFAR-10 picture.
+//!
+//! The original's three images come with the crate (`data/assets/mnist_cifar_assets.npz`); others are read from MNIST's
+//! IDX and CIFAR-10's binary files.
+
+use std::fs;
+use std::io::{Cursor, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use ndarray::{Array2, Array3, ArrayView3};
+use ndarray_npy::NpzReader;
+
+/// Side of an MNIST image, pixels.
+pub const DIGIT_SIDE: usize = 28;
+/// Side of a CIFAR-10 image, pixels.
+const PICTURE_SIDE: usize = 32;
+/// Images in each of CIFAR-10's five training files.
+const PICTURES_A_FILE: usize = 10_000;
+/// First bytes of an IDX file of unsigned bytes in three dimensions.
+const IDX_IMAGES: [u8; 4] = [0, 0, 8, 3];
+
+const ASSETS: &[u8] = include_bytes!("../../data/assets/mnist_cifar_assets.npz");
+
+/// Grey levels 0..255.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sprites {
+    /// Two digits, `[28, 28]`; digit j is drawn in channel j.
+    pub digits: [Array2<u8>; 2],
+    /// `[32, 32, 3]`.
+    pub background: Array3<u8>,
+}
+
+impl Sprites {
+    /// The original's: MNIST training images 0 and 1, CIFAR-10 training image 1.
+    ///
+    /// # Errors
+    /// A crate built with a damaged asset file.
+    pub fn original() -> Result<Self> {
+        let read = || -> Result<Self> {
+            let mut npz = NpzReader::new(Cursor::new(ASSETS))?;
+            let digits: Array3<u8> = npz.by_name("mnist_train_0_1")?;
+            let background: Array3<u8> = npz.by_name("cifar10_train_1")?;
+            ensure!(digits.dim() == (2, DIGIT_SIDE, DIGIT_SIDE), "the digits have shape {:?}", digits.dim());
+            ensure!(
+                background.dim() == (PICTURE_SIDE, PICTURE_SIDE, 3),
+                "the picture has shape {:?}",
+                background.dim()
+            );
+            let digit = |j| digits.index_axis(ndarray::Axis(0), j).to_owned();
+            Ok(Self { digits: [digit(0), digit(1)], background })
+        };
+        read().context("the built-in data/assets/mnist_cifar_assets.npz is damaged; restore it and build again")
+    }
+
+    /// Replaces the digits by training images `indices` (from 0) of the MNIST folder `folder`, which holds
+    /// `train-images-idx3-ubyte`, uncompressed.
+    ///
+    /// # Errors
+    /// No such file, not an IDX file of 28 x 28 images, or an index past its end.
+    pub fn with_mnist(mut self, folder: &Path, indices: [usize; 2]) -> Result<Self> {
+        let names = ["train-images-idx3-ubyte", "train-images.idx3-ubyte"];
+        let path = existing(folder, &names).context("no MNIST training images")?;
+        for (digit, index) in self.digits.iter_mut().zip(indices) {
+            *digit = read_idx_image(&path, index).with_context(|| format!("cannot read image {index} of {path:?}"))?;
+        }
+        Ok(self)
+    }
+
+    /// Replaces the background by training image `index` (from 0) of the CIFAR-10 folder `folder`, which holds the
+    /// binary version's `data_batch_1.bin` to `data_batch_5.bin`.
+    ///
+    /// # Errors
+    /// No such file, or an index past the end.
+    pub fn with_cifar(mut self, folder: &Path, index: usize) -> Result<Self> {
+        let name = format!("data_batch_{}.bin", index / PICTURES_A_FILE + 1);
+        let path = existing(folder, &[&name]).context("no CIFAR-10 training images (binary version)")?;
+        self.background = read_cifar_image(&path, index % PICTURES_A_FILE)
+            .with_context(|| format!("cannot read image {index} from {path:?}"))?;
+        Ok(self)
+    }
+}
+
+/// The first of these files that is there.
+fn existing(folder: &Path, names: &[&str]) -> Result<PathBuf> {
+    let found = names.iter().map(|name| folder.join(name)).find(|path| path.is_file());
+    found.with_context(|| {
+        format!("folder {folder:?} has no file {}; download it there and unpack it (no .gz)", names.join(" or "))
+    })
+}
+
+fn read_idx_image(path: &Path, index: usize) -> Result<Array2<u8>> {
+    let mut file = fs::File::open(path)?;
+    let mut header = [0; 16];
+    file.read_exact(&mut header).context("the file is shorter than an IDX header")?;
+    ensure!(header[..4] == IDX_IMAGES, "not an IDX image file: it starts with {:?}, not {IDX_IMAGES:?}", &header[..4]);
+    let size = |field: usize| {
+        let bytes = &header[4 * field..4 * field + 4];
+        bytes.iter().fold(0, |value, byte| value << 8 | usize::from(*byte))
+    };
+    let (count, rows, columns) = (size(1), size(2), size(3));
+    ensure!((rows, columns) == (DIGIT_SIDE, DIGIT_SIDE), "images of {rows} x {columns}, expected 28 x 28");
+    ensure!(index < count, "the file has {count} images: 0 to {}", count.saturating_sub(1));
+    let pixels = read_at(&mut file, header.len() + index * rows * columns, rows * columns)?;
+    Ok(Array2::from_shape_vec((rows, columns), pixels)?)
+}
+
+/// A record is a label byte, then the image channel by channel.
+fn read_cifar_image(path: &Path, index: usize) -> Result<Array3<u8>> {
+    let pixels = 3 * PICTURE_SIDE * PICTURE_SIDE;
+    let mut file = fs::File::open(path)?;
+    let planes = read_at(&mut file, index * (1 + pixels) + 1, pixels)?;
+    let planes = ArrayView3::from_shape((3, PICTURE_SIDE, PICTURE_SIDE), &planes)?;
+    Ok(planes.permuted_axes([1, 2, 0]).as_standard_layout().into_owned())
+}
+
+fn read_at(file: &mut fs::File, offset: usize, length: usize) -> Result<Vec<u8>> {
+    file.seek(SeekFrom::Start(offset as u64))?;
+    let mut bytes = vec![0; length];
+    match file.read_exact(&mut bytes) {
+        Ok(()) => Ok(bytes),
+        Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+            bail!("the file ends before byte {}; it is incomplete, or the index too large", offset + length)
+        }
+        Err(error) => Err(error.into()),
+    }
+}

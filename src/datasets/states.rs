@@ -1,0 +1,105 @@
+//! True states of generated clips, kept beside a dataset for scoring only; nothing that learns reads them.
+//!
+//! `<stem>_states.npz` holds `train_pos`, `train_vel`, `valid_pos`, ... float32 `[clips, frames, 2 objects]` in the
+//! order x0, y0, x1, y1, ...; pixels and pixels per time unit, as drawn in the frame of that index. `frames_checksum`
+//! (uint64 `[3]`) ties them to the frames they belong to, `settings` (uint8 text) says how both were made.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use ndarray::{Array1, Array3, Ix1, Ix3};
+
+use super::files::{DatasetFile, Split};
+use super::npz;
+
+/// States of the clips of one split, `[clips, frames, 2 objects]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SplitStates {
+    /// Pixels.
+    pub positions: Array3<f32>,
+    /// Pixels per time unit.
+    pub velocities: Array3<f32>,
+}
+
+/// States of a whole dataset file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct States {
+    pub train: SplitStates,
+    pub valid: SplitStates,
+    pub test: SplitStates,
+    /// The settings that made the clips, as text.
+    pub settings: String,
+}
+
+impl States {
+    /// The states of one split.
+    pub fn split(&self, split: Split) -> &SplitStates {
+        match split {
+            Split::Train => &self.train,
+            Split::Valid => &self.valid,
+            Split::Test => &self.test,
+        }
+    }
+
+    /// Where the states of a dataset file are.
+    pub fn path_beside(dataset: &Path) -> PathBuf {
+        let stem = dataset.file_stem().unwrap_or_default().to_string_lossy();
+        dataset.with_file_name(format!("{stem}_states.npz"))
+    }
+
+    /// Reads the states of the dataset file `dataset`, whose frames are `frames`. `None` where there are none, as
+    /// beside the authors' files.
+    ///
+    /// # Errors
+    /// A damaged file, or states of other frames (say, a dataset that was replaced and its states were not).
+    pub fn read(dataset: &Path, frames: &DatasetFile) -> Result<Option<Self>> {
+        let path = Self::path_beside(dataset);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let mut archive = npz::Archive::open(&path)?;
+        let checksums = archive.array::<u64>("frames_checksum", "uint64")?;
+        ensure!(
+            checksums.iter().eq(&frames.checksums()),
+            "the true states in {path:?} belong to other frames than those in {dataset:?}; \
+             delete {path:?}, or make both again with `generate --force`"
+        );
+        let settings = archive.array::<u8>("settings", "uint8")?.into_dimensionality::<Ix1>()?;
+        let settings = String::from_utf8(settings.to_vec()).with_context(|| format!("settings in {path:?}"))?;
+        let mut read = |split: Split| {
+            let (clips, length, ..) = frames.split(split).dim();
+            let mut array = |quantity: &str| {
+                let name = format!("{}_{quantity}", split.name());
+                let array = archive.array::<f32>(&name, "float32")?;
+                let fits = array.ndim() == 3 && array.shape()[..2] == [clips, length];
+                ensure!(
+                    fits,
+                    "array {name:?} of {path:?} has shape {:?}, expected [{clips}, {length}, 2 objects]; \
+                     make it again with `generate --force`",
+                    array.shape()
+                );
+                Ok(array.into_dimensionality::<Ix3>()?)
+            };
+            Ok::<_, anyhow::Error>(SplitStates { positions: array("pos")?, velocities: array("vel")? })
+        };
+        let (train, valid, test) = (read(Split::Train)?, read(Split::Valid)?, read(Split::Test)?);
+        Ok(Some(Self { train, valid, test, settings }))
+    }
+
+    /// Writes the states beside the dataset file `dataset` with frames `frames`.
+    ///
+    /// # Errors
+    /// No space, no permission.
+    pub fn write(&self, dataset: &Path, frames: &DatasetFile) -> Result<()> {
+        npz::write(&Self::path_beside(dataset), |npz| {
+            for split in Split::ALL {
+                let states = self.split(split);
+                npz.add_array(format!("{}_pos", split.name()), &states.positions)?;
+                npz.add_array(format!("{}_vel", split.name()), &states.velocities)?;
+            }
+            npz.add_array("frames_checksum", &Array1::from_iter(frames.checksums()))?;
+            npz.add_array("settings", &Array1::from_iter(self.settings.bytes()))?;
+            Ok(())
+        })
+    }
+}

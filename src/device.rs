@@ -1,0 +1,58 @@
+//! Where a run computes, and the line that says so.
+
+use anyhow::{Context, Result, bail, ensure};
+use tch::{Cuda, Device};
+
+/// `cpu`, `cuda` or `cuda:n`.
+///
+/// # Errors
+/// Another word, or a GPU that libtorch does not see: never a silent fall-back to the CPU.
+pub fn parse(text: &str) -> Result<Device> {
+    let device = match text.split_once(':') {
+        None if text == "cpu" => return Ok(Device::Cpu),
+        None if text == "cuda" => Device::Cuda(0),
+        Some(("cuda", number)) => {
+            Device::Cuda(number.parse().with_context(|| format!("device {text:?}: not a number"))?)
+        }
+        _ => bail!("unknown device {text:?}; expected cpu, cuda or cuda:n"),
+    };
+    ensure!(
+        Cuda::is_available(),
+        "device {text:?} asked for, but this libtorch sees no GPU; use --device cpu, or install the GPU libraries with \
+         `make libtorch CUDA=1` and check the driver"
+    );
+    let Device::Cuda(index) = device else { unreachable!("cpu has returned") };
+    ensure!(
+        (index as i64) < Cuda::device_count(),
+        "device {text:?} asked for, but there are {} GPUs",
+        Cuda::device_count()
+    );
+    Ok(device)
+}
+
+/// Sets the number of threads libtorch computes with; 0 takes one for each core. Returns the number.
+pub fn set_threads(threads: usize) -> usize {
+    let threads = match threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        given => given,
+    };
+    tch::set_num_threads(threads as i32);
+    threads
+}
+
+/// Version of the libtorch this was built with.
+pub const LIBTORCH_VERSION: &str = env!("PAIG_LIBTORCH_VERSION");
+
+/// The first line of every run: versions, device, threads.
+pub fn banner(device: Device, threads: usize) -> String {
+    let gpu = if Cuda::is_available() { format!("{} GPU(s) visible", Cuda::device_count()) } else { "no GPU".into() };
+    let device = match device {
+        Device::Cpu => "cpu".to_string(),
+        Device::Cuda(n) => format!("cuda:{n}"),
+        other => format!("{other:?}"),
+    };
+    format!(
+        "paig {} | libtorch {LIBTORCH_VERSION} | device {device} ({gpu}) | {threads} threads",
+        env!("CARGO_PKG_VERSION")
+    )
+}

@@ -1,0 +1,69 @@
+//! Recipes: the phases of a training and their order.
+//!
+//! The original trains everything together from the first step (`join` alone, the `paper` recipe). The `fast` recipe
+//! finds the objects first, then the parameters, then joins; each phase can be switched off in the config.
+
+pub mod discover;
+pub mod guide;
+pub mod identify;
+pub mod join;
+
+use anyhow::Result;
+use tch::Tensor;
+
+use crate::config::Config;
+use crate::physics_models::PhysicsNet;
+
+/// The phases, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    Discover,
+    Identify,
+    Join,
+}
+
+/// The phases a config asks for.
+pub fn phases(config: &Config) -> Vec<Phase> {
+    let mut phases = Vec::new();
+    if config.discover.is_some() {
+        phases.push(Phase::Discover);
+    }
+    if config.identify.is_some() {
+        phases.push(Phase::Identify);
+    }
+    phases.push(Phase::Join);
+    phases
+}
+
+/// The loss of one step: what is differentiated, and its parts by name for the log.
+#[derive(Debug)]
+pub struct StepLoss {
+    pub total: Tensor,
+    pub parts: Vec<(&'static str, Tensor)>,
+}
+
+/// A phase that descends a loss. A step is a function of the model and the step's number alone.
+pub trait GradientPhase {
+    fn name(&self) -> &'static str;
+
+    /// Called before the first step, not on resuming: sets initial values.
+    fn begin(&mut self, _model: &PhysicsNet) -> Result<()> {
+        Ok(())
+    }
+
+    fn max_steps(&self) -> u64;
+
+    fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss>;
+
+    fn learning_rate(&self, step: u64, variable: &str) -> f64;
+
+    fn validate_every(&self) -> u64;
+
+    /// The score (lower is better) by which the phase ends and the best checkpoint is chosen.
+    fn validate(&self, model: &PhysicsNet) -> Result<f64>;
+
+    /// Whether the phase is over before its last step, given all its validation scores so far.
+    fn finished(&self, _step: u64, _validations: &[f64]) -> bool {
+        false
+    }
+}

@@ -1,0 +1,260 @@
+//! One run from the command line: what the runners call.
+//!
+//! Original: `run_physics.py`. The runners in `runners/` hold only a task's name and this call.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::{Args, Parser};
+use serde_json::{Map, Value, json};
+use tch::Device;
+
+use crate::base::{self, Outcome, Scores, Trainer};
+use crate::config::{Config, Overrides};
+use crate::datasets::files::{ClipShape, DatasetFile};
+use crate::datasets::iterators::Clips;
+use crate::physics_models::PhysicsNet;
+use crate::run_folder::RunFolder;
+use crate::tasks::{self, Task};
+use crate::{checkpoint, device, interrupt};
+
+/// Exit code of a run that was asked to stop, as shells have it for SIGINT.
+const INTERRUPTED: u8 = 130;
+
+/// Learns objects, positions and physical parameters from unlabelled video: trains, scores, writes pictures.
+#[derive(Debug, Parser)]
+#[command(version, about, long_about = None)]
+pub struct AnyTask {
+    /// The system to learn: bouncing_balls, spring_color, spring_color_half, mnist_spring_color or 3bp_color
+    #[arg(long)]
+    task: Option<String>,
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+/// The same for the task of a per-task runner.
+#[derive(Debug, Parser)]
+#[command(version, about = "Trains PAIG on one task; run_physics --task does the same for any")]
+struct OneTask {
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+struct RunArgs {
+    /// A config (TOML) with what differs from the recipe
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// The recipe to start from: fast (default) or paper
+    #[arg(long)]
+    recipe: Option<String>,
+    /// Set one key of the config, for example --set join.batch=50; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Run folder [default: runs/<task>/<recipe>/seed=<n>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Folder of the datasets [default: data/datasets]
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Seed of initial values and of the order of the data [default: 0]
+    #[arg(long)]
+    seed: Option<u64>,
+    /// cpu, cuda or cuda:n [default: cpu]
+    #[arg(long)]
+    device: Option<String>,
+    /// Threads to compute with; 0 for one a core [default: 0]
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Go on with the run in the folder, to the same result as if it had never stopped
+    #[arg(long)]
+    resume: bool,
+    /// Do not train: score the folder's last checkpoint on the test file
+    #[arg(long)]
+    test_mode: bool,
+    /// Print the complete config and stop
+    #[arg(long)]
+    print_config: bool,
+}
+
+/// Entry of `run_physics`.
+pub fn any_task() -> ExitCode {
+    let AnyTask { task, run } = AnyTask::parse();
+    exit_code(run.execute(task))
+}
+
+/// Entry of a task's own runner.
+pub fn one_task(key: &str) -> ExitCode {
+    exit_code(OneTask::parse().run.execute(Some(key.to_string())))
+}
+
+/// Prints an error with its causes on one line.
+pub fn exit_code(result: Result<ExitCode>) -> ExitCode {
+    result.unwrap_or_else(|error| {
+        eprintln!("error: {error:#}");
+        ExitCode::FAILURE
+    })
+}
+
+impl RunArgs {
+    fn execute(self, task: Option<String>) -> Result<ExitCode> {
+        let (mut folder, config) = self.open(task)?;
+        let Some(folder) = folder.as_mut() else {
+            print!("{}", config.to_toml());
+            return Ok(ExitCode::SUCCESS);
+        };
+        let device = device::parse(&config.device)?;
+        let threads = device::set_threads(config.threads);
+        println!("{}", device::banner(device, threads));
+        println!("run folder {}", folder.path().display());
+        run(&config, folder, device, threads, self.test_mode)
+    }
+
+    /// The run's folder (none if only the config is asked for) and config.
+    fn open(&self, task: Option<String>) -> Result<(Option<RunFolder>, Config)> {
+        let overrides = Overrides {
+            task,
+            recipe: self.recipe.clone(),
+            seed: self.seed,
+            device: self.device.clone(),
+            threads: self.threads,
+            data: self.data.clone(),
+            set: self.set.clone(),
+        };
+        let earlier = self.resume || self.test_mode;
+        if let (true, Some(out), None, None) = (earlier, &self.out, &overrides.task, &self.config) {
+            let (folder, config) = RunFolder::reopen(out)?;
+            return Ok((Some(folder), config));
+        }
+        let config = Config::load(self.config.as_deref(), &overrides)?;
+        if self.print_config {
+            return Ok((None, config));
+        }
+        let default_out =
+            || Path::new("runs").join(&config.task).join(&config.recipe).join(format!("seed={}", config.seed));
+        let out = self.out.clone().unwrap_or_else(default_out);
+        if !earlier {
+            return Ok((Some(RunFolder::create(&out, &config)?), config));
+        }
+        let (folder, saved) = RunFolder::reopen(&out)?;
+        ensure!(
+            saved == config,
+            "{} was begun with another config; resume it with --out {} alone, or choose another folder.\n\
+             The run's own config is {}",
+            out.display(),
+            out.display(),
+            out.join("config.toml").display()
+        );
+        Ok((Some(folder), config))
+    }
+}
+
+/// Training and test data of a config.
+struct Datasets {
+    train: Clips,
+    valid: Clips,
+    test: Clips,
+}
+
+impl Datasets {
+    /// Both files are read before the training starts: a missing test file must not cost a training.
+    fn load(config: &Config, task: &Task, device: Device) -> Result<Self> {
+        let folder = &config.data.folder;
+        let training = DatasetFile::read(&folder.join(&config.data.train_file), &ClipShape::training(task))?;
+        let testing = DatasetFile::read(&folder.join(&config.data.test_file), &ClipShape::test(task))?;
+        Ok(Datasets {
+            train: Clips::new(training.train, device),
+            valid: Clips::new(training.valid, device),
+            test: Clips::new(testing.test, device),
+        })
+    }
+}
+
+/// Clips in one batch of the final evaluation.
+const TEST_BATCH: usize = 25;
+
+fn run(config: &Config, folder: &mut RunFolder, device: Device, threads: usize, test_mode: bool) -> Result<ExitCode> {
+    let task = config.task()?;
+    interrupt::catch()?;
+    let data = Datasets::load(config, task, device)?;
+    let model = PhysicsNet::new(task, &config.model, device, config.seed);
+    if test_mode {
+        let weights = checkpoint::find_weights(folder.path())?;
+        checkpoint::load_weights(&weights, &model)?;
+        let scores = base::evaluate(&model, &data.test, usize::MAX, TEST_BATCH)?;
+        print_results(task, &model, &scores);
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut trainer = Trainer::new(config, &model, &data.train, &data.valid, folder)?;
+    if trainer.run()? == Outcome::Interrupted {
+        println!("stopped after step {}; go on with --resume --out {}", trainer.state.steps, folder.path().display());
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    let state = trainer.state.clone();
+    let scores = base::evaluate(&model, &data.test, usize::MAX, TEST_BATCH)?;
+    print_results(task, &model, &scores);
+    let parameters: Map<String, Value> = model
+        .parameter_values()
+        .into_iter()
+        .map(|(name, learned)| {
+            let truth = task.truth.iter().find(|t| t.name == name).map(|t| t.value);
+            (name.to_string(), json!({"learned": learned, "truth": truth}))
+        })
+        .collect();
+    folder.summary(&json!({
+        "task": config.task,
+        "recipe": config.recipe,
+        "seed": config.seed,
+        "parameters": parameters,
+        "test": {
+            "recons_loss": scores.recons_loss,
+            "pred_loss": scores.pred_loss,
+            "extrap_loss": scores.extrap_loss,
+            "clips": data.test.len(),
+        },
+        "steps": state.steps,
+        "wall_seconds": state.seconds,
+        "phase_seconds": state.phase_seconds.iter().cloned().collect::<std::collections::BTreeMap<_, _>>(),
+        "device": config.device,
+        "threads": threads,
+        "versions": {"paig": env!("CARGO_PKG_VERSION"), "libtorch": device::LIBTORCH_VERSION},
+    }))?;
+    println!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The learned parameters beside the truth, the losses beside the paper's.
+fn print_results(task: &Task, model: &PhysicsNet, scores: &Scores) {
+    println!("\n{:<28}{:>12}{:>12}{:>10}", task.key, "learned", "true", "error");
+    for (name, learned) in model.parameter_values() {
+        match task.truth.iter().find(|truth| truth.name == name) {
+            Some(truth) => {
+                let error = 100.0 * (learned / truth.value - 1.0);
+                println!("{name:<28}{learned:>12.4}{:>12.4}{error:>9.2}%", truth.value);
+            }
+            None => println!("{name:<28}{learned:>12.4}"),
+        }
+    }
+    println!("\n{:<28}{:>12}{:>12}", "test loss (squared error)", "here", "paper");
+    let published = tasks::paper_losses(task.key);
+    let row = |name: &str, value: f64, paper: Option<f64>| {
+        let paper = paper.map_or("-".to_string(), |paper| format!("{paper:.2}"));
+        println!("{name:<28}{value:>12.4}{paper:>12}");
+    };
+    row("reconstruction L_rec", scores.recons_loss, published.map(|p| p.reconstruction));
+    row("prediction L_pred", scores.pred_loss, published.map(|p| p.prediction));
+    row("extrapolation L_extrap", scores.extrap_loss, None);
+    println!();
+}
+
+/// Reads a run's model back.
+///
+/// # Errors
+/// A folder that holds no run or no checkpoint, or one of another task.
+pub fn load_model(folder: &Path, device: Device) -> Result<(Config, PhysicsNet)> {
+    let config = Config::read(&folder.join("config.toml")).context("not a run folder")?;
+    let model = PhysicsNet::new(config.task()?, &config.model, device, config.seed);
+    checkpoint::load_weights(&checkpoint::find_weights(folder)?, &model)?;
+    Ok((config, model))
+}

@@ -17,7 +17,7 @@ use crate::optimizers::Optimizer;
 use crate::physics_models::PhysicsNet;
 use crate::physics_models::losses::{Losses, Mean};
 use crate::progress::Progress;
-use crate::recipe::{self, GradientPhase, Phase, StepLoss, discover, identify, join};
+use crate::recipe::{self, GradientPhase, Phase, StepLoss, discover, identify, join, recentre};
 use crate::run_folder::RunFolder;
 
 /// The three losses on a set of clips.
@@ -49,6 +49,9 @@ pub fn evaluate(model: &PhysicsNet, clips: &Clips, limit: usize, batch: usize) -
     }
     Ok(Scores { recons_loss: recons.value(), pred_loss: pred.value(), extrap_loss: extrap.value() })
 }
+
+/// Frames on which the positions are re-centred.
+const RECENTRE_FRAMES: usize = 1000;
 
 /// How a training ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -302,6 +305,15 @@ impl<'a> Trainer<'a> {
         for (parameter, log) in model.parameters.iter().zip(&fit.logs) {
             model.set_parameter(parameter, log.exp());
         }
+        let largest = fit.offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
+        let recentred = config.recentre_above > 0.0 && largest > config.recentre_above;
+        if recentred {
+            let frames = self.train.random_frames(RECENTRE_FRAMES, self.config.seed, self.state.steps);
+            let left = recentre::recentre(model, &frames, &fit.offsets)?;
+            let line = format!("recentre - largest offset {largest:.3} px, {left:.4} px left");
+            println!("{line}");
+            self.folder.log(&line)?;
+        }
         let line = format!(
             "identify - residual={:.4} px iterations={} offsets={:.3?} {}",
             fit.residual,
@@ -313,7 +325,7 @@ impl<'a> Trainer<'a> {
         self.folder.log(&line)?;
         let mut record = json!({
             "kind": "identify", "phase": "identify", "step": self.state.steps, "residual": fit.residual,
-            "iterations": fit.iterations, "offsets": fit.offsets, "seconds": self.elapsed(),
+            "iterations": fit.iterations, "offsets": fit.offsets, "recentred": recentred, "seconds": self.elapsed(),
         });
         for (name, value) in model.parameter_values() {
             record[name] = value.into();

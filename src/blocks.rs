@@ -3,8 +3,9 @@
 //! Original: `nn/network/blocks.py`. Tensors are `[batch, channels, height, width]`, weights are in PyTorch's layouts
 //! (`[out, in, kh, kw]` and `[out, in]`); names follow the original's scopes, with `weight` for its `kernel`.
 
-use tch::Tensor;
+use anyhow::Result;
 use tch::nn::Path;
+use tch::{Kind, Tensor};
 
 /// What follows a layer's affine map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,6 +52,31 @@ impl Dense {
     /// `[.., in]` to `[.., out]`.
     pub fn forward(&self, x: &Tensor) -> Tensor {
         self.activation.apply(x.linear(&self.weight, Some(&self.bias)))
+    }
+
+    /// Replaces kernel and bias by the least-squares solution of `inputs -> outputs` (`[rows, in]` to `[rows, out]`, before
+    /// the activation), with a ridge of weight `ridge` per row around the present values.
+    ///
+    /// # Errors
+    /// A singular system.
+    pub fn solve(&self, inputs: &Tensor, outputs: &Tensor, ridge: f64) -> Result<()> {
+        let _guard = tch::no_grad_guard();
+        let inputs = inputs.to_kind(Kind::Double);
+        let design = Tensor::cat(&[&inputs, &inputs.narrow(1, 0, 1).ones_like()], 1);
+        let present = Tensor::cat(&[self.weight.transpose(0, 1), self.bias.unsqueeze(0)], 0).to_kind(Kind::Double);
+        let normal = design.transpose(0, 1).matmul(&design);
+        let identity = Tensor::eye(normal.size()[0], (Kind::Double, normal.device()));
+        let missing = outputs.to_kind(Kind::Double) - design.matmul(&present);
+        let change = Tensor::f_linalg_solve(
+            &(normal + identity * (ridge * design.size()[0] as f64)),
+            &design.transpose(0, 1).matmul(&missing),
+            true,
+        )?;
+        let solved = (present + change).to_kind(self.weight.kind());
+        let inputs = solved.size()[0] - 1;
+        self.weight.shallow_clone().copy_(&solved.narrow(0, 0, inputs).transpose(0, 1));
+        self.bias.shallow_clone().copy_(&solved.select(0, inputs));
+        Ok(())
     }
 
     /// Multiplies the kernel by a factor.
@@ -232,5 +258,18 @@ impl VariableFromNetwork {
         let _guard = tch::no_grad_guard();
         self.output.scale(kernel);
         self.output.bias.shallow_clone().copy_(&values.reshape([-1]));
+    }
+
+    /// Applies a linear map to the array by applying it to the output layer; `map` takes and gives
+    /// `[shape.., columns]`.
+    pub fn map(&self, map: impl Fn(&Tensor) -> Tensor) {
+        let _guard = tch::no_grad_guard();
+        let Dense { weight, bias, .. } = &self.output;
+        let columns = Tensor::cat(&[weight, &bias.unsqueeze(1)], 1);
+        let shape: Vec<i64> = self.shape.iter().copied().chain([-1]).collect();
+        let mapped = map(&columns.reshape(&shape)).reshape(columns.size());
+        let inputs = weight.size()[1];
+        weight.shallow_clone().copy_(&mapped.narrow(1, 0, inputs));
+        bias.shallow_clone().copy_(&mapped.select(1, inputs));
     }
 }

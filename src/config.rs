@@ -101,6 +101,8 @@ pub struct Identify {
     pub max_iterations: usize,
     /// Pixels.
     pub huber: f64,
+    /// Re-centre the templates when an offset is larger than this many pixels; 0 never does.
+    pub recentre_above: f64,
 }
 
 /// Training everything together.
@@ -143,7 +145,7 @@ pub struct Output {
 }
 
 /// What the command line says on top of the files.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Overrides {
     pub task: Option<String>,
     pub recipe: Option<String>,
@@ -294,6 +296,14 @@ fn parse_assignment(assignment: &str) -> Result<Table> {
 
 /// Lays `over` on `base`: tables are merged, everything else is replaced.
 fn merge(base: &mut Table, over: Table) {
+    // A length in steps replaces one in epochs and the other way round.
+    for (given, other) in [("max_steps", "epochs"), ("epochs", "max_steps")] {
+        if let (Some(Value::Table(join)), Some(Value::Table(above))) = (base.get_mut("join"), over.get("join"))
+            && above.contains_key(given)
+        {
+            join.remove(other);
+        }
+    }
     for (key, value) in over {
         match (base.get_mut(&key), value) {
             (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),

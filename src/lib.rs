@@ -18,3 +18,4 @@ pub mod run;
 pub mod run_folder;
 pub mod stn;
 pub mod tasks;
+pub mod viz;

@@ -122,31 +122,34 @@ impl RunArgs {
             data: self.data.clone(),
             set: self.set.clone(),
         };
-        let earlier = self.resume || self.test_mode;
-        if let (true, Some(out), None, None) = (earlier, &self.out, &overrides.task, &self.config) {
-            let (folder, config) = RunFolder::reopen(out)?;
-            return Ok((Some(folder), config));
-        }
-        let config = Config::load(self.config.as_deref(), &overrides)?;
+        let config = Config::load(self.config.as_deref(), &overrides);
         if self.print_config {
-            return Ok((None, config));
+            return Ok((None, config?));
         }
-        let default_out =
-            || Path::new("runs").join(&config.task).join(&config.recipe).join(format!("seed={}", config.seed));
-        let out = self.out.clone().unwrap_or_else(default_out);
+        let earlier = self.resume || self.test_mode;
+        let out = match (&self.out, &config) {
+            (Some(out), _) => out.clone(),
+            (None, Ok(c)) => Path::new("runs").join(&c.task).join(&c.recipe).join(format!("seed={}", c.seed)),
+            (None, Err(_)) => return Err(config.expect_err("matched")),
+        };
         if !earlier {
+            let config = config?;
             return Ok((Some(RunFolder::create(&out, &config)?), config));
         }
         let (folder, saved) = RunFolder::reopen(&out)?;
+        if let Some(task) = &overrides.task {
+            ensure!(saved.task == *task, "{} holds a run of task {}, not of {task}", out.display(), saved.task);
+        }
+        // With nothing but the folder given, the run's own config holds; what is given must agree with it.
+        let given =
+            self.config.is_some() || overrides != Overrides { task: overrides.task.clone(), ..Overrides::default() };
         ensure!(
-            saved == config,
-            "{} was begun with another config; resume it with --out {} alone, or choose another folder.\n\
-             The run's own config is {}",
+            !given || saved == config?,
+            "{0} was begun with another config ({0}/config.toml); resume it with --out {0} and no other option, or \
+             choose another folder",
             out.display(),
-            out.display(),
-            out.join("config.toml").display()
         );
-        Ok((Some(folder), config))
+        Ok((Some(folder), saved))
     }
 }
 

@@ -17,9 +17,23 @@ struct AxisSample {
     weight_above: Tensor,
 }
 
+/// Pixels of an axis of `size` pixels for one unit of source coordinate.
+pub fn pixel_scale(size: i64) -> f64 {
+    (size as f64 - 1.01) / 2.0
+}
+
+/// Matrices `[objects, size, size]` that shift an axis of `size` pixels by `shifts` (`[objects]`, pixels), bilinearly, the
+/// edge pixels repeated.
+pub fn shift_matrices(shifts: &Tensor, size: i64) -> Tensor {
+    let index = Tensor::arange(size, (shifts.kind(), shifts.device()));
+    let from = (&index - shifts.unsqueeze(1)).clamp(0.0, (size - 1) as f64);
+    let distance: Tensor = (from.unsqueeze(2) - &index).abs();
+    (-distance + 1.0).relu()
+}
+
 /// `source` in \[-1, 1\] (any shape) to indices and weights on an axis of `size` pixels.
 fn sample_axis(source: &Tensor, size: i64) -> AxisSample {
-    let pixel: Tensor = (source + 1.0) * ((size as f64 - 1.01) / 2.0);
+    let pixel: Tensor = (source + 1.0) * pixel_scale(size);
     let floor = pixel.detach().floor();
     let below = floor.clamp(0.0, (size - 1) as f64);
     let above = (&floor + 1.0).clamp(0.0, (size - 1) as f64);

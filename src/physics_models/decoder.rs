@@ -93,6 +93,26 @@ impl Decoder {
         self.template.start_at(&bump.repeat([self.objects, 1, 1]), 1.0);
     }
 
+    /// Shifts each object's sprite in its window by `offsets` (`[2 * objects]`, pixels of the frame), so that it is drawn
+    /// where it was when its position loses as much.
+    pub fn shift_sprites(&self, offsets: &Tensor) {
+        let _guard = tch::no_grad_guard();
+        let window = self.side as i64 / 2;
+        // Pixels of the window for one unit of position: the slope of the spatial transformer's map.
+        let scale = self.log_sigma.exp() * (stn::pixel_scale(window) / self.half_span);
+        let shifts = (offsets * scale).reshape([self.objects, 2]);
+        let columns = stn::shift_matrices(&shifts.select(1, 0), window);
+        let rows = stn::shift_matrices(&shifts.select(1, 1), window);
+        let shift = |values: &Tensor| {
+            // [objects, row, column, rest]
+            let by_row = rows.bmm(&values.flatten(2, -1)).reshape(values.size());
+            let turned = by_row.transpose(1, 2);
+            columns.bmm(&turned.flatten(2, -1)).reshape(turned.size()).transpose(1, 2)
+        };
+        self.template.map(shift);
+        self.contents.map(shift);
+    }
+
     /// Draws the objects at `positions`, `[frames, 2 * objects]` in pixels.
     pub fn forward(&self, positions: &Tensor) -> Rendering {
         let sprites = self.sprites();

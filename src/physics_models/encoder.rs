@@ -2,6 +2,7 @@
 //!
 //! Original: `conv_encoder`; paper: section 3.1 and figure 3.
 
+use anyhow::Result;
 use tch::Tensor;
 use tch::nn::Path;
 
@@ -11,6 +12,8 @@ use crate::tasks::Task;
 const HIDDEN: usize = 200;
 /// The constant logit of the background in the softmax over masks.
 const BACKGROUND_LOGIT: f64 = 1.0;
+/// Positions nearer to the frame's edge than this allows are not asked of the localisation network.
+const LARGEST_TANH: f64 = 0.999;
 
 /// U-Net and localisation network.
 #[derive(Debug)]
@@ -57,16 +60,33 @@ impl Encoder {
 
     /// `[objects, frames, channels, S, S]` to positions `[frames, 2 * objects]`.
     fn localise(&self, masked: &Tensor) -> Tensor {
+        let logits = self.localisation[2].forward(&self.localisation_features(masked));
+        let half = self.side as f64 / 2.0;
+        let positions = logits.tanh() * half + half;
+        positions.reshape([self.objects, -1, 2]).transpose(0, 1).flatten(1, 2)
+    }
+
+    /// What the output layer of the localisation network sees, `[objects * frames, hidden]`.
+    fn localisation_features(&self, masked: &Tensor) -> Tensor {
         let stacked = masked.flatten(0, 1);
         let seen = if uses_deep_unet(self.side) { stacked.avg_pool2d(2, 2, 0, false, true, None) } else { stacked };
         // Flattened in the original's order: height, width, channel.
-        let mut h = seen.permute([0, 2, 3, 1]).flatten(1, 3);
-        for layer in &self.localisation {
-            h = layer.forward(&h);
-        }
+        let flat = seen.permute([0, 2, 3, 1]).flatten(1, 3);
+        self.localisation[1].forward(&self.localisation[0].forward(&flat))
+    }
+
+    /// Solves the output layer of the localisation network for `positions` (`[frames, 2 * objects]`) of these frames, by
+    /// least squares on the logits with a ridge around the present weights.
+    ///
+    /// # Errors
+    /// A system that cannot be solved.
+    pub fn solve_localiser(&self, frames: &Tensor, positions: &Tensor, ridge: f64) -> Result<()> {
+        let _guard = tch::no_grad_guard();
+        let features = self.localisation_features(&self.forward(frames).masked);
         let half = self.side as f64 / 2.0;
-        let positions = h.tanh() * half + half;
-        positions.reshape([self.objects, -1, 2]).transpose(0, 1).flatten(1, 2)
+        let wanted = positions.reshape([-1, self.objects, 2]).transpose(0, 1).reshape([-1, 2]);
+        let logits = ((wanted / half - 1.0).clamp(-LARGEST_TANH, LARGEST_TANH)).atanh();
+        self.localisation[2].solve(&features, &logits, ridge)
     }
 
     /// Scales the output layer of the localisation network: below 1, positions begin near the middle of the frame.

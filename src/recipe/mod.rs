@@ -7,6 +7,7 @@ pub mod discover;
 pub mod guide;
 pub mod identify;
 pub mod join;
+pub mod recentre;
 
 use anyhow::Result;
 use tch::Tensor;

@@ -86,6 +86,7 @@ pub struct Guide {
     pub coverage: f64,
     pub compactness: f64,
     pub balance: f64,
+    pub colour: f64,
     pub tie: f64,
     pub full_until: u64,
     pub zero_from: u64,

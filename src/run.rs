@@ -17,7 +17,7 @@ use crate::datasets::iterators::Clips;
 use crate::physics_models::PhysicsNet;
 use crate::run_folder::RunFolder;
 use crate::tasks::{self, Task};
-use crate::{checkpoint, device, interrupt};
+use crate::{checkpoint, device, interrupt, viz};
 
 /// Exit code of a run that was asked to stop, as shells have it for SIGINT.
 const INTERRUPTED: u8 = 130;
@@ -223,6 +223,8 @@ fn run(config: &Config, folder: &mut RunFolder, device: Device, threads: usize, 
         "threads": threads,
         "versions": {"paig": env!("CARGO_PKG_VERSION"), "libtorch": device::LIBTORCH_VERSION},
     }))?;
+    viz::write_artifacts(folder.path(), &model, &data.test, config.output.examples)?;
+    viz::write_curves(folder.path(), task)?;
     println!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
     Ok(ExitCode::SUCCESS)
 }

@@ -6,6 +6,7 @@
 use anyhow::Result;
 use tch::{Kind, Tensor};
 
+use super::anchors::Anchors;
 use super::{GradientPhase, StepLoss, guide};
 use crate::config::{Discover, DiscoverStart};
 use crate::datasets::iterators::Clips;
@@ -15,6 +16,8 @@ use crate::physics_models::losses::frame_error;
 /// Frames from which the median is taken, and on which a validation is made.
 const MEDIAN_FRAMES: usize = 2000;
 const VALIDATION_FRAMES: usize = 500;
+/// Frames whose moving pixels are grouped by colour.
+const ANCHOR_FRAMES: usize = 200;
 /// Frames in one validation batch.
 const VALIDATION_BATCH: i64 = 250;
 /// Width of a template's initial bump, in half windows.
@@ -30,6 +33,7 @@ pub struct Discovery<'a> {
     train: &'a Clips,
     seed: u64,
     median: Tensor,
+    anchors: Option<Anchors>,
     pixel_centres: Tensor,
     validation: Tensor,
 }
@@ -41,11 +45,18 @@ impl<'a> Discovery<'a> {
         // Pixel i is drawn at position i + 1/2 by an exact decoder, and at i S/(S-1) by the original's.
         let index = Tensor::arange(side, (Kind::Float, device));
         let pixel_centres = if model.options.exact_shift { index + 0.5 } else { index / model.pixels_per_unit() };
+        let median = train.median_frame(MEDIAN_FRAMES, seed);
+        let frames = train.random_frames(ANCHOR_FRAMES, seed, 0);
+        let moving = guide::moving(&frames, &median, config.guide.temperature);
+        let anchors = (config.guide.colour > 0.0)
+            .then(|| Anchors::find(&frames, &median, &moving, model.task.objects, seed))
+            .flatten();
         Discovery {
             config,
             train,
             seed,
-            median: train.median_frame(MEDIAN_FRAMES, seed),
+            median,
+            anchors,
             pixel_centres,
             validation: valid.random_frames(VALIDATION_FRAMES, seed, u64::MAX),
         }
@@ -94,7 +105,9 @@ impl GradientPhase for Discovery<'_> {
         let mut total = reconstruction.shallow_clone();
         if fade > 0.0 {
             let moving = guide::moving(&frames, &self.median, self.config.guide.temperature);
-            total = total + guide::loss(&self.config.guide, &encoding, &moving, &self.pixel_centres) * fade;
+            let claims = self.anchors.as_ref().map(|anchors| anchors.claims(&frames, &self.median));
+            let guides = guide::loss(&self.config.guide, &encoding, &moving, claims.as_ref(), &self.pixel_centres);
+            total = total + guides * fade;
         }
         Ok(StepLoss { total, parts: vec![("recons_loss", reconstruction)] })
     }

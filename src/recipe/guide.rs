@@ -1,5 +1,5 @@
 //! Guides for the encoder's masks while objects are being found: what moves belongs to an object, each object is in
-//! one place, none goes without, and its position is where its mask is.
+//! one place and of one colour, none goes without, and its position is where its mask is.
 //!
 //! The reconstruction alone gets stuck: the first object that finds a ball leaves the other without a gradient. The
 //! guides look only at the frame and at its median over the dataset, the static background. They fade to zero, so the
@@ -35,51 +35,71 @@ pub fn fade(guide: &Guide, step: u64) -> f64 {
     }
 }
 
-/// The weighted sum of the four guides for frames `[frames, channels, S, S]`.
+/// The weighted sum of the guides for frames `[frames, channels, S, S]`.
 ///
-/// `pixel_centres`: the position of each pixel index on an axis, `[S]`, in the model's coordinates.
-pub fn loss(guide: &Guide, encoding: &Encoding, moving: &Tensor, pixel_centres: &Tensor) -> Tensor {
+/// * `moving`: see [`moving`];
+/// * `claims`: each object's claim by colour, see [`Anchors::claims`](super::anchors::Anchors::claims), if there is any;
+/// * `pixel_centres`: the position of each pixel index on an axis, `[S]`, in the model's coordinates.
+pub fn loss(
+    guide: &Guide,
+    encoding: &Encoding,
+    moving: &Tensor,
+    claims: Option<&Tensor>,
+    pixel_centres: &Tensor,
+) -> Tensor {
     let objects = encoding.masks.size()[1] - 1;
     let side = moving.size()[1];
     let masks = encoding.masks.narrow(1, 0, objects);
     let background = encoding.masks.select(1, objects);
+    let some_object = sum(&masks, &[1]).clamp_min(LEAST_MASK);
     let moving_in_all = sum(moving, &[1, 2]) + EMPTY;
 
     // Coverage: cross-entropy between "some object's mask" and "moves", moving and static pixels weighing the same.
-    let static_share = 1.0 - moving;
-    let log_object = sum(&masks, &[1]).clamp_min(LEAST_MASK).log();
+    let log_object = some_object.log();
     let log_background = background.clamp_min(LEAST_MASK).log();
     let coverage = -(sum(&(moving * log_object), &[1, 2]) / &moving_in_all
-        + sum(&(&static_share * log_background), &[1, 2]) / ((side * side) as f64 - &moving_in_all))
+        + sum(&((1.0 - moving) * log_background), &[1, 2]) / ((side * side) as f64 - &moving_in_all))
         .mean(Kind::Float);
 
-    // Each object's share of what moves, and its centroid, [frames, objects].
-    let owned = masks * moving.unsqueeze(1);
+    // The objects among themselves, the background left out: otherwise pixels given to it would look compact.
+    let among = masks / some_object.unsqueeze(1);
+
+    // What each object owns of what moves, its mass [frames, objects] and its centroid.
+    let owned = &among * moving.unsqueeze(1);
     let mass = sum(&owned, &[2, 3]);
-    let by_row = owned.sum_dim_intlist([3i64].as_slice(), false, None);
-    let by_column = owned.sum_dim_intlist([2i64].as_slice(), false, None);
+    let by_row = sum(&owned, &[3]);
+    let by_column = sum(&owned, &[2]);
     let centroid = |along: &Tensor| sum(&(along * pixel_centres), &[2]) / (&mass + EMPTY);
     let (x, y) = (centroid(&by_column), centroid(&by_row));
 
-    // Compactness: variance of what a mask owns around its centroid, in units of the frame's side.
+    // Compactness: variance of what an object owns around its centroid, in units of the frame's side.
     let spread = |along: &Tensor, centre: &Tensor| {
         sum(&(along * (pixel_centres - centre.unsqueeze(-1)).square()), &[1, 2]) / &moving_in_all
     };
     let compactness = (spread(&by_column, &x) + spread(&by_row, &y)).mean(Kind::Float) / (side * side) as f64;
 
-    // Balance: the objects' mean shares, as far from equal as their log-likelihood says.
-    let share = (&mass / moving_in_all.unsqueeze(1)).mean_dim([0i64].as_slice(), false, None);
+    // Balance: divergence of the objects' shares from equal ones. Unlike the shares' entropy it has a gradient for an
+    // object that owns nothing.
+    let total_share = &mass / moving_in_all.unsqueeze(1);
+    let share = total_share.mean_dim([0i64].as_slice(), false, None);
     let share = &share / share.sum(Kind::Float);
     let balance = -(share + 1e-8).log().mean(Kind::Float) - (objects as f64).ln();
 
     // Tie: the encoded position at the centroid, counted as far as the object owns anything.
     let centroids = Tensor::stack(&[x, y], 2).detach();
-    let owns = (&mass / moving_in_all.unsqueeze(1) * objects as f64).clamp_max(1.0).detach();
+    let owns = (total_share * objects as f64).clamp_max(1.0).detach();
     let positions = encoding.positions.reshape([-1, objects, 2]);
     let distance = positions.smooth_l1_loss(&centroids, tch::Reduction::None, 1.0);
     let tie = sum(&(sum(&distance, &[2]) * owns), &[1]).mean(Kind::Float);
 
-    coverage * guide.coverage + compactness * guide.compactness + balance * guide.balance + tie * guide.tie
+    let guides =
+        coverage * guide.coverage + compactness * guide.compactness + balance * guide.balance + tie * guide.tie;
+    let Some(claims) = claims else { return guides };
+
+    // Colour: cross-entropy between the claims by colour and the masks.
+    let log_among = among.clamp_min(LEAST_MASK).log();
+    let colour = -sum(&(moving.unsqueeze(1) * claims * log_among), &[0, 1, 2, 3]) / sum(&moving_in_all, &[0]);
+    guides + colour * guide.colour
 }
 
 fn sum(x: &Tensor, axes: &[i64]) -> Tensor {

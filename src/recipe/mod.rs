@@ -3,6 +3,7 @@
 //! The original trains everything together from the first step (`join` alone, the `paper` recipe). The `fast` recipe
 //! finds the objects first, then the parameters, then joins; each phase can be switched off in the config.
 
+pub mod anchors;
 pub mod discover;
 pub mod guide;
 pub mod identify;

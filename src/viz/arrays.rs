@@ -1,0 +1,70 @@
+//! `outputs.npz` and `extra_outputs.npz`: the numbers behind the pictures, channels last as the original saves them.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use ndarray::ArrayD;
+use ndarray_npy::NpzWriter;
+use tch::{Device, Kind, Tensor};
+
+use super::outputs::{BATCH, Outputs};
+use crate::datasets::iterators::Clips;
+use crate::durable;
+use crate::physics_models::PhysicsNet;
+
+/// Writes what [`super::write_artifacts`] says of the first `count` clips.
+pub(super) fn write_outputs(path: &Path, outputs: &Outputs, count: usize) -> Result<()> {
+    let count = outputs.len().min(count) as i64;
+    let first = |x: &Tensor| x.narrow(0, 0, count);
+    write(
+        path,
+        &[
+            ("input", channels_last(&first(&outputs.clips))),
+            ("output", channels_last(&first(&outputs.predictions))),
+            ("recons", channels_last(&first(&outputs.reconstructions))),
+            ("enc_pos", first(&outputs.positions)),
+            ("pos_vel_seq", first(&outputs.states)),
+        ],
+    )
+}
+
+/// Writes the decoder's and the encoder's layers for the first batch of clips, each frame as it is reconstructed.
+pub(super) fn write_extra_outputs(path: &Path, model: &PhysicsNet, test: &Clips) -> Result<()> {
+    let clips: Vec<i64> = (0..test.len().min(BATCH) as i64).collect();
+    let frames = test.batch(&clips, model.task.input_steps + model.task.pred_steps);
+    let encoding = model.encoder.forward(&frames.flatten(0, 1));
+    let sprites = model.decoder.sprites();
+    let rendering = model.decoder.forward(&encoding.positions);
+    let background = sprites.background.unsqueeze(0).expand_as(&rendering.contents.narrow(0, 0, 1));
+    write(
+        path,
+        &[
+            ("contents", channels_last(&sprites.contents)),
+            ("templates", channels_last(&sprites.template)),
+            ("background_content", channels_last(&sprites.background)),
+            ("transf_contents", channels_last(&Tensor::cat(&[&rendering.contents, &background], 0))),
+            ("transf_masks", rendering.masks.unsqueeze(-1)),
+            ("enc_masks", channels_last(&encoding.masks)),
+            ("masked_objs", channels_last(&encoding.masked)),
+        ],
+    )
+}
+
+/// `[.., C, h, w]` to `[.., h, w, C]`.
+fn channels_last(x: &Tensor) -> Tensor {
+    x.movedim_int(-3, -1)
+}
+
+fn write(path: &Path, arrays: &[(&str, Tensor)]) -> Result<()> {
+    durable::write_file(path, |file| {
+        let mut npz = NpzWriter::new_compressed(file);
+        for (name, tensor) in arrays {
+            let tensor = tensor.to_device(Device::Cpu).to_kind(Kind::Float).contiguous();
+            let shape: Vec<usize> = tensor.size().iter().map(|&n| n as usize).collect();
+            let array = ArrayD::from_shape_vec(shape, Vec::<f32>::try_from(tensor.flatten(0, -1))?)?;
+            npz.add_array(*name, &array).with_context(|| format!("array {name}"))?;
+        }
+        npz.finish()?;
+        Ok(())
+    })
+}

@@ -1,0 +1,81 @@
+//! Reading metrics.jsonl back.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::Deserialize;
+use serde_json::{Map, Value};
+
+/// What kind of record a line is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Kind {
+    Train,
+    Valid,
+    Identify,
+    /// Nothing that is plotted.
+    #[serde(other)]
+    Other,
+}
+
+/// One line of metrics.jsonl.
+#[derive(Debug, Deserialize)]
+pub(super) struct Record {
+    pub kind: Kind,
+    pub phase: String,
+    /// Steps taken in all phases.
+    pub step: u64,
+    #[serde(flatten)]
+    values: Map<String, Value>,
+}
+
+impl Record {
+    /// A number of the record, if it has it (null stands for what is not a number).
+    pub(super) fn value(&self, name: &str) -> Option<f64> {
+        self.values.get(name).and_then(Value::as_f64)
+    }
+}
+
+/// All records, in the order in which they were written.
+///
+/// # Errors
+/// A missing file, or the number of a line that is no record.
+pub(super) fn read(path: &Path) -> Result<Vec<Record>> {
+    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    lines
+        .map(|(number, line)| {
+            serde_json::from_str(line).with_context(|| format!("{}: line {} is damaged", path.display(), number + 1))
+        })
+        .collect()
+}
+
+/// One uninterrupted stretch of a phase.
+#[derive(Debug)]
+pub(super) struct Stretch {
+    pub phase: String,
+    /// Where its first and its last record stand among all.
+    pub records: std::ops::Range<usize>,
+    /// Its first and last step.
+    pub steps: (u64, u64),
+}
+
+/// The phases in their order.
+pub(super) fn stretches(records: &[Record]) -> Vec<Stretch> {
+    let mut stretches: Vec<Stretch> = Vec::new();
+    for (place, record) in records.iter().enumerate() {
+        match stretches.last_mut() {
+            Some(last) if last.phase == record.phase => {
+                last.records.end = place + 1;
+                last.steps.1 = record.step;
+            }
+            _ => stretches.push(Stretch {
+                phase: record.phase.clone(),
+                records: place..place + 1,
+                steps: (record.step, record.step),
+            }),
+        }
+    }
+    stretches
+}

@@ -1,0 +1,66 @@
+//! A run's pictures and arrays.
+//!
+//! What the original leaves in its run folder (`base.py`, `physics_models.py`: `example%d.jpg`, the animation,
+//! `templates.jpg`, `outputs.npz`, `extra_outputs.npz`; paper: figures 4 and 5), as PNG and with captions, and two
+//! plots of the training. Every file appears whole or not at all.
+
+mod animation;
+mod arrays;
+mod canvas;
+mod chart;
+mod curves;
+pub mod examples;
+mod masks;
+mod metrics;
+mod outputs;
+mod sections;
+mod sprites;
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+
+use crate::datasets::iterators::Clips;
+use crate::physics_models::PhysicsNet;
+use crate::tasks::Task;
+
+pub use curves::write_curves;
+
+/// Test clips whose arrays are saved, as in the original.
+const SAVED_CLIPS: usize = 100;
+
+/// Writes what a model makes of a test set into a run folder, replacing what stood there.
+///
+/// * `example{i}.png` for the first `examples` clips: input and prediction, truth, reconstruction;
+/// * `animation.gif`: the first clips in motion, truth above the model;
+/// * `templates.png`: the learned sprites and the background;
+/// * `encoder_masks.png`: how the encoder segments a few frames;
+/// * `outputs.npz`: float32, channels last, of the first 100 clips: `input` `[clips, T, S, S, C]`, `output`
+///   (the predictions) `[clips, T - L, S, S, C]`, `recons` `[clips, L + T_pred, S, S, C]`, `enc_pos`
+///   `[clips, L + T_pred, 2 N]`, `pos_vel_seq` `[clips, 1 + T - L, 4 N]` (positions, then velocities, from
+///   the state at the last input frame on);
+/// * `extra_outputs.npz`: float32, channels last: `contents` `[N, S/2, S/2, C]` and `templates` `[N, S/2, S/2, 1]`
+///   (logits), `background_content` `[1, S, S, C]` (colours), and for the F frames that one batch of clips
+///   reconstructs `transf_contents` `[N + 1, F, S, S, C]`, `transf_masks` `[N + 1, F, S, S, 1]` (the background comes
+///   last), `enc_masks` `[F, S, S, N + 1]`, `masked_objs` `[N, F, S, S, C]`.
+///
+/// # Errors
+/// No test clips, clips shorter than L + T_pred, frames with neither 1 nor 3 channels, a folder that cannot be written.
+pub fn write_artifacts(folder: &Path, model: &PhysicsNet, test: &Clips, examples: usize) -> Result<()> {
+    let _guard = tch::no_grad_guard();
+    ensure!(!test.is_empty(), "there are no test clips to show");
+    fs::create_dir_all(folder).with_context(|| format!("cannot create the run folder {}", folder.display()))?;
+    let outputs = outputs::Outputs::of(model, test, SAVED_CLIPS.max(examples))?;
+    examples::write(folder, &model.task, &outputs, examples)?;
+    animation::write(&folder.join("animation.gif"), &model.task, &outputs)?;
+    sprites::write(&folder.join("templates.png"), model)?;
+    masks::write(&folder.join("encoder_masks.png"), model, test)?;
+    arrays::write_outputs(&folder.join("outputs.npz"), &outputs, SAVED_CLIPS)?;
+    arrays::write_extra_outputs(&folder.join("extra_outputs.npz"), model, test)
+}
+
+/// Screen pixels for one pixel of a frame: small frames are enlarged to about the size of the digits' ones.
+fn enlargement(task: &Task) -> u32 {
+    if task.side >= 64 { 2 } else { 4 }
+}

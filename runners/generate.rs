@@ -9,6 +9,7 @@ use paig::datasets::generators::{Counts, Plan, generate};
 use paig::datasets::scene::Look;
 use paig::datasets::sprites::Sprites;
 use paig::datasets::variant::{Changes, Variant};
+use paig::run::exit_code;
 use paig::tasks;
 
 /// Makes the videos of a physical system: a training file of short clips and a test file of long ones.
@@ -93,13 +94,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    match run(Arguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    exit_code(run(Arguments::parse()).map(|()| ExitCode::SUCCESS))
 }
 
 fn run(arguments: Arguments) -> Result<()> {

@@ -18,4 +18,5 @@ pub mod run;
 pub mod run_folder;
 pub mod stn;
 pub mod tasks;
+pub mod variable_names;
 pub mod viz;

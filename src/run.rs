@@ -92,7 +92,9 @@ pub fn one_task(key: &str) -> ExitCode {
 /// Prints an error with its causes on one line.
 pub fn exit_code(result: Result<ExitCode>) -> ExitCode {
     result.unwrap_or_else(|error| {
-        eprintln!("error: {error:#}");
+        let chain = format!("{error:#}");
+        let lines: Vec<_> = chain.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+        eprintln!("error: {}", lines.join(" "));
         ExitCode::FAILURE
     })
 }

@@ -1,0 +1,98 @@
+//! `cell_<kind>`: roll-out, its loss, and the gradients to the initial state and the parameters.
+
+use anyhow::{Result, ensure};
+use paig::cells::{CellKind, State};
+use paig::tasks::{self, Task};
+use tch::Tensor;
+
+use crate::checks::Case;
+use crate::tolerances::{FORWARD, GRADIENT, SINGLE_STEP};
+
+/// What the loss `sum(pos * weight)` is multiplied by.
+const LOSS_FACTOR: f64 = 1e-3;
+
+/// The task whose cell, frame side and time between frames a file of this name was made with.
+pub fn task(stem: &str) -> Option<&'static Task> {
+    let key = match stem.strip_prefix("cell_")?.split('_').next()? {
+        "bouncing" => "bouncing_balls",
+        "spring" => "spring_color",
+        "gravity" => "3bp_color",
+        _ => return None,
+    };
+    tasks::find(key).ok()
+}
+
+pub fn compare(case: &mut Case, task: &Task) -> Result<()> {
+    let (pos, vel) = (case.leaf("in/pos", 2)?, case.leaf("in/vel", 2)?);
+    let weight = case.input("in/pos_weight", 3)?;
+    let (shape, frames) = (pos.size(), weight.size()[0]);
+    ensure!(
+        shape[1] == 2 * task.objects as i64,
+        "tensor in/pos has shape {shape:?}, expected two coordinates for each of {} objects",
+        task.objects
+    );
+    ensure!(vel.size() == shape, "tensor in/vel has shape {:?}, expected {shape:?}", vel.size());
+    let rolled = [frames, shape[0], shape[1]];
+    ensure!(weight.size() == rolled, "tensor in/pos_weight has shape {:?}, expected {rolled:?}", weight.size());
+
+    let parameters = parameters(case, task.cell)?;
+    let cell = task.cell.build(&parameters.logs, task.side);
+    let initial = State { pos: pos.shallow_clone(), vel: vel.shallow_clone() };
+    let states = cell.roll_out(&initial, task.dt, frames as usize);
+    let stack = |of: fn(&State) -> &Tensor| Tensor::stack(&states.iter().map(of).collect::<Vec<_>>(), 0);
+    let positions = stack(|state| &state.pos);
+    let loss = (&positions * weight).sum(case.kind) * LOSS_FACTOR;
+
+    case.check("out/pos", &positions, &FORWARD)?;
+    case.check("out/vel", &stack(|state| &state.vel), &FORWARD)?;
+    case.check("out/loss", &loss, &FORWARD)?;
+    check_single_steps(case, task, &parameters.logs)?;
+    loss.backward();
+    case.check("grad/pos", &pos.grad(), &GRADIENT)?;
+    case.check("grad/vel", &vel.grad(), &GRADIENT)?;
+    for (name, log) in parameters.leaves {
+        case.check(&format!("grad/{name}"), &log.grad(), &GRADIENT)?;
+    }
+    Ok(())
+}
+
+/// Each frame from the golden state before it: binds the physics tightly where the trajectory is chaotic.
+fn check_single_steps(case: &mut Case, task: &Task, logs: &[Tensor]) -> Result<()> {
+    let golden = case.golden;
+    let [pos, vel] = ["pos", "vel"].map(|part| -> Result<(Tensor, Tensor)> {
+        let (first, after) = (golden.floats(&format!("in/{part}"))?, golden.floats(&format!("out/{part}"))?);
+        let before = Tensor::cat(&[first.unsqueeze(0), after.narrow(0, 0, after.size()[0] - 1)], 0);
+        Ok((before.flatten(0, 1), after.flatten(0, 1)))
+    });
+    let ((pos, pos_after), (vel, vel_after)) = (pos?, vel?);
+    let before = State { pos: case.taken_in(&pos), vel: case.taken_in(&vel) };
+    let stepped = task.cell.build(logs, task.side).step(&before, task.dt);
+    case.check_values("out/pos, step by step", &pos_after, &stepped.pos, &SINGLE_STEP);
+    case.check_values("out/vel, step by step", &vel_after, &stepped.vel, &SINGLE_STEP);
+    Ok(())
+}
+
+/// The file's parameters.
+struct Parameters {
+    /// What the cell is built with.
+    logs: Vec<Tensor>,
+    /// What the file has gradients to.
+    leaves: Vec<(&'static str, Tensor)>,
+}
+
+fn parameters(case: &Case, kind: CellKind) -> Result<Parameters> {
+    let mut leaves = Vec::new();
+    for parameter in kind.parameters() {
+        leaves.push((parameter.variable, case.leaf(&format!("param/{}", parameter.variable), 0)?));
+    }
+    let mut logs: Vec<Tensor> = leaves.iter().map(|(_, log)| log.shallow_clone()).collect();
+    if kind == CellKind::Gravity {
+        // The original's masses, fixed at 1: only g m^2 enters, so they are part of our g.
+        let log_m = case.leaf("param/log_m", 0)?;
+        logs[0] = &logs[0] + &log_m * 2.0;
+        if case.golden.has("grad/log_m") {
+            leaves.push(("log_m", log_m));
+        }
+    }
+    Ok(Parameters { logs, leaves })
+}

@@ -1,0 +1,123 @@
+//! Compares the port with golden tensors of the original, tensor by tensor, and prints one table.
+//!
+//! Exit code 0: all within their tolerances. 1: a tensor is off, or a file has no case. 2: bad input.
+
+mod case_cell;
+mod case_decoder;
+mod case_model;
+mod case_resize;
+mod case_stn;
+mod case_unet;
+mod checks;
+mod formula;
+mod golden;
+mod meta;
+mod npz;
+mod table;
+mod tolerances;
+mod variables;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::Parser;
+use tch::Kind;
+
+use crate::checks::{Case, Noise, Row};
+use crate::golden::Golden;
+
+/// Compares the port with golden tensors of the original TensorFlow code.
+#[derive(Debug, Parser)]
+#[command(version, about)]
+struct Arguments {
+    /// Folder of .npz files; every one of them is compared.
+    #[arg(long, default_value = "compare/goldens")]
+    goldens: PathBuf,
+    /// Only files whose name contains this.
+    #[arg(long, value_name = "TEXT")]
+    file_filter: Option<String>,
+    /// Compute in double precision: tells rounding from error (the golden tensors stay what float32 made of them).
+    #[arg(long)]
+    f64: bool,
+}
+
+fn main() -> ExitCode {
+    // Sums in one order on every machine.
+    tch::set_num_threads(1);
+    match run(&Arguments::parse()) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Whether every file has a case and every tensor is within its tolerance.
+fn run(arguments: &Arguments) -> Result<bool> {
+    let kind = if arguments.f64 { Kind::Double } else { Kind::Float };
+    let files = golden_files(&arguments.goldens, arguments.file_filter.as_deref().unwrap_or_default())?;
+    let mut table = table::Table::new(&files);
+    for path in &files {
+        let rows = compare_file(path, kind).with_context(|| path.display().to_string())?;
+        table.add(path, rows);
+    }
+    Ok(table.finish())
+}
+
+/// The `.npz` files of a folder whose name contains `filter`, sorted.
+fn golden_files(folder: &Path, filter: &str) -> Result<Vec<PathBuf>> {
+    let entries = folder.read_dir().with_context(|| format!("cannot read the folder {}", folder.display()))?;
+    let mut files = Vec::new();
+    for entry in entries {
+        let path = entry.with_context(|| format!("cannot read the folder {}", folder.display()))?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if name.ends_with(".npz") && name.contains(filter) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    ensure!(!files.is_empty(), "no .npz file with {filter:?} in its name in {}", folder.display());
+    Ok(files)
+}
+
+/// The rows of one file; none if no case knows files of its name.
+fn compare_file(path: &Path, kind: Kind) -> Result<Option<Vec<Row>>> {
+    let golden = Golden::read(path)?;
+    let Some(mut rows) = run_case(&golden, kind, None)? else { return Ok(None) };
+    golden.ensure_all_looked_at()?;
+    if rows.iter().any(|row| !row.within_tolerance()) {
+        let other = if kind == Kind::Float { Kind::Double } else { Kind::Float };
+        // The other precision as it is, then moved inputs in the precision of the golden tensors.
+        let moved = (1..=tolerances::PROBES).map(|probe| (Kind::Float, Some(Noise::new(probe))));
+        for (kind, noise) in std::iter::once((other, None)).chain(moved) {
+            let probe = run_case(&golden, kind, noise)?.unwrap_or_default();
+            rows.iter_mut().zip(&probe).for_each(|(row, probe)| row.allow_for(probe));
+        }
+    }
+    Ok(Some(rows))
+}
+
+/// Runs the case that knows files of this name.
+fn run_case(golden: &Golden, kind: Kind, noise: Option<Noise>) -> Result<Option<Vec<Row>>> {
+    let mut case = Case::new(golden, kind, noise);
+    let stem = golden.stem.as_str();
+    if let Some(task) = case_cell::task(stem) {
+        case_cell::compare(&mut case, task)?;
+    } else if let Some(task) = case_decoder::task(stem) {
+        case_decoder::compare(&mut case, task)?;
+    } else if stem.starts_with("stn") {
+        case_stn::compare(&mut case)?;
+    } else if stem.starts_with("resize_bilinear") {
+        case_resize::compare(&mut case)?;
+    } else if stem.starts_with("unet") || stem.starts_with("shallow_unet") {
+        case_unet::compare(&mut case)?;
+    } else if stem.ends_with("_train") || golden.has("meta") {
+        case_model::compare(&mut case)?;
+    } else {
+        return Ok(None);
+    }
+    Ok(Some(case.rows))
+}

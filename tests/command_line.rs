@@ -1,0 +1,123 @@
+//! What a user sees who asks for something that cannot be: one clear line and a non-zero exit.
+
+mod common;
+
+use std::fs;
+use std::process::Command;
+
+use common::{dataset, fresh, spring, text, write_config};
+
+/// Runs a command that must fail, and returns what it said: one line on standard error, no panic.
+fn refused(command: &mut Command) -> String {
+    let output = command.output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.starts_with("error: ") && said.trim_end().lines().count() == 1, "{said}");
+    said
+}
+
+#[track_caller]
+fn assert_says(said: &str, words: &[&str]) {
+    for word in words {
+        assert!(said.contains(word), "{word:?} is not in: {said}");
+    }
+}
+
+#[test]
+fn unknown_keys_and_values_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let said = |set: &str| refused(spring(&run).args(["--set", set]));
+    assert_says(&said("join.bach=5"), &["bach", "batch"]);
+    assert_says(&said("join.batch=many"), &["batch", "many"]);
+    assert_says(&said("join.batch"), &["key=value"]);
+    assert_says(&said("start.g=3"), &["start.g", "\"k\", \"l\""]);
+    assert_says(&said("start.k=-1"), &["start.k", "positive"]);
+    assert_says(&said("identify.horizons=[3,99]"), &["horizons", "12"]);
+    assert_says(&refused(spring(&run).args(["--recipe", "slow"])), &["slow", "fast, paper"]);
+    let config = write_config(folder.path(), "[join]\nlearning_rate = 1e-3\nlerning_rate = 1e-3\n");
+    assert_says(&refused(spring(&run).arg("--config").arg(&config)), &["lerning_rate"]);
+    assert_says(&refused(spring(&run).args(["--config", "no/such.toml"])), &["no/such.toml"]);
+    let mut any = Command::new(env!("CARGO_BIN_EXE_run_physics"));
+    assert_says(&refused(any.args(["--task", "springs"])), &["springs", "spring_color", "3bp_color"]);
+    assert_says(&refused(&mut Command::new(env!("CARGO_BIN_EXE_run_physics"))), &["--task"]);
+    assert!(!run.exists(), "a refused run left a folder");
+}
+
+#[test]
+fn printed_config_is_complete_and_reads_back_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let print = |arguments: &[&str]| {
+        let output = spring(folder.path()).arg("--print-config").args(arguments).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let paper = print(&["--recipe", "paper", "--seed", "3", "--set", "join.max_steps=7"]);
+    assert_says(
+        &paper,
+        &["seed = 3", "max_steps = 7", "optimizer = \"rmsprop\"", "learning_rate = 0.0006", "alpha = 3.0"],
+    );
+    assert!(!paper.contains("epochs") && !paper.contains("[discover]"), "{paper}");
+    let again = write_config(folder.path(), &paper);
+    assert_eq!(paper, print(&["--config", again.to_str().unwrap()]));
+    assert_says(&print(&[]), &["recipe = \"fast\"", "[discover.guide]"]);
+}
+
+#[test]
+fn missing_data_and_devices_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = refused(spring(&folder.path().join("a")).arg("--data").arg(folder.path()));
+    assert_says(&said, &["sl12_r2_k4_e6.npz", "generate --task spring_color"]);
+    if !tch::Cuda::is_available() {
+        let said = refused(fresh(&mut spring(&folder.path().join("b"))).args(["--device", "cuda"]));
+        assert_says(&said, &["cuda", "no GPU", "CUDA=1"]);
+    }
+    let said = refused(fresh(&mut spring(&folder.path().join("c"))).args(["--device", "tpu"]));
+    assert_says(&said, &["tpu", "cpu"]);
+    // The training file holds clips of 12 frames, the test file must hold 30.
+    let short = format!("data.test_file={:?}", "spring_color/color_spring_vx8_vy8_sl12_r2_k4_e6.npz");
+    let said = refused(fresh(&mut spring(&folder.path().join("d"))).args(["--set", &short]));
+    assert_says(&said, &["12 frames", "30"]);
+}
+
+#[test]
+fn run_folders_are_guarded() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let steps = ["--set", "discover.max_steps=0", "--set", "identify.clips=4", "--set", "join.max_steps=0"];
+    let small = ["--set", "join.validation_clips=4", "--set", "output.examples=0"];
+    assert_says(&refused(spring(&run).arg("--resume")), &["nothing to resume"]);
+    let done = fresh(&mut spring(&run)).args(steps).args(small).output().unwrap();
+    assert!(done.status.success(), "{}", text(&done));
+    assert_says(&refused(fresh(&mut spring(&run)).args(steps)), &["holds a run already", "--resume"]);
+    assert_says(&refused(spring(&run).args(["--resume", "--seed", "9"])), &["another config", "config.toml"]);
+    let mut other = Command::new(env!("CARGO_BIN_EXE_run_physics"));
+    let said = refused(other.args(["--task", "3bp_color", "--resume", "--out"]).arg(&run));
+    assert_says(&said, &["spring_color", "3bp_color"]);
+
+    // Another run in the same folder at the same time.
+    let lock = fs::File::open(run.join(".lock")).unwrap();
+    lock.lock().unwrap();
+    assert_says(&refused(spring(&run).arg("--resume")), &["another run"]);
+    drop(lock);
+
+    // A checkpoint that was cut short, and one whose variable has another shape.
+    let index: serde_json::Value =
+        serde_json::from_slice(&fs::read(run.join("checkpoints/index.json")).unwrap()).unwrap();
+    let weights = run.join("checkpoints").join(index["last"].as_str().unwrap()).join("weights.safetensors");
+    let sound = fs::read(&weights).unwrap();
+    let mut tensors = tch::Tensor::read_safetensors(&weights).unwrap();
+    for (name, tensor) in &mut tensors {
+        if name == "encoder.dense_2.bias" {
+            *tensor = tch::Tensor::zeros([3], (tch::Kind::Float, tch::Device::Cpu));
+        }
+    }
+    tch::Tensor::write_safetensors(&tensors, &weights).unwrap();
+    assert_says(&refused(spring(&run).arg("--resume")), &["encoder.dense_2.bias", "[3]", "[2]"]);
+    tensors.retain(|(name, _)| name != "encoder.dense_2.bias");
+    tch::Tensor::write_safetensors(&tensors, &weights).unwrap();
+    assert_says(&refused(spring(&run).arg("--resume")), &["encoder.dense_2.bias", "missing"]);
+    fs::write(&weights, &sound[..sound.len() / 2]).unwrap();
+    assert_says(&refused(spring(&run).arg("--resume")), &["weights.safetensors"]);
+    assert!(dataset().exists());
+}

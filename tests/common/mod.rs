@@ -1,0 +1,52 @@
+//! A small dataset on the disk and the programs that are tested, for the tests of whole runs.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+
+use tempfile::TempDir;
+
+/// Clips of the training split of [`dataset`].
+pub const TRAIN_CLIPS: usize = 300;
+
+/// Folder with a small spring_color dataset, made once for a test binary by the program a user would call.
+pub fn dataset() -> &'static Path {
+    static FOLDER: OnceLock<TempDir> = OnceLock::new();
+    FOLDER
+        .get_or_init(|| {
+            let folder = tempfile::tempdir().unwrap();
+            let made = Command::new(env!("CARGO_BIN_EXE_generate"))
+                .args(["--task", "spring_color", "--valid", "40", "--test", "20", "--train", &TRAIN_CLIPS.to_string()])
+                .arg("--out")
+                .arg(folder.path())
+                .output()
+                .unwrap();
+            assert!(made.status.success(), "{}", text(&made));
+            folder
+        })
+        .path()
+}
+
+/// The training program on the small dataset with one thread.
+pub fn spring(out: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_spring_color"));
+    command.arg("--out").arg(out);
+    command
+}
+
+/// The arguments of a new run: data and threads.
+pub fn fresh(command: &mut Command) -> &mut Command {
+    command.args(["--threads", "1", "--data"]).arg(dataset())
+}
+
+/// Standard output and error together.
+pub fn text(output: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+/// A config file of that text in the folder.
+pub fn write_config(folder: &Path, text: &str) -> PathBuf {
+    let path = folder.join("test.toml");
+    std::fs::write(&path, text).unwrap();
+    path
+}

@@ -1,0 +1,178 @@
+//! The port against the golden tensors, through the `compare` program; and that the program notices what is wrong.
+
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn goldens() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("compare/goldens")
+}
+
+fn compare(folder: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_compare")).arg("--goldens").arg(folder).output().expect("compare starts")
+}
+
+fn texts(output: &Output) -> (String, String) {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (text(&output.stdout), text(&output.stderr))
+}
+
+/// Writes a copy of a golden file with its entries changed: each gives its `.npy` name and bytes and gets new ones.
+fn rewritten(name: &str, change: impl Fn(String, Vec<u8>) -> (String, Vec<u8>)) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut from = zip::ZipArchive::new(File::open(goldens().join(name)).unwrap()).unwrap();
+    let mut to = zip::ZipWriter::new(File::create(folder.path().join(name)).unwrap());
+    for index in 0..from.len() {
+        let mut entry = from.by_index(index).unwrap();
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes).unwrap();
+        let (name, bytes) = change(entry.name().to_string(), bytes);
+        to.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
+        to.write_all(&bytes).unwrap();
+    }
+    to.finish().unwrap();
+    folder
+}
+
+/// Changes the bytes of one tensor.
+fn with_tensor(file: &str, tensor: &str, edit: impl Fn(&mut Vec<u8>)) -> tempfile::TempDir {
+    let entry = format!("{tensor}.npy");
+    rewritten(file, |name, mut bytes| {
+        if name == entry {
+            edit(&mut bytes);
+        }
+        (name, bytes)
+    })
+}
+
+fn set_last_float(bytes: &mut [u8], value: impl Fn(f32) -> f32) {
+    let last = bytes.last_chunk_mut::<4>().unwrap();
+    *last = value(f32::from_le_bytes(*last)).to_le_bytes();
+}
+
+/// Replaces bytes by as many others, once.
+fn replace(bytes: &mut [u8], old: &[u8], new: &[u8]) {
+    assert_eq!(old.len(), new.len());
+    let at = bytes.windows(old.len()).position(|window| window == old).expect("the array holds these bytes");
+    bytes[at..at + old.len()].copy_from_slice(new);
+}
+
+fn assert_bad_input(folder: &Path, parts: &[&str]) {
+    let output = compare(folder);
+    let (_, stderr) = texts(&output);
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
+    for part in parts {
+        assert!(stderr.contains(part), "{part:?} is not in {stderr:?}");
+    }
+}
+
+#[test]
+fn every_golden_tensor_is_matched() {
+    let output = compare(&goldens());
+    let (stdout, stderr) = texts(&output);
+    assert_eq!(output.status.code(), Some(0), "{stdout}\n{stderr}");
+    let mut files = 0;
+    for entry in goldens().read_dir().unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        if name.ends_with(".npz") {
+            files += 1;
+            assert!(stdout.contains(&name), "{name} is not in the table");
+        }
+    }
+    let summary = stdout.lines().last().unwrap();
+    assert!(summary.starts_with(&format!("{files} files")), "{summary}");
+}
+
+#[test]
+fn changed_value_fails_by_name() {
+    for (file, tensor) in [
+        ("cell_spring.npz", "out/pos"),
+        ("cell_gravity.npz", "out/vel"),
+        ("shallow_unet.npz", "grad/unet/conv2d_12/bias"),
+        ("decoder_spring_color.npz", "grad/pos"),
+        ("spring_color_train.npz", "out/output"),
+        ("spring_color_train.npz", "train/loss_before_each_step"),
+    ] {
+        let folder = with_tensor(file, tensor, |bytes| set_last_float(bytes, |value| value * 1.01 + 0.01));
+        let output = compare(folder.path());
+        let (stdout, stderr) = texts(&output);
+        assert_eq!(output.status.code(), Some(1), "{file} {tensor}: {stdout}{stderr}");
+        assert!(stdout.lines().any(|line| line.contains(tensor) && line.contains("FAIL")), "{stdout}");
+    }
+}
+
+#[test]
+fn nan_is_bad_input() {
+    let folder = with_tensor("stn.npz", "out/y", |bytes| set_last_float(bytes, |_| f32::NAN));
+    assert_bad_input(folder.path(), &["stn.npz", "out/y", "NaN"]);
+}
+
+#[test]
+fn file_cut_short_is_bad_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = fs::read(goldens().join("stn.npz")).unwrap();
+    fs::write(folder.path().join("stn.npz"), &bytes[..bytes.len() / 2]).unwrap();
+    assert_bad_input(folder.path(), &["stn.npz", "cut short"]);
+    let folder = with_tensor("stn.npz", "in/theta", |bytes| bytes.truncate(bytes.len() - 1));
+    assert_bad_input(folder.path(), &["stn.npz", "in/theta"]);
+}
+
+#[test]
+fn renamed_tensor_is_bad_input() {
+    let folder = rewritten("cell_spring.npz", |name, bytes| (name.replace("out/vel", "out/velocity"), bytes));
+    assert_bad_input(folder.path(), &["cell_spring.npz", "out/vel", "missing"]);
+}
+
+#[test]
+fn unknown_tensor_is_bad_input() {
+    let folder = rewritten("decoder_mnist_spring_color.npz", |name, bytes| {
+        (name.replace("dense_5/bias", "dense_6/bias"), bytes)
+    });
+    assert_bad_input(folder.path(), &["decoder_mnist_spring_color.npz", "grad/net/decoder/dense_5/bias"]);
+    // Out of a case's sight: a second copy of a tensor that it has no use for.
+    let folder = rewritten("cell_bouncing.npz", |name, bytes| (name, bytes));
+    let path = folder.path().join("cell_bouncing.npz");
+    let mut archive = zip::ZipWriter::new_append(File::options().read(true).write(true).open(&path).unwrap()).unwrap();
+    archive.start_file("out/energy.npy", zip::write::SimpleFileOptions::default()).unwrap();
+    archive.write_all(b"\x93NUMPY\x01\x00\x3a\x00{'descr': '<f4', 'fortran_order': False, 'shape': (), }   ").unwrap();
+    archive.write_all(&1f32.to_le_bytes()).unwrap();
+    archive.finish().unwrap();
+    assert_bad_input(folder.path(), &["cell_bouncing.npz", "out/energy"]);
+}
+
+#[test]
+fn wrong_shape_is_bad_input() {
+    let folder = with_tensor("cell_spring.npz", "out/pos", |bytes| replace(bytes, b"(20, 64, 4)", b"(64, 20, 4)"));
+    assert_bad_input(folder.path(), &["cell_spring.npz", "out/pos", "shape"]);
+}
+
+#[test]
+fn bad_meta_is_bad_input() {
+    let utf32 = |text: &str| text.chars().flat_map(|c| (c as u32).to_le_bytes()).collect::<Vec<u8>>();
+    for (old, new, named) in [
+        ("task=spring", "task=sprung", "tensor meta"),
+        ("batch=2", "batch=x", "tensor meta"),
+        ("opt=rmsprop", "opt=rmsprob", "tensor meta"),
+        ("batch=2", "batch=9", "tensor out/enc_pos"),
+    ] {
+        let folder = with_tensor("spring_color_train.npz", "meta", |bytes| replace(bytes, &utf32(old), &utf32(new)));
+        assert_bad_input(folder.path(), &["spring_color_train.npz", named]);
+    }
+}
+
+#[test]
+fn file_without_a_case_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(goldens().join("stn.npz"), folder.path().join("pendulum.npz")).unwrap();
+    let output = compare(folder.path());
+    let (stdout, _) = texts(&output);
+    assert_eq!(output.status.code(), Some(1), "{stdout}");
+    assert!(stdout.contains("pendulum.npz"), "{stdout}");
+}
+
+#[test]
+fn empty_folder_is_bad_input() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_bad_input(folder.path(), &["no .npz file"]);
+}

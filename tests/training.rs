@@ -1,0 +1,133 @@
+//! Whole runs of the training program on a small generated dataset.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::process::Stdio;
+use std::time::Duration;
+
+use common::{fresh, spring, text, write_config};
+use serde_json::Value;
+
+/// L_rec of a blank frame: 9.25 for each ball of radius 2.
+const BLANK: f64 = 18.5;
+
+fn summary(run: &Path) -> Value {
+    serde_json::from_slice(&fs::read(run.join("summary.json")).unwrap()).unwrap()
+}
+
+fn number(value: &Value, path: &str) -> f64 {
+    value.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number at {path} of {value}"))
+}
+
+/// From a network that knows nothing to balls, positions and a spring, on 300 clips and in a fraction of the steps.
+#[test]
+fn a_short_training_finds_balls_and_spring() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let config = write_config(
+        folder.path(),
+        "[discover]\nmax_steps = 200\n[discover.guide]\nfull_until = 80\nzero_from = 160\n\
+         [identify]\nclips = 150\n[join]\nmax_steps = 60\nbatch = 10\nvalidation_clips = 20\n",
+    );
+    let done = fresh(&mut spring(&run)).arg("--config").arg(config).output().unwrap();
+    assert!(done.status.success(), "{}", text(&done));
+    let summary = summary(&run);
+    let (recons, pred) = (number(&summary, "/test/recons_loss"), number(&summary, "/test/pred_loss"));
+    // A ninth of a blank frame's loss needs both balls; half of it for predicted frames needs the physics as well.
+    assert!(recons < BLANK / 9.0, "L_rec {recons}; one ball missing costs {}", BLANK / 2.0);
+    assert!(pred < BLANK / 2.0, "L_pred {pred}");
+    // Positions are still rough after 200 steps, hence the wide bounds; k and l start at 1.
+    let (k, l) = (number(&summary, "/parameters/k/learned"), number(&summary, "/parameters/l/learned"));
+    assert!((k / 4.0 - 1.0).abs() < 0.1, "k {k} for a true 4");
+    assert!((l / 6.0 - 1.0).abs() < 0.05, "l {l} for a true 6");
+    assert_eq!(number(&summary, "/parameters/k/truth"), 4.0);
+    let written = ["example0.png", "animation.gif", "templates.png", "encoder_masks.png", "outputs.npz", "losses.png"];
+    for name in written {
+        assert!(run.join(name).metadata().is_ok_and(|file| file.len() > 0), "{name} was not written");
+    }
+
+    // The score of the saved checkpoint is the score that was reported.
+    let scored = spring(&run).arg("--test-mode").output().unwrap();
+    assert!(text(&scored).contains(&format!("{recons:.4}")), "{}", text(&scored));
+}
+
+/// A run so small that it takes seconds, with checkpoints between validations and at phase ends.
+const TINY: &str = "[discover]\nframes = 8\nmax_steps = 14\nvalidate_every = 5\n[discover.guide]\nfull_until = 4\n\
+    zero_from = 8\n[identify]\nclips = 6\nhorizons = [3, 5]\nmax_iterations = 3\n\
+    [join]\nbatch = 4\nmax_steps = 12\nvalidate_every = 5\nvalidation_clips = 4\n\
+    [output]\nprint_every = 2\ncheckpoint_every = 3\nexamples = 0\n";
+
+fn last_weights(run: &Path) -> Vec<u8> {
+    let index: Value = serde_json::from_slice(&fs::read(run.join("checkpoints/index.json")).unwrap()).unwrap();
+    fs::read(run.join("checkpoints").join(index["last"].as_str().unwrap()).join("weights.safetensors")).unwrap()
+}
+
+/// metrics.jsonl without the times.
+fn metrics(run: &Path) -> Vec<Value> {
+    let lines = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+    lines
+        .lines()
+        .map(|line| {
+            let mut record: Value = serde_json::from_str(line).unwrap();
+            record.as_object_mut().unwrap().remove("seconds");
+            record
+        })
+        .collect()
+}
+
+#[test]
+fn a_killed_run_resumes_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = write_config(folder.path(), TINY);
+    let (whole, killed) = (folder.path().join("whole"), folder.path().join("killed"));
+    let done = fresh(&mut spring(&whole)).arg("--config").arg(&config).output().unwrap();
+    assert!(done.status.success(), "{}", text(&done));
+
+    // Killed at ever later moments, wherever in a step, a save or a phase that happens to be.
+    let mut kills = 0;
+    for attempt in 0.. {
+        let mut command = spring(&killed);
+        if killed.join("config.toml").exists() {
+            command.arg("--resume");
+        } else {
+            fresh(&mut command).arg("--config").arg(&config);
+        }
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(400 + 450 * attempt));
+        if child.try_wait().unwrap().is_none() {
+            // SIGKILL: nothing can be saved any more.
+            child.kill().unwrap();
+            kills += 1;
+        }
+        let output = child.wait_with_output().unwrap();
+        if output.status.success() {
+            break;
+        }
+        assert!(output.status.code().is_none(), "a run failed by itself: {}", text(&output));
+        assert!(attempt < 40, "the run never finished");
+    }
+    assert!(kills > 0, "the run finished before it could be killed");
+    assert!(last_weights(&whole) == last_weights(&killed), "weights differ after {kills} kills");
+    assert_eq!(metrics(&whole), metrics(&killed));
+    assert_eq!(fs::read(whole.join("log.txt")).unwrap(), fs::read(killed.join("log.txt")).unwrap());
+}
+
+#[test]
+fn sigterm_saves_and_stops() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let config = write_config(folder.path(), &TINY.replace("max_steps = 14", "max_steps = 100000"));
+    let child = fresh(&mut spring(&run)).arg("--config").arg(&config).stdout(Stdio::piped()).spawn().unwrap();
+    let started = std::time::Instant::now();
+    while !run.join("checkpoints/index.json").exists() {
+        assert!(started.elapsed() < Duration::from_secs(60), "no checkpoint after a minute");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let killed = std::process::Command::new("kill").arg(child.id().to_string()).status().unwrap();
+    assert!(killed.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", text(&output));
+    assert!(text(&output).contains("--resume"), "{}", text(&output));
+}

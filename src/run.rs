@@ -52,7 +52,7 @@ struct RunArgs {
     /// Set one key of the config, for example --set join.batch=50; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Run folder [default: runs/<task>/<recipe>/seed=<n>]
+    /// Run folder [default: runs/TASK/RECIPE/seed=N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Folder of the datasets [default: data/datasets]

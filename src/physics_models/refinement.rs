@@ -33,7 +33,7 @@ pub fn refine(cell: &dyn Cell, dt: f64, positions: &Tensor, estimate: State, ste
         let inverse = pseudo_inverse(&jacobian(cell, dt, &first.detach(), frames));
         let residual = trajectory(cell, dt, &first, frames) - positions.flatten(1, 2);
         let step = inverse.bmm(&residual.unsqueeze(-1)).squeeze_dim(-1);
-        first = first - step.clamp(-LARGEST_STEP, LARGEST_STEP);
+        first -= step.clamp(-LARGEST_STEP, LARGEST_STEP);
     }
     cell.roll_out(&State::from_joined(&first), dt, frames).pop().expect("at least one frame")
 }

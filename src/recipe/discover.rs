@@ -107,7 +107,7 @@ impl GradientPhase for Discovery<'_> {
             let moving = guide::moving(&frames, &self.median, self.config.guide.temperature);
             let claims = self.anchors.as_ref().map(|anchors| anchors.claims(&frames, &self.median));
             let guides = guide::loss(&self.config.guide, &encoding, &moving, claims.as_ref(), &self.pixel_centres);
-            total = total + guides * fade;
+            total += guides * fade;
         }
         Ok(StepLoss { total, parts: vec![("recons_loss", reconstruction)] })
     }

@@ -76,7 +76,7 @@ impl GradientPhase for Joint<'_> {
         let losses = Losses::new(&pass, &clips, task);
         let mut total = losses.train(self.config.alpha);
         if let Some(latent) = self.latent_terms(model, &pass) {
-            total = total + latent;
+            total += latent;
         }
         Ok(StepLoss { total, parts: vec![("recons_loss", losses.reconstruction), ("pred_loss", losses.prediction)] })
     }

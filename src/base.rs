@@ -194,7 +194,8 @@ impl<'a> Trainer<'a> {
                 bail!("{}: {}", phase.name(), self.not_finite(&loss, &variables));
             }
             loss.total.backward();
-            optimizer.step(&variables, |name| phase.learning_rate(step, name));
+            let validations = &self.state.validations;
+            optimizer.step(&variables, |name| phase.learning_rate(step, validations, name));
             self.state.step += 1;
             self.state.steps += 1;
             self.state.optimizer_steps += 1;

@@ -15,6 +15,10 @@ use crate::tasks::{self, Task};
 const RECIPES: &[(&str, &str)] =
     &[("fast", include_str!("../configs/fast.toml")), ("paper", include_str!("../configs/paper.toml"))];
 
+/// What a task changes in a recipe: task, recipe, text.
+const TASK_RECIPES: &[(&str, &str, &str)] =
+    &[("mnist_spring_color", "fast", include_str!("../configs/mnist_spring_color/fast.toml"))];
+
 /// A complete run: what, how, where. Saved as `config.toml` in the run folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -125,8 +129,13 @@ pub struct Join {
     pub max_steps: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epochs: Option<u64>,
+    /// Share of the steps after which the rates are divided by `anneal_factor`, at the latest.
     pub anneal_at: f64,
     pub anneal_factor: f64,
+    /// They are divided earlier once the validation score fell by less than this share over `patience` validations, and
+    /// the phase ends as much earlier; 0 switches that off.
+    pub plateau: f64,
+    pub patience: usize,
     /// Weight of the smooth-L1 between rolled-out and encoded positions.
     pub latent: f64,
     /// Weight of the smooth-L1 between estimated and refined velocities.
@@ -159,7 +168,7 @@ pub struct Overrides {
 }
 
 impl Config {
-    /// Merges recipe, task, file and command line, in this order.
+    /// Merges task, recipe, the task's changes to the recipe, file and command line, in this order.
     ///
     /// # Errors
     /// An unreadable file, an unknown key, task or recipe, a value of the wrong type or out of range.
@@ -199,6 +208,9 @@ impl Config {
         };
         let mut merged = task_layer(task);
         merge(&mut merged, parse_layer(recipe_text).expect("the recipes that come with the program are sound"));
+        for (_, _, text) in TASK_RECIPES.iter().filter(|(key, name, _)| *key == task.key && *name == recipe) {
+            merge(&mut merged, parse_layer(text).expect("the recipes that come with the program are sound"));
+        }
         merge(&mut merged, file_layer);
         merge(&mut merged, command_line);
         let config: Config = Value::Table(merged).try_into().context("config")?;

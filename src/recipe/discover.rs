@@ -7,7 +7,7 @@ use anyhow::Result;
 use tch::{Kind, Tensor};
 
 use super::anchors::Anchors;
-use super::{GradientPhase, StepLoss, guide};
+use super::{GradientPhase, StepLoss, guide, plateau_at};
 use crate::config::{Discover, DiscoverStart};
 use crate::datasets::iterators::Clips;
 use crate::physics_models::PhysicsNet;
@@ -112,7 +112,7 @@ impl GradientPhase for Discovery<'_> {
         Ok(StepLoss { total, parts: vec![("recons_loss", reconstruction)] })
     }
 
-    fn learning_rate(&self, _step: u64, _variable: &str) -> f64 {
+    fn learning_rate(&self, _step: u64, _validations: &[f64], _variable: &str) -> f64 {
         self.config.learning_rate
     }
 
@@ -132,14 +132,9 @@ impl GradientPhase for Discovery<'_> {
     }
 
     /// Done when L_rec has stopped falling, the guides being off.
-    fn finished(&self, step: u64, validations: &[f64]) -> bool {
-        let patience = self.config.patience;
-        let unguided = (step.saturating_sub(self.config.guide.zero_from) / self.config.validate_every) as usize;
-        if validations.len() <= patience || unguided < patience {
-            return false;
-        }
-        let (before, recent) = validations.split_at(validations.len() - patience);
-        let least = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
-        least(recent) > (1.0 - self.config.plateau) * least(before)
+    fn finished(&self, _step: u64, validations: &[f64]) -> bool {
+        let guided = (self.config.guide.zero_from / self.config.validate_every) as usize;
+        let unguided = validations.get(guided..).unwrap_or_default();
+        plateau_at(unguided, self.config.patience, self.config.plateau).is_some()
     }
 }

@@ -7,7 +7,7 @@
 use anyhow::Result;
 use tch::Tensor;
 
-use super::{GradientPhase, StepLoss};
+use super::{GradientPhase, StepLoss, plateau_at};
 use crate::base;
 use crate::config::Join;
 use crate::datasets::iterators::{Clips, ShuffledBatches};
@@ -22,7 +22,7 @@ pub struct Joint<'a> {
     valid: &'a Clips,
     batches: ShuffledBatches,
     max_steps: u64,
-    /// The step from which the learning rates are divided.
+    /// The step from which the learning rates are divided at the latest.
     anneal_from: u64,
 }
 
@@ -41,6 +41,15 @@ impl<'a> Joint<'a> {
             }
         };
         Ok(Joint { config, train, valid, batches, max_steps, anneal_from })
+    }
+
+    /// The step from which the rates are divided: where the validation score stands still, at the latest `anneal_from`.
+    fn anneal_start(&self, validations: &[f64]) -> u64 {
+        if self.config.plateau == 0.0 {
+            return self.anneal_from;
+        }
+        plateau_at(validations, self.config.patience, self.config.plateau)
+            .map_or(self.anneal_from, |place| self.anneal_from.min(place as u64 * self.config.validate_every))
     }
 
     /// The two latent terms of a pass, weighted; none where switched off.
@@ -81,14 +90,19 @@ impl GradientPhase for Joint<'_> {
         Ok(StepLoss { total, parts: vec![("recons_loss", losses.reconstruction), ("pred_loss", losses.prediction)] })
     }
 
-    fn learning_rate(&self, step: u64, variable: &str) -> f64 {
+    fn learning_rate(&self, step: u64, validations: &[f64], variable: &str) -> f64 {
         let physical = variable.contains("_cell.");
         let base = if physical { self.config.physics_learning_rate } else { self.config.learning_rate };
-        if step >= self.anneal_from { base / self.config.anneal_factor } else { base }
+        if step >= self.anneal_start(validations) { base / self.config.anneal_factor } else { base }
     }
 
     fn validate_every(&self) -> u64 {
         self.config.validate_every
+    }
+
+    /// Done when as many steps have been taken at the divided rates as the schedule has at its end.
+    fn finished(&self, step: u64, validations: &[f64]) -> bool {
+        step >= self.anneal_start(validations) + (self.max_steps - self.anneal_from)
     }
 
     /// `L_pred + alpha L_rec` on the validation split.

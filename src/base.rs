@@ -181,12 +181,12 @@ impl<'a> Trainer<'a> {
         if let Some(slots) = slots {
             optimizer.restore(self.state.optimizer_steps, slots)?;
         }
-        let progress = Progress::new(phase.name(), phase.max_steps(), self.state.step);
+        let progress = Progress::new(phase.name(), phase.timetable().max_steps(), self.state.step);
         // As in the original, a validation stands before the first step and after every so many.
         if self.state.step == 0 {
             self.validate(phase, &progress)?;
         }
-        while self.state.step < phase.max_steps() && !phase.finished(self.state.step, &self.state.validations) {
+        while !phase.timetable().finished(self.state.step, &self.state.validations) {
             let step = self.state.step;
             let loss = phase.loss(self.model, step)?;
             let value = loss.total.double_value(&[]);
@@ -194,8 +194,8 @@ impl<'a> Trainer<'a> {
                 bail!("{}: {}", phase.name(), self.not_finite(&loss, &variables));
             }
             loss.total.backward();
-            let validations = &self.state.validations;
-            optimizer.step(&variables, |name| phase.learning_rate(step, validations, name));
+            let factor = phase.timetable().factor(step, &self.state.validations);
+            optimizer.step(&variables, |name| phase.learning_rate(name) * factor);
             self.state.step += 1;
             self.state.steps += 1;
             self.state.optimizer_steps += 1;
@@ -203,7 +203,7 @@ impl<'a> Trainer<'a> {
             if self.state.step.is_multiple_of(self.config.output.print_every) {
                 self.print(phase, &progress, value, &loss)?;
             }
-            let validated = self.state.step.is_multiple_of(phase.validate_every());
+            let validated = self.state.step.is_multiple_of(phase.timetable().validate_every());
             let best = validated && self.validate(phase, &progress)?;
             let stop = interrupt::asked();
             if best || stop || self.state.step.is_multiple_of(self.config.output.checkpoint_every) {

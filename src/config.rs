@@ -9,6 +9,7 @@ use toml::{Table, Value};
 
 use crate::optimizers::Rule;
 use crate::physics_models::ModelOptions;
+use crate::recipe::schedule::Schedule;
 use crate::tasks::{self, Task};
 
 /// The recipes that come with the program, by name.
@@ -64,10 +65,7 @@ pub struct Discover {
     /// Frames in a step.
     pub frames: usize,
     pub max_steps: u64,
-    pub validate_every: u64,
-    /// Ends when the validation L_rec fell by less than this share over `patience` validations.
-    pub plateau: f64,
-    pub patience: usize,
+    pub schedule: Schedule,
     pub start: DiscoverStart,
     pub guide: Guide,
 }
@@ -129,18 +127,11 @@ pub struct Join {
     pub max_steps: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epochs: Option<u64>,
-    /// Share of the steps after which the rates are divided by `anneal_factor`, at the latest.
-    pub anneal_at: f64,
-    pub anneal_factor: f64,
-    /// They are divided earlier once the validation score fell by less than this share over `patience` validations, and
-    /// the phase ends as much earlier; 0 switches that off.
-    pub plateau: f64,
-    pub patience: usize,
+    pub schedule: Schedule,
     /// Weight of the smooth-L1 between rolled-out and encoded positions.
     pub latent: f64,
     /// Weight of the smooth-L1 between estimated and refined velocities.
     pub velocity: f64,
-    pub validate_every: u64,
     /// Clips of the validation split that are scored; all if there are fewer.
     pub validation_clips: usize,
 }
@@ -248,7 +239,7 @@ impl Config {
         );
         ensure!(join.batch > 0, "config: join.batch must be at least 1");
         for (key, every) in [
-            ("join.validate_every", join.validate_every),
+            ("join.schedule.validate_every", join.schedule.validate_every),
             ("output.print_every", self.output.print_every),
             ("output.checkpoint_every", self.output.checkpoint_every),
         ] {
@@ -264,6 +255,12 @@ impl Config {
         }
         for (symbol, value) in &self.start {
             ensure!(*value > 0.0, "config: start.{symbol} = {value}: must be positive");
+        }
+        if let Some(discover) = &self.discover {
+            ensure!(
+                discover.schedule.validate_every > 0,
+                "config: discover.schedule.validate_every must be at least 1"
+            );
         }
         if let Some(identify) = &self.identify {
             ensure!(

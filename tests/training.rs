@@ -54,9 +54,9 @@ fn a_short_training_finds_balls_and_spring() {
 }
 
 /// A run so small that it takes seconds, with checkpoints between validations and at phase ends.
-const TINY: &str = "[discover]\nframes = 8\nmax_steps = 14\nvalidate_every = 5\n[discover.guide]\nfull_until = 4\n\
+const TINY: &str = "[discover]\nframes = 8\nmax_steps = 14\n[discover.schedule]\nvalidate_every = 5\n[discover.guide]\nfull_until = 4\n\
     zero_from = 8\n[identify]\nclips = 6\nhorizons = [3, 5]\nmax_iterations = 3\n\
-    [join]\nbatch = 4\nmax_steps = 12\nvalidate_every = 5\nvalidation_clips = 4\n\
+    [join]\nbatch = 4\nmax_steps = 12\nvalidation_clips = 4\n[join.schedule]\nvalidate_every = 5\n\
     [output]\nprint_every = 2\ncheckpoint_every = 3\nexamples = 0\n";
 
 fn last_weights(run: &Path) -> Vec<u8> {

@@ -7,7 +7,8 @@ use anyhow::Result;
 use tch::{Kind, Tensor};
 
 use super::anchors::Anchors;
-use super::{GradientPhase, StepLoss, guide, plateau_at};
+use super::schedule::Timetable;
+use super::{GradientPhase, StepLoss, guide};
 use crate::config::{Discover, DiscoverStart};
 use crate::datasets::iterators::Clips;
 use crate::physics_models::PhysicsNet;
@@ -30,6 +31,7 @@ const LOGIT_MARGIN: f64 = 0.002;
 #[derive(Debug)]
 pub struct Discovery<'a> {
     config: &'a Discover,
+    timetable: Timetable<'a>,
     train: &'a Clips,
     seed: u64,
     median: Tensor,
@@ -51,8 +53,11 @@ impl<'a> Discovery<'a> {
         let anchors = (config.guide.colour > 0.0)
             .then(|| Anchors::find(&frames, &median, &moving, model.task.objects, seed))
             .flatten();
+        // Scores under the guides say nothing about the plain loss.
+        let guided = (config.guide.zero_from / config.schedule.validate_every) as usize;
         Discovery {
             config,
+            timetable: Timetable::new(&config.schedule, config.max_steps, 1, guided),
             train,
             seed,
             median,
@@ -92,8 +97,8 @@ impl GradientPhase for Discovery<'_> {
         Ok(())
     }
 
-    fn max_steps(&self) -> u64 {
-        self.config.max_steps
+    fn timetable(&self) -> &Timetable<'_> {
+        &self.timetable
     }
 
     fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
@@ -112,12 +117,8 @@ impl GradientPhase for Discovery<'_> {
         Ok(StepLoss { total, parts: vec![("recons_loss", reconstruction)] })
     }
 
-    fn learning_rate(&self, _step: u64, _validations: &[f64], _variable: &str) -> f64 {
+    fn learning_rate(&self, _variable: &str) -> f64 {
         self.config.learning_rate
-    }
-
-    fn validate_every(&self) -> u64 {
-        self.config.validate_every
     }
 
     /// L_rec on frames of the validation split.
@@ -129,12 +130,5 @@ impl GradientPhase for Discovery<'_> {
             mean.add(&frame_error(&rendering.frames.unsqueeze(1), &frames.unsqueeze(1)), frames.size()[0] as f64);
         }
         Ok(mean.value())
-    }
-
-    /// Done when L_rec has stopped falling, the guides being off.
-    fn finished(&self, _step: u64, validations: &[f64]) -> bool {
-        let guided = (self.config.guide.zero_from / self.config.validate_every) as usize;
-        let unguided = validations.get(guided..).unwrap_or_default();
-        plateau_at(unguided, self.config.patience, self.config.plateau).is_some()
     }
 }

@@ -7,7 +7,8 @@
 use anyhow::Result;
 use tch::Tensor;
 
-use super::{GradientPhase, StepLoss, plateau_at};
+use super::schedule::Timetable;
+use super::{GradientPhase, StepLoss};
 use crate::base;
 use crate::config::Join;
 use crate::datasets::iterators::{Clips, ShuffledBatches};
@@ -21,9 +22,7 @@ pub struct Joint<'a> {
     train: &'a Clips,
     valid: &'a Clips,
     batches: ShuffledBatches,
-    max_steps: u64,
-    /// The step from which the learning rates are divided at the latest.
-    anneal_from: u64,
+    timetable: Timetable<'a>,
 }
 
 impl<'a> Joint<'a> {
@@ -31,25 +30,11 @@ impl<'a> Joint<'a> {
     /// A training split smaller than a batch.
     pub fn new(config: &'a Join, train: &'a Clips, valid: &'a Clips, seed: u64) -> Result<Self> {
         let batches = ShuffledBatches::new(train.len(), config.batch, seed)?;
-        // The original anneals at the start of epoch int(0.75 epochs).
-        let share = |total: u64| (config.anneal_at * total as f64) as u64;
-        let (max_steps, anneal_from) = match (config.max_steps, config.epochs) {
-            (Some(steps), _) => (steps, share(steps)),
-            (None, epochs) => {
-                let epochs = epochs.unwrap_or(0);
-                (epochs * batches.steps_per_epoch(), share(epochs) * batches.steps_per_epoch())
-            }
+        let timetable = match (config.max_steps, config.epochs) {
+            (Some(steps), _) => Timetable::new(&config.schedule, steps, 1, 0),
+            (None, epochs) => Timetable::new(&config.schedule, epochs.unwrap_or(0), batches.steps_per_epoch(), 0),
         };
-        Ok(Joint { config, train, valid, batches, max_steps, anneal_from })
-    }
-
-    /// The step from which the rates are divided: where the validation score stands still, at the latest `anneal_from`.
-    fn anneal_start(&self, validations: &[f64]) -> u64 {
-        if self.config.plateau == 0.0 {
-            return self.anneal_from;
-        }
-        plateau_at(validations, self.config.patience, self.config.plateau)
-            .map_or(self.anneal_from, |place| self.anneal_from.min(place as u64 * self.config.validate_every))
+        Ok(Joint { config, train, valid, batches, timetable })
     }
 
     /// The two latent terms of a pass, weighted; none where switched off.
@@ -74,8 +59,8 @@ impl GradientPhase for Joint<'_> {
         "join"
     }
 
-    fn max_steps(&self) -> u64 {
-        self.max_steps
+    fn timetable(&self) -> &Timetable<'_> {
+        &self.timetable
     }
 
     fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
@@ -90,19 +75,9 @@ impl GradientPhase for Joint<'_> {
         Ok(StepLoss { total, parts: vec![("recons_loss", losses.reconstruction), ("pred_loss", losses.prediction)] })
     }
 
-    fn learning_rate(&self, step: u64, validations: &[f64], variable: &str) -> f64 {
+    fn learning_rate(&self, variable: &str) -> f64 {
         let physical = variable.contains("_cell.");
-        let base = if physical { self.config.physics_learning_rate } else { self.config.learning_rate };
-        if step >= self.anneal_start(validations) { base / self.config.anneal_factor } else { base }
-    }
-
-    fn validate_every(&self) -> u64 {
-        self.config.validate_every
-    }
-
-    /// Done when as many steps have been taken at the divided rates as the schedule has at its end.
-    fn finished(&self, step: u64, validations: &[f64]) -> bool {
-        step >= self.anneal_start(validations) + (self.max_steps - self.anneal_from)
+        if physical { self.config.physics_learning_rate } else { self.config.learning_rate }
     }
 
     /// `L_pred + alpha L_rec` on the validation split.

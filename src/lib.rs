@@ -17,6 +17,7 @@ pub mod recipe;
 pub mod run;
 pub mod run_folder;
 pub mod stn;
+pub mod sweep;
 pub mod tasks;
 pub mod variable_names;
 pub mod viz;

@@ -15,27 +15,59 @@ const LARGEST_STEP: f64 = 5.0;
 /// to 64 px over a few frames, small against the length on which forces vary.
 const PROBE: f64 = 0.05;
 
-/// The state at the last of `positions` (`[batch, L, 2 * objects]`), refined from `estimate` at the same frame.
+/// The state at the last of `positions` (`[batch, L, 2 * objects]`), refined by `steps` Gauss-Newton steps.
 ///
-/// The unknown is the state at the first input frame, so any cell will do: it is rolled forward only. Differentiable
-/// with respect to the positions and the cell's parameters, the Jacobian held fixed.
+/// The unknown is the state at the first input frame, so any cell will do. All but the last step are taken from several
+/// starts without gradient, and the one that fits best is kept: where a motion has kinks (a ball that bounced during
+/// the input) a single start is often on the wrong side of one. The last step is differentiable with respect to the
+/// positions and the cell's parameters, the Jacobian held fixed; `estimate` itself gets no gradient.
 pub fn refine(cell: &dyn Cell, dt: f64, positions: &Tensor, estimate: State, steps: usize) -> State {
     let frames = positions.size()[1] as usize - 1;
     if steps == 0 || frames == 0 {
         return estimate;
     }
-    let mut first = estimate;
-    for _ in 0..frames {
-        first = cell.step(&first, -dt);
-    }
-    let mut first = first.joined();
-    for _ in 0..steps {
-        let inverse = pseudo_inverse(&jacobian(cell, dt, &first.detach(), frames));
-        let residual = trajectory(cell, dt, &first, frames) - positions.flatten(1, 2);
-        let step = inverse.bmm(&residual.unsqueeze(-1)).squeeze_dim(-1);
-        first -= step.clamp(-LARGEST_STEP, LARGEST_STEP);
-    }
+    let observed = positions.flatten(1, 2);
+    let start = best_start(cell, dt, positions, &estimate, steps - 1);
+    let first = gauss_newton_step(cell, dt, &start, &observed, frames);
     cell.roll_out(&State::from_joined(&first), dt, frames).pop().expect("at least one frame")
+}
+
+/// The best of several starts after `steps` steps each, `[batch, 4 * objects]`, without gradient: the estimate rolled
+/// back, and the difference of each pair of neighbouring frames rolled back.
+fn best_start(cell: &dyn Cell, dt: f64, positions: &Tensor, estimate: &State, steps: usize) -> Tensor {
+    let _guard = tch::no_grad_guard();
+    let frames = positions.size()[1] as usize - 1;
+    let rolled_back = |mut state: State, frames: usize| {
+        for _ in 0..frames {
+            state = cell.step(&state, -dt);
+        }
+        state.joined()
+    };
+    let mut starts = vec![rolled_back(estimate.detach(), frames)];
+    for frame in 0..frames {
+        let (now, next) = (positions.select(1, frame as i64), positions.select(1, frame as i64 + 1));
+        starts.push(rolled_back(State { vel: (next - &now) / dt, pos: now }, frame));
+    }
+    let count = starts.len() as i64;
+    let mut firsts = Tensor::cat(&starts, 0);
+    let observed = positions.flatten(1, 2).repeat([count, 1]);
+    for _ in 0..steps {
+        firsts = gauss_newton_step(cell, dt, &firsts, &observed, frames);
+    }
+    let residual = trajectory(cell, dt, &firsts, frames) - observed;
+    let misfit = residual.square().sum_dim_intlist([1i64].as_slice(), false, None).reshape([count, -1]);
+    let (batch, unknowns) = (positions.size()[0], firsts.size()[1]);
+    let best = misfit.argmin(0, true).unsqueeze(-1).expand([1, batch, unknowns], false);
+    firsts.reshape([count, batch, unknowns]).gather(0, &best, false).squeeze_dim(0)
+}
+
+/// One damped Gauss-Newton step of states at the first frame towards the observed positions
+/// `[batch, (frames + 1) * 2 * objects]`.
+fn gauss_newton_step(cell: &dyn Cell, dt: f64, first: &Tensor, observed: &Tensor, frames: usize) -> Tensor {
+    let inverse = pseudo_inverse(&jacobian(cell, dt, &first.detach(), frames));
+    let residual = trajectory(cell, dt, first, frames) - observed;
+    let step = inverse.bmm(&residual.unsqueeze(-1)).squeeze_dim(-1);
+    first - step.clamp(-LARGEST_STEP, LARGEST_STEP)
 }
 
 /// Positions of `frames + 1` frames from states `[batch, 4 * objects]`, as `[batch, (frames + 1) * 2 * objects]`.

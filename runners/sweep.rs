@@ -1,0 +1,120 @@
+//! Runs tasks x seeds, a few at a time. See `sweep --help`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::Parser;
+use paig::run::exit_code;
+use paig::sweep::{self, Plan, Summary};
+use paig::tasks;
+
+/// Trains tasks x seeds as processes of run_physics, a few at a time.
+///
+/// A run goes to OUT/TASK/RECIPE/seed=N (or OUT/TASK/RECIPE-NAME/seed=N), what it prints to output.log there. Given
+/// again, the same command skips what has finished (a file DONE marks it) and goes on with what was cut off. A run
+/// that fails stops no other one; the exit code is 1 then, and 130 if the sweep was stopped (Ctrl-C: the runs save).
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Examples:\n  sweep --task spring_color --task 3bp_color --seeds 0-9 --jobs 2\n  \
+                  sweep --task spring_color --seeds 0-4 --set join.latent=0 --name no-latent\n  \
+                  sweep --task spring_color --seeds 0-9 --dry-run > commands.txt && parallel < commands.txt"
+)]
+struct Arguments {
+    /// System to learn; may be repeated
+    #[arg(long, required = true, value_parser = tasks::TASKS.iter().map(|task| task.key).collect::<Vec<_>>())]
+    task: Vec<String>,
+    /// Seeds, such as 0-9 or 1,4,7-8
+    #[arg(long, default_value = "0")]
+    seeds: String,
+    /// Recipe: fast or paper
+    #[arg(long, default_value = "fast")]
+    recipe: String,
+    /// A config (TOML) with what differs from the recipe
+    #[arg(long, value_name = "FILE", requires = "name")]
+    config: Option<PathBuf>,
+    /// Set one key of the config, for example --set join.batch=50; may be repeated
+    #[arg(long, value_name = "KEY=VALUE", requires = "name")]
+    set: Vec<String>,
+    /// Name of a changed recipe, for the run folders
+    #[arg(long)]
+    name: Option<String>,
+    /// Runs at a time
+    #[arg(long, default_value_t = 1)]
+    jobs: usize,
+    /// Threads of each run [default: cores / jobs]
+    #[arg(long, value_name = "N")]
+    threads_per_run: Option<usize>,
+    /// Folder of the runs
+    #[arg(long, default_value = "runs")]
+    out: PathBuf,
+    /// Folder of the datasets [default: data/datasets]
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// cpu, cuda or cuda:n [default: cpu]
+    #[arg(long)]
+    device: Option<String>,
+    /// Run nothing: print a command for each run, one a line, for GNU parallel, a Slurm array or HyperQueue
+    #[arg(long)]
+    dry_run: bool,
+}
+
+fn main() -> ExitCode {
+    exit_code(run(Arguments::parse()))
+}
+
+fn run(arguments: Arguments) -> Result<ExitCode> {
+    ensure!(arguments.jobs > 0, "--jobs must be at least 1");
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let plan = Plan {
+        tasks: unique(arguments.task),
+        seeds: unique(sweep::parse_seeds(&arguments.seeds)?),
+        recipe: arguments.recipe,
+        name: arguments.name,
+        config: arguments.config,
+        set: arguments.set,
+        data: arguments.data,
+        device: arguments.device,
+        threads: arguments.threads_per_run.unwrap_or((cores / arguments.jobs).max(1)),
+        out: arguments.out,
+    };
+    ensure!(plan.threads > 0, "--threads-per-run must be at least 1");
+    let jobs = plan.jobs()?;
+    let this = std::env::current_exe().context("cannot find this program's own place")?;
+    if arguments.dry_run {
+        for command in plan.commands(&this)? {
+            println!("{command}");
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    let program = this.with_file_name("run_physics");
+    ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
+    let summary = sweep::run(&program, &jobs, arguments.jobs)?;
+    Ok(ExitCode::from(conclude(&summary)))
+}
+
+/// Prints how the sweep ended; returns the exit code.
+fn conclude(summary: &Summary) -> u8 {
+    let Summary { finished, skipped, stopped, failed } = summary;
+    println!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed", failed.len());
+    for output in failed {
+        println!("failed: see {}", output.display());
+    }
+    match (failed.is_empty(), stopped) {
+        (false, _) => 1,
+        (true, 0) => 0,
+        (true, _) => 130,
+    }
+}
+
+/// Without the repetitions, in the order given: a run folder takes one run.
+fn unique<T: PartialEq>(values: Vec<T>) -> Vec<T> {
+    let mut kept = Vec::new();
+    for value in values {
+        if !kept.contains(&value) {
+            kept.push(value);
+        }
+    }
+    kept
+}

@@ -1,0 +1,113 @@
+//! When the learning rates fall and a phase ends: by a criterion on validation scores, at the latest by a count.
+//!
+//! The original divides its rate by 5 at 75 % of the epochs; with `plateau` 0 that is all that happens.
+
+use serde::{Deserialize, Serialize};
+
+/// The keys of a schedule, the same in every phase that descends a loss.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Schedule {
+    pub validate_every: u64,
+    /// Share of the steps after which the rates are divided by `anneal_factor`, at the latest.
+    pub anneal_at: f64,
+    pub anneal_factor: f64,
+    /// They are divided earlier once the best validation score fell by less than this share over `patience` validations,
+    /// and the phase ends as much earlier; 0 switches that off.
+    pub plateau: f64,
+    pub patience: usize,
+}
+
+/// A schedule laid out over a number of steps.
+#[derive(Debug)]
+pub struct Timetable<'a> {
+    schedule: &'a Schedule,
+    max_steps: u64,
+    /// The step from which the rates are divided at the latest.
+    anneal_from: u64,
+    /// Validations at the start that do not count.
+    ignored: usize,
+}
+
+impl<'a> Timetable<'a> {
+    /// Over `units` of `steps_per_unit` steps (the original counts epochs, and anneals at the start of a whole one). The
+    /// first `ignored` validations do not enter the criterion.
+    pub fn new(schedule: &'a Schedule, units: u64, steps_per_unit: u64, ignored: usize) -> Self {
+        let anneal_from = (schedule.anneal_at * units as f64) as u64 * steps_per_unit;
+        Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, ignored }
+    }
+
+    pub fn max_steps(&self) -> u64 {
+        self.max_steps
+    }
+
+    pub fn validate_every(&self) -> u64 {
+        self.schedule.validate_every
+    }
+
+    /// The step from which the rates are divided, as far as the scores so far tell.
+    fn anneal_start(&self, validations: &[f64]) -> u64 {
+        let Schedule { plateau, patience, validate_every, .. } = *self.schedule;
+        if plateau == 0.0 {
+            return self.anneal_from;
+        }
+        let counted = validations.get(self.ignored..).unwrap_or_default();
+        plateau_at(counted, patience, plateau)
+            .map_or(self.anneal_from, |place| self.anneal_from.min((place + self.ignored) as u64 * validate_every))
+    }
+
+    /// What a learning rate is multiplied by at a step.
+    pub fn factor(&self, step: u64, validations: &[f64]) -> f64 {
+        if step >= self.anneal_start(validations) { 1.0 / self.schedule.anneal_factor } else { 1.0 }
+    }
+
+    /// Whether as many steps have been taken at the divided rates as there are at the end of the whole timetable.
+    pub fn finished(&self, step: u64, validations: &[f64]) -> bool {
+        step >= self.anneal_start(validations) + (self.max_steps - self.anneal_from)
+    }
+}
+
+/// The first validation (as an index) at which the best of the last `patience` scores is less than a share of `plateau`
+/// below the best before them.
+fn plateau_at(validations: &[f64], patience: usize, plateau: f64) -> Option<usize> {
+    let least = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
+    (patience + 1..=validations.len()).map(|seen| &validations[..seen]).find_map(|seen| {
+        let (before, recent) = seen.split_at(seen.len() - patience);
+        (least(recent) > (1.0 - plateau) * least(before)).then_some(seen.len() - 1)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Schedule, Timetable, plateau_at};
+
+    #[test]
+    fn a_plateau_is_where_the_recent_scores_stopped_falling() {
+        let falling = [8.0, 4.0, 2.0, 1.0, 0.5];
+        assert_eq!(plateau_at(&falling, 2, 0.1), None);
+        let standing = [8.0, 4.0, 2.0, 1.95, 1.9, 1.0];
+        // At index 4 the best of two, 1.9, is within 10 % of the best before, 2.0.
+        assert_eq!(plateau_at(&standing, 2, 0.1), Some(4));
+        assert_eq!(plateau_at(&standing, 2, 0.01), None);
+        assert_eq!(plateau_at(&[1.0, 1.0], 2, 0.1), None);
+    }
+
+    #[test]
+    fn the_original_anneals_at_epoch_three_quarters() {
+        let schedule = Schedule { validate_every: 250, anneal_at: 0.75, anneal_factor: 5.0, plateau: 0.0, patience: 0 };
+        let timetable = Timetable::new(&schedule, 10, 50, 0);
+        // int(0.75 * 10) = 7 epochs of 50 steps.
+        assert_eq!([349, 350].map(|step| timetable.factor(step, &[1.0; 9])), [1.0, 0.2]);
+        assert_eq!([499, 500].map(|step| timetable.finished(step, &[1.0; 9])), [false, true]);
+    }
+
+    #[test]
+    fn a_plateau_brings_annealing_and_end_forward() {
+        let schedule = Schedule { validate_every: 10, anneal_at: 0.5, anneal_factor: 5.0, plateau: 0.1, patience: 2 };
+        let timetable = Timetable::new(&schedule, 200, 1, 1);
+        // The first score does not count; the plateau of the rest is seen at their index 2, validation 3, step 30.
+        let scores = [0.1, 4.0, 4.0, 4.0];
+        assert_eq!([29, 30].map(|step| timetable.factor(step, &scores)), [1.0, 0.2]);
+        assert_eq!([129, 130].map(|step| timetable.finished(step, &scores)), [false, true]);
+    }
+}

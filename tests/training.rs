@@ -131,3 +131,17 @@ fn sigterm_saves_and_stops() {
     assert_eq!(output.status.code(), Some(130), "{}", text(&output));
     assert!(text(&output).contains("--resume"), "{}", text(&output));
 }
+
+#[test]
+fn divergence_stops_the_run_and_names_tensor_and_step() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let config = write_config(folder.path(), TINY);
+    let mut command = spring(&run);
+    fresh(&mut command).arg("--config").arg(&config).args(["--set", "discover.learning_rate=1e30"]);
+    let output = command.output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.starts_with("error: discover: ") && said.contains("not finite at step "), "{said}");
+    assert!(!run.join("summary.json").exists());
+}

@@ -1,5 +1,8 @@
 //! Where a run computes, and the line that says so.
 
+use std::os::unix::process::CommandExt;
+use std::process::Command;
+
 use anyhow::{Context, Result, bail, ensure};
 use tch::{Cuda, Device};
 
@@ -28,6 +31,21 @@ pub fn parse(text: &str) -> Result<Device> {
         Cuda::device_count()
     );
     Ok(device)
+}
+
+/// Lets OpenMP's threads sleep while they wait, by starting the program over with `OMP_WAIT_POLICY=passive`.
+///
+/// libgomp reads the variable when it is loaded, before `main`. Its default, to spin, makes a training several times
+/// slower as soon as anything else runs on the machine. Results do not depend on it. A value the user has set stands.
+pub fn wait_passively() {
+    const POLICY: &str = "OMP_WAIT_POLICY";
+    if std::env::var_os(POLICY).is_some() {
+        return;
+    }
+    if let Ok(program) = std::env::current_exe() {
+        // On success this does not return; on failure the run goes on as it is, only slower.
+        let _ = Command::new(program).args(std::env::args_os().skip(1)).env(POLICY, "passive").exec();
+    }
 }
 
 /// Sets the number of threads libtorch computes with; 0 takes one for each core. Returns the number.

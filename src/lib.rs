@@ -1,4 +1,9 @@
-//! Physics-as-Inverse-Graphics.
+//! Physics-as-Inverse-Graphics: objects, positions and physical parameters from unlabelled video.
+//!
+//! A port of Jaques, Burke, Hospedales, *Physics-as-Inverse-Graphics: Unsupervised Physical Parameter Estimation from
+//! Video* (ICLR 2020) and of its TensorFlow 1 code onto libtorch. Modules are named after the original's files. To read
+//! it beside the paper, follow the data: [`tasks`], [`physics_models`] (encoder, velocity, decoder, losses), [`cells`],
+//! [`stn`], then [`recipe`] and [`base`] for the training.
 
 pub mod base;
 pub mod blocks;
@@ -14,6 +19,7 @@ pub mod optimizers;
 pub mod physics_models;
 pub mod progress;
 pub mod recipe;
+pub mod report;
 pub mod run;
 pub mod run_folder;
 pub mod stn;

@@ -88,7 +88,7 @@ fn points(records: &[Record], kind: Option<Kind>, name: &str) -> Vec<(f64, f64)>
 }
 
 /// Draws panels of equal height, one above the other.
-fn write(path: &Path, height: u32, panels: Vec<Panel>) -> Result<()> {
+pub(super) fn write(path: &Path, height: u32, panels: Vec<Panel>) -> Result<()> {
     let mut canvas = Canvas::new(WIDTH, height);
     {
         let area = canvas.area();

@@ -14,6 +14,7 @@ mod masks;
 mod metrics;
 mod outputs;
 mod sections;
+pub mod seeds;
 mod sprites;
 
 use std::fs;

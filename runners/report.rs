@@ -1,0 +1,37 @@
+//! Writes a report of run folders. See `report --help`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Parser;
+use paig::report;
+use paig::run::exit_code;
+
+/// Writes a report of all runs in and under the given folders: report.md, report.html (one file, with its pictures),
+/// results.json.
+///
+/// Every run counts, also those that failed or have not finished; the tables say how many seeds were tried and how
+/// many succeeded, beside the published numbers.
+#[derive(Parser)]
+#[command(version, after_help = "Example:\n  report runs --out report")]
+struct Arguments {
+    /// Run folders, or folders that hold some
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+    /// Folder of the report; what an earlier report left there is replaced
+    #[arg(long, default_value = "report")]
+    out: PathBuf,
+}
+
+fn main() -> ExitCode {
+    exit_code(run(&Arguments::parse()))
+}
+
+fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let found = report::write(&arguments.runs, &arguments.out)?;
+    let report::Found { finished, unfinished, unreadable } = found;
+    println!("{finished} finished, {unfinished} unfinished, {unreadable} unreadable runs");
+    println!("{}", arguments.out.join("report.html").display());
+    Ok(ExitCode::SUCCESS)
+}

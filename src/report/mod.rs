@@ -1,0 +1,59 @@
+//! A report of many runs: report.md, report.html (one file, nothing loaded from anywhere) and results.json.
+//!
+//! Every run found under the given folders is counted; nothing is selected. The numbers come from each run's
+//! `summary.json` and `metrics.jsonl`, the published ones from one table, [`published`].
+
+mod criteria;
+mod groups;
+mod html;
+mod page;
+mod pictures;
+mod published;
+mod reproduce;
+mod results;
+mod runs;
+mod statistics;
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+
+use crate::durable;
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Found {
+    pub finished: usize,
+    pub unfinished: usize,
+    /// Folders with a config or a summary that cannot be read.
+    pub unreadable: usize,
+}
+
+/// Reads all run folders in and under `folders` and writes the report of them into `out`.
+///
+/// # Errors
+/// A folder that cannot be listed, no run at all, an output folder that cannot be written. A run that is damaged is
+/// no error: the report says so.
+pub fn write(folders: &[PathBuf], out: &Path) -> Result<Found> {
+    let found = runs::find(folders)?;
+    let places: Vec<_> = folders.iter().map(|folder| folder.display().to_string()).collect();
+    ensure!(
+        !found.runs.is_empty() || !found.unreadable.is_empty(),
+        "there is no run folder (a folder with a config.toml and a metrics.jsonl) in {}",
+        places.join(", ")
+    );
+    let groups = groups::group(found.runs);
+    fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+    let pictures = pictures::write(out, &groups)?;
+    let markdown = page::write(&groups, &found.unreadable, &pictures, &places)?;
+    let results = results::of(&groups);
+    durable::write_file(&out.join("results.json"), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
+    durable::write_file(&out.join("report.md"), |file| Ok(file.write_all(markdown.as_bytes())?))?;
+    let html = html::render(&markdown, out)?;
+    durable::write_file(&out.join("report.html"), |file| Ok(file.write_all(html.as_bytes())?))?;
+    let runs = || groups.iter().flat_map(|group| &group.runs);
+    let finished = runs().filter(|run| run.summary.is_some()).count();
+    Ok(Found { finished, unfinished: runs().count() - finished, unreadable: found.unreadable.len() })
+}

@@ -1,0 +1,92 @@
+//! The report's pictures: plots over all seeds, and those that single runs made.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+
+use super::groups::Group;
+use super::runs::Run;
+use crate::durable;
+use crate::viz::seeds::{self, Outcome, Trace};
+
+/// Examples shown of a run.
+const EXAMPLES: usize = 2;
+
+/// One picture, with its place relative to the report.
+#[derive(Debug)]
+pub(super) struct Picture {
+    pub caption: String,
+    pub path: String,
+}
+
+/// The pictures of a group.
+#[derive(Debug, Default)]
+pub(super) struct Pictures {
+    pub losses: Option<Picture>,
+    pub parameters: Option<Picture>,
+    /// Of the shown runs, each with its pictures in the order of the paper's figures.
+    pub runs: Vec<(String, Vec<Picture>)>,
+}
+
+/// Draws and copies the pictures of each group into `out/pictures`.
+pub(super) fn write(out: &Path, groups: &[Group]) -> Result<Vec<Pictures>> {
+    let folder = out.join("pictures");
+    fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    groups
+        .iter()
+        .enumerate()
+        .map(|(place, group)| of_group(out, &format!("pictures/{place}-{}", group.task.key), group))
+        .collect()
+}
+
+fn of_group(out: &Path, prefix: &str, group: &Group) -> Result<Pictures> {
+    let traces: Vec<(Outcome, &Trace)> =
+        group.runs.iter().filter_map(|run| Some((run.outcome(), run.trace.as_ref().ok()?))).collect();
+    let mut pictures = Pictures::default();
+    let path = format!("{prefix}-losses.png");
+    if seeds::write_losses(&out.join(&path), group.task, &traces)? {
+        pictures.losses = Some(Picture { caption: "validation losses of all seeds".into(), path });
+    }
+    let path = format!("{prefix}-parameters.png");
+    if seeds::write_parameters(&out.join(&path), group.task, &traces)? {
+        pictures.parameters = Some(Picture { caption: "physical parameters of all seeds".into(), path });
+    }
+    // The first of each kind in the order of the seeds: no choice by looks.
+    for (outcome, word) in [(Outcome::Succeeded, "that succeeded"), (Outcome::Missed, "that missed the criterion")] {
+        if let Some(run) = group.runs.iter().find(|run| run.outcome() == outcome) {
+            let title = format!("Seed {}, the first one {word}", run.config.seed);
+            let copied = of_run(out, &format!("{prefix}-seed{}", run.config.seed), run)?;
+            if !copied.is_empty() {
+                pictures.runs.push((title, copied));
+            }
+        }
+    }
+    Ok(pictures)
+}
+
+/// Copies what a run left; pictures that it did not make are left out.
+fn of_run(out: &Path, prefix: &str, run: &Run) -> Result<Vec<Picture>> {
+    let examples = (0..EXAMPLES).map(|clip| {
+        (format!("example{clip}.png"), format!("test clip {clip}: input and prediction, truth, reconstruction"))
+    });
+    let others = [
+        ("animation.gif", "test clips in motion, truth above the model"),
+        ("templates.png", "learned contents and masks of the decoder, and the background"),
+        ("encoder_masks.png", "the encoder's masks"),
+    ];
+    let others = others.map(|(name, caption)| (name.to_string(), caption.to_string()));
+    let mut copied = Vec::new();
+    for (name, caption) in examples.chain(others) {
+        let from = run.folder.join(&name);
+        if !from.exists() {
+            continue;
+        }
+        let bytes = fs::read(&from).with_context(|| format!("cannot read {}", from.display()))?;
+        let path = format!("{prefix}-{name}");
+        durable::write_file(&out.join(&path), |file| Ok(file.write_all(&bytes)?))?;
+        copied.push(Picture { caption, path });
+    }
+    Ok(copied)
+}

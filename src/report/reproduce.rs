@@ -1,0 +1,97 @@
+//! What a run's config says, and the command that makes the run again.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use toml::{Table, Value};
+
+use super::runs::Run;
+use crate::config::{Config, Overrides};
+use crate::tasks::{self, Task};
+
+/// The config of a run, of whatever version of the program: only what the report needs is asked for.
+#[derive(Debug)]
+pub(super) struct RunConfig {
+    pub task: &'static Task,
+    pub recipe: String,
+    pub seed: u64,
+    pub threads: usize,
+    pub device: String,
+    /// The values that decide what is learned, by their full key in TOML's notation.
+    pub choices: BTreeMap<String, String>,
+}
+
+impl RunConfig {
+    /// Reads a run folder's config.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).with_context(|| format!("config {}", path.display()))?;
+        let parse = || {
+            let table: Table = text.parse()?;
+            let text = |key: &str| table.get(key).and_then(Value::as_str).with_context(|| format!("no {key}"));
+            let number = |key: &str| table.get(key).and_then(Value::as_integer).with_context(|| format!("no {key}"));
+            Ok::<_, anyhow::Error>(RunConfig {
+                task: tasks::find(text("task")?)?,
+                recipe: text("recipe")?.into(),
+                seed: number("seed")?.try_into()?,
+                threads: number("threads")?.try_into()?,
+                device: text("device")?.into(),
+                choices: choices(&table),
+            })
+        };
+        parse().with_context(|| format!("config {}", path.display()))
+    }
+
+    /// What differs from the recipe as this version has it, as `section.key=value`.
+    pub(super) fn changes(&self) -> Vec<String> {
+        // A recipe of another version may be unknown here: then everything is stated.
+        let recipe = self.said(&[]).unwrap_or_default();
+        let changed = self.choices.iter().filter(|(key, value)| recipe.get(*key) != Some(value));
+        changed.map(|(key, value)| format!("{key}={value}")).collect()
+    }
+
+    /// The choices that task, recipe and assignments make in this version.
+    fn said(&self, set: &[String]) -> Option<BTreeMap<String, String>> {
+        let (task, recipe) = (Some(self.task.key.to_string()), Some(self.recipe.clone()));
+        let config = Config::load(None, &Overrides { task, recipe, set: set.to_vec(), ..Overrides::default() }).ok()?;
+        Some(choices(&Table::try_from(&config).expect("a config is plain data")))
+    }
+}
+
+/// The command for one run, in a shell's notation. With its own config file where `--set` cannot say what differs.
+pub(super) fn command(run: &Run, changes: &[String]) -> Result<String> {
+    let config = &run.config;
+    let mut words = vec!["run_physics".to_string()];
+    let mut option = |name: &str, value: String| words.extend([format!("--{name}"), value]);
+    option("task", config.task.key.into());
+    option("recipe", config.recipe.clone());
+    if config.said(changes).as_ref() == Some(&config.choices) {
+        changes.iter().for_each(|change| option("set", change.clone()));
+    } else {
+        option("config", run.folder.join("config.toml").display().to_string());
+    }
+    option("seed", config.seed.to_string());
+    // What the run had, where the config leaves it to the machine.
+    let threads = run.summary.as_ref().map_or(config.threads, |summary| summary.threads);
+    option("threads", threads.to_string());
+    option("device", config.device.clone());
+    shlex::try_join(words.iter().map(String::as_str)).context("a command line")
+}
+
+/// A config's values without seed, machine and what is written down.
+fn choices(table: &Table) -> BTreeMap<String, String> {
+    fn walk(table: &Table, prefix: &str, leaves: &mut BTreeMap<String, String>) {
+        for (key, value) in table {
+            let key = format!("{prefix}{key}");
+            match value {
+                Value::Table(below) => walk(below, &format!("{key}."), leaves),
+                value => drop(leaves.insert(key, value.to_string())),
+            }
+        }
+    }
+    let mut all = BTreeMap::new();
+    walk(table, "", &mut all);
+    let circumstances = ["task", "recipe", "seed", "threads", "device", "data.folder"];
+    all.retain(|key, _| !circumstances.contains(&key.as_str()) && !key.starts_with("output."));
+    all
+}

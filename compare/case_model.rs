@@ -1,9 +1,11 @@
 //! `<task>[_variant]_train`: a whole model: forward tensors, losses, gradients and four optimizer steps.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use paig::cells::State;
+use paig::checkpoint;
 use paig::optimizers::Optimizer;
 use paig::physics_models::losses::Losses;
 use paig::physics_models::{ForwardPass, ModelOptions, PhysicsNet};
@@ -22,7 +24,8 @@ const GRADIENT_CLIP: f64 = 1.0;
 const HEAD: (i64, i64) = (4096, 7);
 const WEIGHTS_HEAD: i64 = 64;
 
-pub fn compare(case: &mut Case) -> Result<()> {
+/// `weights`: a checkpoint's file to take the weights from; the file's own must be the same.
+pub fn compare(case: &mut Case, weights: Option<&Path>) -> Result<()> {
     let meta = read_meta(case)?;
     let task = &meta.task;
     ensure_sizes(case, &meta)?;
@@ -30,6 +33,9 @@ pub fn compare(case: &mut Case) -> Result<()> {
     let mut model = PhysicsNet::new(task, &options, Device::Cpu, 0);
     model.variables.set_kind(case.kind);
     let variables = fill_variables(case, &meta, &model)?;
+    if let Some(path) = weights {
+        load_weights(path, &model, &options)?;
+    }
     let clips = formula::clips(meta.weight_seed, meta.batch, task.train_frames, task.side);
     check_given(case, &clips, &variables)?;
 
@@ -78,6 +84,17 @@ fn fill_variables(case: &Case, meta: &Meta, model: &PhysicsNet) -> Result<Vec<Va
         factors,
     };
     fill(case, &listing, &model.variables)
+}
+
+/// Replaces the model's weights by those of a checkpoint, which is in single precision whatever the model is in.
+fn load_weights(path: &Path, model: &PhysicsNet, options: &ModelOptions) -> Result<()> {
+    let _guard = tch::no_grad_guard();
+    let saved = PhysicsNet::new(&model.task, options, Device::Cpu, 0);
+    checkpoint::load_weights(path, &saved)?;
+    for ((_, variable), (_, value)) in model.named_variables().iter().zip(saved.named_variables()) {
+        variable.shallow_clone().copy_(&value);
+    }
+    Ok(())
 }
 
 /// That both sides started from the same numbers.

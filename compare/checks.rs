@@ -1,6 +1,7 @@
 //! Comparing one tensor, and the table of all comparisons.
 
 use std::cell::RefCell;
+use std::path::Path;
 
 use anyhow::Result;
 use rand::{Rng, SeedableRng};
@@ -48,6 +49,19 @@ impl Row {
             scale,
             computed,
         }
+    }
+
+    /// For `--rows`; a NaN becomes null.
+    pub fn json(&self, path: &Path) -> serde_json::Value {
+        serde_json::json!({
+            "file": path.file_stem().unwrap_or_default().to_string_lossy(),
+            "tensor": self.tensor,
+            "absolute": self.absolute,
+            "relative": self.relative,
+            "tolerance": self.tolerance.relative,
+            "beyond": self.beyond(),
+            "passes": self.passes(),
+        })
     }
 
     /// Whether all elements are within the tolerance itself; a NaN is within no bound.

@@ -4,10 +4,13 @@
 
 mod case_cell;
 mod case_decoder;
+mod case_encoder;
 mod case_model;
 mod case_resize;
 mod case_stn;
 mod case_unet;
+mod case_variable;
+mod case_velocity;
 mod checks;
 mod formula;
 mod golden;
@@ -17,6 +20,8 @@ mod table;
 mod tolerances;
 mod variables;
 
+use std::fmt::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -40,6 +45,12 @@ struct Arguments {
     /// Compute in double precision: tells rounding from error (the golden tensors stay what float32 made of them).
     #[arg(long)]
     f64: bool,
+    /// Write the comparisons as one JSON object a line to this file as well.
+    #[arg(long, value_name = "FILE")]
+    rows: Option<PathBuf>,
+    /// Take the weights of whole models from this file of a checkpoint, not from the formula.
+    #[arg(long, value_name = "FILE")]
+    weights: Option<PathBuf>,
 }
 
 fn main() -> ExitCode {
@@ -60,9 +71,17 @@ fn run(arguments: &Arguments) -> Result<bool> {
     let kind = if arguments.f64 { Kind::Double } else { Kind::Float };
     let files = golden_files(&arguments.goldens, arguments.file_filter.as_deref().unwrap_or_default())?;
     let mut table = table::Table::new(&files);
+    let mut lines = String::new();
     for path in &files {
-        let rows = compare_file(path, kind).with_context(|| path.display().to_string())?;
+        let rows =
+            compare_file(path, kind, arguments.weights.as_deref()).with_context(|| path.display().to_string())?;
+        for row in rows.iter().flatten() {
+            let _ = writeln!(lines, "{}", row.json(path));
+        }
         table.add(path, rows);
+    }
+    if let Some(path) = &arguments.rows {
+        fs::write(path, lines).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(table.finish())
 }
@@ -84,16 +103,16 @@ fn golden_files(folder: &Path, filter: &str) -> Result<Vec<PathBuf>> {
 }
 
 /// The rows of one file; none if no case knows files of its name.
-fn compare_file(path: &Path, kind: Kind) -> Result<Option<Vec<Row>>> {
+fn compare_file(path: &Path, kind: Kind, weights: Option<&Path>) -> Result<Option<Vec<Row>>> {
     let golden = Golden::read(path)?;
-    let Some(mut rows) = run_case(&golden, kind, None)? else { return Ok(None) };
+    let Some(mut rows) = run_case(&golden, kind, None, weights)? else { return Ok(None) };
     golden.ensure_all_looked_at()?;
     if rows.iter().any(|row| !row.within_tolerance()) {
         let other = if kind == Kind::Float { Kind::Double } else { Kind::Float };
         // The other precision as it is, then moved inputs in the precision of the golden tensors.
         let moved = (1..=tolerances::PROBES).map(|probe| (Kind::Float, Some(Noise::new(probe))));
         for (kind, noise) in std::iter::once((other, None)).chain(moved) {
-            let probe = run_case(&golden, kind, noise)?.unwrap_or_default();
+            let probe = run_case(&golden, kind, noise, weights)?.unwrap_or_default();
             rows.iter_mut().zip(&probe).for_each(|(row, probe)| row.allow_for(probe));
         }
     }
@@ -101,13 +120,21 @@ fn compare_file(path: &Path, kind: Kind) -> Result<Option<Vec<Row>>> {
 }
 
 /// Runs the case that knows files of this name.
-fn run_case(golden: &Golden, kind: Kind, noise: Option<Noise>) -> Result<Option<Vec<Row>>> {
+fn run_case(golden: &Golden, kind: Kind, noise: Option<Noise>, weights: Option<&Path>) -> Result<Option<Vec<Row>>> {
     let mut case = Case::new(golden, kind, noise);
     let stem = golden.stem.as_str();
     if let Some(task) = case_cell::task(stem) {
         case_cell::compare(&mut case, task)?;
-    } else if let Some(task) = case_decoder::task(stem) {
+    } else if let Some(task) = stem.strip_prefix("decoder_").and_then(case_decoder::task) {
         case_decoder::compare(&mut case, task)?;
+    } else if let Some(task) = stem.strip_prefix("encoder_").and_then(case_decoder::task) {
+        case_encoder::compare(&mut case, task)?;
+    } else if let Some(task) = stem.strip_prefix("init_vel_alt_").and_then(case_decoder::task) {
+        case_velocity::compare(&mut case, task, true)?;
+    } else if let Some(task) = stem.strip_prefix("init_vel_").and_then(case_decoder::task) {
+        case_velocity::compare(&mut case, task, false)?;
+    } else if let Some(task) = stem.strip_prefix("variable_from_network_").and_then(case_decoder::task) {
+        case_variable::compare(&mut case, task)?;
     } else if stem.starts_with("stn") {
         case_stn::compare(&mut case)?;
     } else if stem.starts_with("resize_bilinear") {
@@ -115,7 +142,7 @@ fn run_case(golden: &Golden, kind: Kind, noise: Option<Noise>) -> Result<Option<
     } else if stem.starts_with("unet") || stem.starts_with("shallow_unet") {
         case_unet::compare(&mut case)?;
     } else if stem.ends_with("_train") || golden.has("meta") {
-        case_model::compare(&mut case)?;
+        case_model::compare(&mut case, weights)?;
     } else {
         return Ok(None);
     }

@@ -1,7 +1,7 @@
 //! A report of many runs: report.md, report.html (one file, nothing loaded from anywhere) and results.json.
 //!
 //! Every run found under the given folders is counted; nothing is selected. The numbers come from each run's
-//! `summary.json` and `metrics.jsonl`, the published ones from one table, [`published`].
+//! `summary.json` and `metrics.jsonl`, the published ones from one table, `published.rs`.
 
 mod criteria;
 mod groups;

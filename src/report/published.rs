@@ -29,8 +29,8 @@ pub(super) struct Losses {
     pub extrap: f64,
 }
 
-/// Source: published results of a student's port to PyTorch and of reruns of the authors' TensorFlow code beside it. The
-/// TensorFlow rerun learned k = 0.15 and l = 1.02 (4 and 6 are true).
+/// Source: published results of a student's port to PyTorch and of reruns of the authors' TensorFlow code beside it.
+/// The TensorFlow rerun learned k = 0.15 and l = 1.02 (4 and 6 are true).
 pub(super) const RERUNS: &[Losses] = &[
     Losses { who: "TF original, rerun, 200 epochs", recons: 1.2, pred: 14.3, extrap: 25.1 },
     Losses { who: "TF original, rerun, 500 epochs", recons: 0.7, pred: 13.8, extrap: 23.1 },

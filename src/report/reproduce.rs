@@ -78,7 +78,7 @@ pub(super) fn command(run: &Run, changes: &[String]) -> Result<String> {
     shlex::try_join(words.iter().map(String::as_str)).context("a command line")
 }
 
-/// A config's values without seed, machine and what is written down.
+/// A config's values without seed, machine and what is written down. Where the data lie counts: other data, other runs.
 fn choices(table: &Table) -> BTreeMap<String, String> {
     fn walk(table: &Table, prefix: &str, leaves: &mut BTreeMap<String, String>) {
         for (key, value) in table {
@@ -91,7 +91,7 @@ fn choices(table: &Table) -> BTreeMap<String, String> {
     }
     let mut all = BTreeMap::new();
     walk(table, "", &mut all);
-    let circumstances = ["task", "recipe", "seed", "threads", "device", "data.folder"];
+    let circumstances = ["task", "recipe", "seed", "threads", "device"];
     all.retain(|key, _| !circumstances.contains(&key.as_str()) && !key.starts_with("output."));
     all
 }

@@ -1,4 +1,4 @@
-//! A panel of a plot over training steps: phases shaded, lines with a legend.
+//! A panel of a plot over training steps or frames: phases shaded, lines with a legend.
 
 use std::ops::Range;
 
@@ -52,9 +52,11 @@ pub(super) struct Phase {
     pub steps: (f64, f64),
 }
 
-/// A plot of values over steps.
+/// A plot of values over steps or frames.
 pub(super) struct Panel<'a> {
     pub title: String,
+    /// What is counted on the horizontal axis.
+    pub axis: &'static str,
     pub phases: &'a [Phase],
     pub lines: Vec<Line>,
     /// Whether the value axis is logarithmic; none lets the values decide.
@@ -121,7 +123,7 @@ impl Panel<'_> {
         drawn(
             chart
                 .configure_mesh()
-                .x_desc("step")
+                .x_desc(self.axis)
                 .x_labels(11)
                 .y_labels(8)
                 .x_label_formatter(&|step| format!("{step:.0}"))

@@ -54,7 +54,7 @@ pub fn write_curves(folder: &Path, task: &Task) -> Result<()> {
     ensure!(!lines.is_empty(), "{} holds no losses", path.display());
     let title = format!("{}: losses", task.key);
     let legend = SeriesLabelPosition::UpperRight;
-    let panel = Panel { title, phases: &phases, lines, log: Some(true), legend };
+    let panel = Panel { title, axis: "step", phases: &phases, lines, log: Some(true), legend };
     write(&folder.join("losses.png"), LOSSES_HEIGHT, vec![panel])?;
     let mut panels = Vec::new();
     for parameter in task.cell.parameters() {
@@ -69,7 +69,7 @@ pub fn write_curves(folder: &Path, task: &Task) -> Result<()> {
         }
         // A parameter goes from where it started to the truth: the middle of the panel's right side stays free.
         let legend = SeriesLabelPosition::MiddleRight;
-        panels.push(Panel { title, phases: &phases, lines, log: None, legend });
+        panels.push(Panel { title, axis: "step", phases: &phases, lines, log: None, legend });
     }
     if panels.is_empty() {
         return Ok(());

@@ -10,9 +10,11 @@ mod canvas;
 mod chart;
 mod curves;
 pub mod examples;
+mod frame_scores;
 mod masks;
 mod metrics;
 mod outputs;
+pub(crate) mod rollout;
 mod sections;
 pub mod seeds;
 mod sprites;
@@ -27,6 +29,7 @@ use crate::physics_models::PhysicsNet;
 use crate::tasks::Task;
 
 pub use curves::write_curves;
+pub use frame_scores::write_frame_scores;
 
 /// Test clips whose arrays are saved, as in the original.
 const SAVED_CLIPS: usize = 100;

@@ -97,7 +97,7 @@ pub fn write_parameters(path: &Path, task: &Task, traces: &[(Outcome, &Trace)]) 
             name,
             level: truth.map(|truth| ("true value", GREEN, truth)),
             log: None,
-            legend: SeriesLabelPosition::MiddleRight,
+            legend: SeriesLabelPosition::MiddleLeft,
         }
     };
     let panels: Vec<_> = task.cell.parameters().iter().map(|parameter| panel(parameter.name)).collect();
@@ -138,7 +138,7 @@ fn write(path: &Path, plans: &[PanelPlan], traces: &[(Outcome, &Trace)]) -> Resu
             lines.push(Line { label, colour, stroke: Stroke::Dashed, pieces });
         }
         let (title, legend) = (plan.title.clone(), plan.legend.clone());
-        panels.push(Panel { title, phases: &whole, lines, log: plan.log, legend });
+        panels.push(Panel { title, axis: "step", phases: &whole, lines, log: plan.log, legend });
     }
     if panels.is_empty() {
         return Ok(false);

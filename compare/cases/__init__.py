@@ -1,0 +1,1 @@
+"""One folder for each submodule: what is drawn (case.py), what is computed (README.md), the tolerances."""

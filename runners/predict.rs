@@ -1,0 +1,73 @@
+//! Rolls a learned system out from one clip. See `predict --help`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::Parser;
+use paig::datasets::files::Split;
+use paig::datasets::iterators::Clips;
+use paig::run::{self, exit_code};
+use paig::{device, evaluation, rollout};
+
+/// Predicts frames, positions and velocities from the first frames of a clip, as far as asked.
+///
+/// Writes frames.png and animation.gif (clip above model), states.csv and rollout.npz.
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Example:\n  predict runs/spring_color/fast/seed=0 --clip 3 --frames 60 --out prediction"
+)]
+struct Arguments {
+    /// Run folder
+    run: PathBuf,
+    /// Dataset file [default: the run's test file]
+    #[arg(long)]
+    file: Option<PathBuf>,
+    /// Part of the file
+    #[arg(long, default_value = "test", value_parser = Split::ALL.map(Split::name))]
+    split: String,
+    /// The clip, counted from 0
+    #[arg(long, default_value_t = 0)]
+    clip: usize,
+    /// Frames to predict [default: as many as the clip has after its input]
+    #[arg(long)]
+    frames: Option<usize>,
+    /// Folder for the results; files of an earlier prediction are replaced
+    #[arg(long, default_value = "prediction")]
+    out: PathBuf,
+    /// cpu, cuda or cuda:n
+    #[arg(long, default_value = "cpu")]
+    device: String,
+    /// Threads to compute with; 0 for one a core
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+}
+
+fn main() -> ExitCode {
+    exit_code(execute(&Arguments::parse()))
+}
+
+fn execute(arguments: &Arguments) -> Result<ExitCode> {
+    let device = device::parse(&arguments.device)?;
+    device::set_threads(arguments.threads);
+    let (config, model) = run::load_model(&arguments.run, device)?;
+    let file = arguments.file.clone().unwrap_or_else(|| config.data.folder.join(&config.data.test_file));
+    let split = Split::ALL.into_iter().find(|split| split.name() == arguments.split).context("unknown split")?;
+    let dataset = evaluation::read_dataset(&file, &model.task)?;
+    let clips = Clips::new(dataset.split(split).clone(), device);
+    ensure!(
+        arguments.clip < clips.len(),
+        "there is no clip {}; {} of {} holds {} clips, counted from 0",
+        arguments.clip,
+        split.name(),
+        file.display(),
+        clips.len()
+    );
+    let clip = clips.batch(&[arguments.clip as i64], clips.time()).squeeze_dim(0);
+    let frames = arguments.frames.unwrap_or(clips.time() - model.task.input_steps);
+    let prediction = rollout::roll_out(&model, &clip, frames)?;
+    rollout::write(&arguments.out, &model.task, &prediction)?;
+    println!("{frames} frames after the input of clip {}: {}", arguments.clip, arguments.out.display());
+    Ok(ExitCode::SUCCESS)
+}

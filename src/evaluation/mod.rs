@@ -1,0 +1,135 @@
+//! Scoring a model on a dataset: losses, every predicted frame, and positions where the truth is known.
+
+mod states;
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+use tch::{Device, Kind, Tensor};
+
+use crate::cells::State;
+use crate::datasets::files::{ClipShape, DatasetFile, Split};
+use crate::datasets::iterators::Clips;
+use crate::datasets::states::SplitStates;
+use crate::physics_models::PhysicsNet;
+use crate::physics_models::losses::{Losses, Mean};
+use crate::ssim::ssim;
+use crate::tasks::Task;
+
+pub use states::StateErrors;
+
+/// Clips in one pass, which bounds the memory.
+const BATCH: usize = 25;
+
+/// What a model makes of a set of clips.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Evaluation {
+    pub clips: usize,
+    pub losses: TestLosses,
+    /// In the order of time; the first comes right after the input.
+    pub predicted_frames: Vec<PredictedFrame>,
+    /// None where the true states are not known.
+    pub states: Option<StateErrors>,
+}
+
+/// Squared error summed over a frame, averaged over frames and clips.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TestLosses {
+    pub recons_loss: f64,
+    pub pred_loss: f64,
+    /// None where the clips end with the prediction.
+    pub extrap_loss: Option<f64>,
+}
+
+/// The scores of one predicted frame, averaged over the clips.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PredictedFrame {
+    /// Place in the clip, from 0.
+    pub frame: usize,
+    /// Whether it lies behind the frames that are predicted in training: in T_ext, not in T_pred.
+    pub extrapolated: bool,
+    /// Summed over the frame.
+    pub squared_error: f64,
+    /// From -1 to 1; 1 is equal.
+    pub ssim: f64,
+}
+
+/// Reads a dataset file of a task, with clips as long as in its training or in its test file.
+///
+/// # Errors
+/// As for [`DatasetFile::read`].
+pub fn read_dataset(path: &Path, task: &Task) -> Result<DatasetFile> {
+    let long = DatasetFile::read(path, &ClipShape::test(task));
+    long.or_else(|error| DatasetFile::read(path, &ClipShape::training(task)).map_err(|_| error))
+}
+
+/// Scores a model on one split of a dataset, with the true states if there are any.
+///
+/// # Errors
+/// Clips shorter than L + T_pred, states of another number of objects.
+pub fn evaluate(
+    model: &PhysicsNet,
+    dataset: &DatasetFile,
+    states: Option<&SplitStates>,
+    split: Split,
+    device: Device,
+) -> Result<Evaluation> {
+    let _guard = tch::no_grad_guard();
+    let clips = Clips::new(dataset.split(split).clone(), device);
+    let task = &model.task;
+    let (mut recons, mut pred, mut extrap) = (Mean::default(), Mean::default(), Mean::default());
+    let mut squared_errors = Vec::new();
+    let mut similarities = Vec::new();
+    let mut seen: [Vec<Tensor>; 3] = Default::default();
+    let all: Vec<i64> = (0..clips.len() as i64).collect();
+    for chosen in all.chunks(BATCH) {
+        let frames = clips.batch(chosen, clips.time());
+        let pass = model.forward(&frames)?;
+        let losses = Losses::new(&pass, &frames, task);
+        let weight = chosen.len() as f64;
+        recons.add(&losses.reconstruction, weight);
+        pred.add(&losses.prediction, weight);
+        losses.extrapolation.iter().for_each(|loss| extrap.add(loss, weight));
+        let predicted = pass.predictions.size()[1];
+        let truth = frames.narrow(1, task.input_steps as i64, predicted);
+        let over_frame = [2i64, 3, 4];
+        let errors = (&pass.predictions - &truth).square().sum_dim_intlist(over_frame.as_slice(), false, Kind::Double);
+        squared_errors.push(errors.to_device(Device::Cpu));
+        let similar = ssim(&pass.predictions.flatten(0, 1), &truth.flatten(0, 1))?;
+        similarities.push(similar.reshape([-1, predicted]).to_device(Device::Cpu));
+        if states.is_some() {
+            let rolled_out: Vec<_> = std::iter::once(&pass.initial).chain(&pass.states).map(State::joined).collect();
+            let rolled_out = Tensor::stack(&rolled_out, 1).chunk(2, 2);
+            let parts = [&pass.positions, &rolled_out[0], &rolled_out[1]];
+            for (part, states) in seen.iter_mut().zip(parts) {
+                part.push((states * model.pixels_per_unit()).to_device(Device::Cpu).to_kind(Kind::Double));
+            }
+        }
+    }
+    let per_frame = |parts: &[Tensor]| -> Result<Vec<f64>> {
+        Ok(Tensor::cat(parts, 0).mean_dim([0i64].as_slice(), false, Kind::Double).try_into()?)
+    };
+    let predicted_frames = per_frame(&squared_errors)?
+        .into_iter()
+        .zip(per_frame(&similarities)?)
+        .enumerate()
+        .map(|(place, (squared_error, ssim))| PredictedFrame {
+            frame: task.input_steps + place,
+            extrapolated: place >= task.pred_steps,
+            squared_error,
+            ssim,
+        })
+        .collect();
+    let states = match states {
+        Some(truth) => {
+            let [encoded, positions, velocities] = seen.map(|parts| Tensor::cat(&parts, 0));
+            let seen = states::Seen { encoded, positions, velocities };
+            Some(states::errors(&seen, truth, task).context("true states")?)
+        }
+        None => None,
+    };
+    let extrap_loss = Some(extrap.value()).filter(|loss| !loss.is_nan());
+    let losses = TestLosses { recons_loss: recons.value(), pred_loss: pred.value(), extrap_loss };
+    Ok(Evaluation { clips: clips.len(), losses, predicted_frames, states })
+}

@@ -1,0 +1,152 @@
+//! Positions and velocities against the true ones.
+//!
+//! A model numbers its objects as it likes and may see each of them beside its true centre, by the same offset
+//! everywhere; so objects are matched first, and errors are given with and without that offset.
+
+use anyhow::{Result, ensure};
+use serde::Serialize;
+use tch::{Kind, Tensor};
+
+use crate::datasets::states::SplitStates;
+use crate::tasks::Task;
+
+/// Root mean squares of distances over clips, frames and objects; pixels, and pixels per time unit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StateErrors {
+    /// The model's object for each true one: the order with the least error of the encoded positions.
+    pub objects: Vec<usize>,
+    /// Encoded minus true position of each true object, mean over clips and frames, `[x, y]`.
+    pub offsets: Vec<[f64; 2]>,
+    /// Encoded positions of the first L + T_pred frames.
+    pub encoded: f64,
+    pub encoded_without_offset: f64,
+    /// Rolled-out positions of the T_pred frames after the input.
+    pub predicted: f64,
+    pub predicted_without_offset: f64,
+    /// Of the T_ext frames after those; none where a clip ends before.
+    pub extrapolated: Option<f64>,
+    pub extrapolated_without_offset: Option<f64>,
+    /// Velocity at the last input frame.
+    pub initial_velocity: f64,
+    /// Velocity during T_pred.
+    pub predicted_velocity: f64,
+}
+
+/// What a model makes of clips, double, in pixels.
+pub(super) struct Seen {
+    /// `[clips, L + T_pred, 2 * objects]`.
+    pub encoded: Tensor,
+    /// From the last input frame on, `[clips, 1 + T - L, 2 * objects]`.
+    pub positions: Tensor,
+    pub velocities: Tensor,
+}
+
+pub(super) fn errors(seen: &Seen, truth: &SplitStates, task: &Task) -> Result<StateErrors> {
+    let objects = task.objects;
+    let tensor = |states: &ndarray::Array3<f32>| -> Result<Tensor> {
+        let (clips, time, columns) = states.dim();
+        ensure!(columns == 2 * objects, "they hold {} objects, task {} has {objects}", columns / 2, task.key);
+        let values: Vec<f32> = states.iter().copied().collect();
+        Ok(split(&Tensor::from_slice(&values).to_kind(Kind::Double).reshape([clips as i64, time as i64, -1])))
+    };
+    let (true_positions, true_velocities) = (tensor(&truth.positions)?, tensor(&truth.velocities)?);
+    let [encoded, positions, velocities] = [&seen.encoded, &seen.positions, &seen.velocities].map(split);
+    let (input, pred) = (task.input_steps as i64, task.pred_steps as i64);
+    let true_encoded = true_positions.narrow(1, 0, input + pred);
+    let order = permutations(objects)
+        .into_iter()
+        .map(|order| (rms(&(reordered(&encoded, &order) - &true_encoded)), order))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, order)| order)
+        .expect("there is at least one order");
+    let encoded = reordered(&encoded, &order) - true_encoded;
+    let offset = encoded.mean_dim([0i64, 1].as_slice(), true, Kind::Double);
+    // Rolled-out states begin at the last input frame.
+    let rolled_out = positions.size()[1];
+    let positions = reordered(&positions, &order) - true_positions.narrow(1, input - 1, rolled_out);
+    let velocities = reordered(&velocities, &order) - true_velocities.narrow(1, input - 1, rolled_out);
+    let predicted = positions.narrow(1, 1, pred);
+    let extrapolated = (rolled_out > 1 + pred).then(|| positions.narrow(1, 1 + pred, rolled_out - 1 - pred));
+    Ok(StateErrors {
+        offsets: (0..objects as i64)
+            .map(|object| [0, 1].map(|axis| offset.double_value(&[0, 0, object, axis])))
+            .collect(),
+        encoded: rms(&encoded),
+        encoded_without_offset: rms(&(&encoded - &offset)),
+        predicted: rms(&predicted),
+        predicted_without_offset: rms(&(&predicted - &offset)),
+        extrapolated: extrapolated.as_ref().map(rms),
+        extrapolated_without_offset: extrapolated.map(|error| rms(&(error - &offset))),
+        initial_velocity: rms(&velocities.narrow(1, 0, 1)),
+        predicted_velocity: rms(&velocities.narrow(1, 1, pred)),
+        objects: order.iter().map(|&object| object as usize).collect(),
+    })
+}
+
+/// `[clips, time, 2 * objects]` to `[clips, time, objects, 2]`.
+fn split(states: &Tensor) -> Tensor {
+    let size = states.size();
+    states.reshape([size[0], size[1], -1, 2])
+}
+
+fn reordered(states: &Tensor, order: &[i64]) -> Tensor {
+    states.index_select(2, &Tensor::from_slice(order))
+}
+
+/// Root mean square length of the vectors `[.., 2]`.
+fn rms(vectors: &Tensor) -> f64 {
+    (vectors.square().mean(Kind::Double) * 2.0).sqrt().double_value(&[])
+}
+
+/// All orders of `count` objects.
+fn permutations(count: usize) -> Vec<Vec<i64>> {
+    let Some(last) = count.checked_sub(1) else { return vec![Vec::new()] };
+    let shorter = permutations(last);
+    let places = shorter.iter().flat_map(|order| (0..=last).map(move |place| (order, place)));
+    places
+        .map(|(order, place)| {
+            let mut order = order.clone();
+            order.insert(place, last as i64);
+            order
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tasks;
+
+    /// Made-up true states, and what a model sees that swaps the two balls, one of them 3 px left and 4 px down.
+    #[test]
+    fn objects_are_matched_and_offsets_taken_off() {
+        let task = tasks::find("spring_color").unwrap();
+        let truth = |scale: f32| {
+            ndarray::Array3::from_shape_fn((2, 30, 4), |(c, t, i)| scale * (5.0 * i as f32 + t as f32 + 2.0 * c as f32))
+        };
+        let states = SplitStates { positions: truth(1.0), velocities: truth(0.1) };
+        let seen = |states: &ndarray::Array3<f32>, first: i64, frames: i64, offset: [f64; 4]| {
+            let all: Vec<f32> = states.iter().copied().collect();
+            let all = Tensor::from_slice(&all).to_kind(Kind::Double).reshape([2, 30, 4]);
+            let swapped = all.narrow(1, first, frames).index_select(2, &Tensor::from_slice(&[2i64, 3, 0, 1]));
+            swapped + Tensor::from_slice(&offset)
+        };
+        let offset = [-3.0, 4.0, 0.0, 0.0];
+        let seen = Seen {
+            encoded: seen(&states.positions, 0, 10, offset),
+            positions: seen(&states.positions, 3, 27, offset),
+            velocities: seen(&states.velocities, 3, 27, [0.5, 0.0, 0.0, 0.0]),
+        };
+        let found = errors(&seen, &states, task).unwrap();
+        assert_eq!(found.objects, [1, 0]);
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-5;
+        assert!(near(found.offsets[1][0], -3.0) && near(found.offsets[1][1], 4.0) && near(found.offsets[0][0], 0.0));
+        // One of two balls is off by 5 pixels.
+        let expected = (25.0f64 / 2.0).sqrt();
+        assert!(near(found.encoded, expected) && near(found.predicted, expected));
+        assert!(near(found.extrapolated.unwrap(), expected) && near(found.extrapolated_without_offset.unwrap(), 0.0));
+        assert!(near(found.encoded_without_offset, 0.0) && near(found.predicted_without_offset, 0.0));
+        assert!(near(found.predicted_velocity, (0.25f64 / 2.0).sqrt()));
+        assert_eq!(permutations(3).len(), 6);
+    }
+}

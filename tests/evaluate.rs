@@ -1,0 +1,94 @@
+//! Scoring and rolling out a run that was trained for a few steps.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use common::{dataset, fresh, spring, text, write_config};
+use ndarray::{Array2, Array4};
+use ndarray_npy::NpzReader;
+use serde_json::Value;
+
+const TINY: &str = "[discover]\nframes = 8\nmax_steps = 6\n[identify]\nclips = 6\nhorizons = [3, 5]\n\
+    max_iterations = 3\n[join]\nbatch = 4\nmax_steps = 4\nvalidation_clips = 4\n[output]\nexamples = 0\n";
+
+fn tool(program: &str, run: &Path, arguments: &[&str]) -> Output {
+    Command::new(program).arg(run).args(arguments).args(["--threads", "1"]).output().unwrap()
+}
+
+fn read(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn a_run_is_scored_and_rolled_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let config = write_config(folder.path(), TINY);
+    let done = fresh(&mut spring(&run)).arg("--config").arg(config).output().unwrap();
+    assert!(done.status.success(), "{}", text(&done));
+    let summary = read(&run.join("summary.json"));
+
+    let scores = folder.path().join("scores.json");
+    let evaluate = |arguments: &[&str]| tool(env!("CARGO_BIN_EXE_evaluate"), &run, arguments);
+    let picture = folder.path().join("frames.png");
+    let done = evaluate(&["--json", scores.to_str().unwrap(), "--picture", picture.to_str().unwrap()]);
+    assert!(done.status.success() && text(&done).contains("T_ext begins"), "{}", text(&done));
+    assert!(picture.exists());
+    let scores = read(&scores);
+    for loss in ["recons_loss", "pred_loss", "extrap_loss"] {
+        let [here, there] = [&scores["scores"]["losses"][loss], &summary["test"][loss]].map(|x| x.as_f64().unwrap());
+        assert!((here / there - 1.0).abs() < 1e-5, "{loss}: {here}, but {there} after the training");
+    }
+    let frames = scores["scores"]["predicted_frames"].as_array().unwrap();
+    assert_eq!((frames.len(), &frames[0]["frame"], &frames[5]["extrapolated"]), (26, &4.into(), &false.into()));
+    assert_eq!(frames[6]["extrapolated"], true);
+    let mean = |frames: &[Value]| {
+        frames.iter().map(|frame| frame["squared_error"].as_f64().unwrap()).sum::<f64>() / frames.len() as f64
+    };
+    let pred = summary["test"]["pred_loss"].as_f64().unwrap();
+    assert!((mean(&frames[..6]) / pred - 1.0).abs() < 1e-5, "the frames' errors do not make up L_pred");
+    assert!(scores["scores"]["states"]["encoded"].as_f64().unwrap() > 0.0);
+
+    // The training file has shorter clips.
+    let short = dataset().join("spring_color/color_spring_vx8_vy8_sl12_r2_k4_e6.npz");
+    let done = evaluate(&["--file", short.to_str().unwrap(), "--split", "valid"]);
+    assert!(done.status.success() && text(&done).contains("40 clips"), "{}", text(&done));
+    assert!(text(&done).contains("   11  T_ext") && !text(&done).contains("   12  T_ext"), "{}", text(&done));
+
+    let out = folder.path().join("prediction");
+    let predict = |arguments: &[&str]| tool(env!("CARGO_BIN_EXE_predict"), &run, arguments);
+    let done = predict(&["--clip", "3", "--frames", "40", "--out", out.to_str().unwrap()]);
+    assert!(done.status.success(), "{}", text(&done));
+    let table = fs::read_to_string(out.join("states.csv")).unwrap();
+    let lines: Vec<_> = table.lines().collect();
+    assert_eq!((lines[0], lines.len()), ("frame,time,x0,y0,vx0,vy0,x1,y1,vx1,vy1", 42));
+    assert!(lines[1].starts_with("3,0.0000,") && lines[41].starts_with("43,12.0000,"), "{table}");
+    let read = |path: &Path| NpzReader::new(fs::File::open(path).unwrap()).unwrap();
+    let mut rollout = read(&out.join("rollout.npz"));
+    let positions: Array2<f32> = rollout.by_name("positions").unwrap();
+    let predicted: Array4<f32> = rollout.by_name("frames").unwrap();
+    assert_eq!((positions.dim(), predicted.dim()), ((41, 4), (40, 32, 32, 3)));
+    // The same numbers as in the arrays that the run itself left of this clip.
+    let own: ndarray::Array3<f32> = read(&run.join("outputs.npz")).by_name("pos_vel_seq").unwrap();
+    for (place, position) in positions.outer_iter().take(own.dim().1).enumerate() {
+        for (column, value) in position.iter().enumerate() {
+            let expected = own[[3, place, column]];
+            assert!((value - expected).abs() < 1e-3, "state {place}: {value}, but {expected} in outputs.npz");
+        }
+    }
+    assert!(out.join("frames.png").exists() && out.join("animation.gif").exists());
+
+    for refused in [
+        predict(&["--clip", "20"]),
+        predict(&["--frames", "0"]),
+        predict(&["--file", "no/such.npz"]),
+        tool(env!("CARGO_BIN_EXE_evaluate"), folder.path(), &[]),
+    ] {
+        assert_eq!(refused.status.code(), Some(1), "{}", text(&refused));
+        let said = String::from_utf8(refused.stderr).unwrap();
+        assert!(said.starts_with("error: ") && said.lines().count() == 1, "{said}");
+    }
+}

@@ -1,13 +1,18 @@
 # make demo      set up, generate the spring data, train, score
 # make test      set up, check format, lints and docs, run the tests
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
+# make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
+# make compare-defects   what each known defect of earlier ports does
 
 CARGO ?= cargo
 PYTHON ?= python3
 DEMO ?= runs/demo
 DATA := data/datasets
 
-.PHONY: demo test lint libtorch build data clean
+SEED ?= 0
+COMPARE_PYTHON := compare/.venv/bin/python
+
+.PHONY: demo test lint libtorch build data compare compare-defects clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -30,5 +35,16 @@ data: build
 libtorch:
 	@$(PYTHON) setup/fetch_libtorch.py $(if $(CUDA),--cuda)
 
+$(COMPARE_PYTHON): compare/requirements.txt
+	$(PYTHON) -m venv compare/.venv
+	$@ -m pip install --quiet -r compare/requirements.txt
+	@touch $@
+
+compare: build $(COMPARE_PYTHON)
+	cd compare && OMP_NUM_THREADS=1 .venv/bin/python live.py --seed $(SEED)
+
+compare-defects: $(COMPARE_PYTHON)
+	cd compare && OMP_NUM_THREADS=1 .venv/bin/python -m torch_reference.defects goldens
+
 clean:
-	rm -rf target libtorch
+	rm -rf target libtorch compare/.venv

@@ -6,14 +6,14 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
-use serde_json::json;
+use serde_json::{Value, json};
 use tch::Tensor;
 
 use crate::checkpoint::{self, RunState};
 use crate::config::Config;
 use crate::datasets::iterators::Clips;
 use crate::interrupt;
-use crate::optimizers::Optimizer;
+use crate::optimizers::{Optimizer, Rule};
 use crate::physics_models::PhysicsNet;
 use crate::physics_models::losses::{Losses, Mean};
 use crate::progress::Progress;
@@ -105,7 +105,6 @@ impl<'a> Trainer<'a> {
             if place < self.state.phase {
                 continue;
             }
-            let before = self.elapsed();
             let (name, outcome) = match phase {
                 Phase::Discover => {
                     let config = self.config.discover.as_ref().expect("the phase is in the recipe");
@@ -116,18 +115,16 @@ impl<'a> Trainer<'a> {
                 Phase::Identify => ("identify", self.identify()?),
                 Phase::Join => {
                     let config = &self.config.join;
-                    let mut phase = join::Joint::new(config, self.train, self.valid, self.config.seed)?;
+                    let mut phase = join::Joint::new(config, self.train, self.config.seed)?;
                     ("join", self.descend(&mut phase, config.optimizer, config.clip, slots.take())?)
                 }
             };
-            let spent = self.elapsed() - before;
-            match self.state.phase_seconds.iter_mut().find(|(phase, _)| phase == name) {
-                Some((_, seconds)) => *seconds += spent,
-                None => self.state.phase_seconds.push((name.into(), spent)),
-            }
             if outcome == Outcome::Interrupted {
                 return Ok(outcome);
             }
+            // What earlier phases took is known; the rest, stops and all, is this one's.
+            let earlier: f64 = self.state.phase_seconds.iter().map(|(_, seconds)| seconds).sum();
+            self.state.phase_seconds.push((name.into(), self.elapsed() - earlier));
             self.state.phase += 1;
             self.state.step = 0;
             self.state.optimizer_steps = 0;
@@ -169,7 +166,7 @@ impl<'a> Trainer<'a> {
     fn descend(
         &mut self,
         phase: &mut dyn GradientPhase,
-        rule: crate::optimizers::Rule,
+        rule: Rule,
         clip: f64,
         slots: Option<Vec<(String, Tensor)>>,
     ) -> Result<Outcome> {
@@ -229,24 +226,22 @@ impl<'a> Trainer<'a> {
         for (name, part) in &loss.parts {
             record[*name] = part.double_value(&[]).into();
         }
-        for (name, value) in self.model.parameter_values() {
-            record[name] = value.into();
-        }
+        self.add_parameters(&mut record);
         record["seconds"] = self.elapsed().into();
         self.folder.record(&record)
     }
 
     /// Scores the model on the validation split; true if it is the best of the phase so far.
     fn validate(&mut self, phase: &dyn GradientPhase, progress: &Progress) -> Result<bool> {
-        let score = phase.validate(self.model)?;
+        let clips = self.config.join.validation_clips;
+        let scores = evaluate(self.model, self.valid, clips, self.config.join.batch)?;
+        let score = phase.score(self.model, &scores);
         ensure!(
             score.is_finite(),
             "{}: the validation score is not finite after step {}",
             phase.name(),
             self.state.steps
         );
-        let clips = self.config.join.validation_clips;
-        let scores = evaluate(self.model, self.valid, clips, self.config.join.batch)?;
         let steps_per_epoch = (self.train.len() / self.config.join.batch).max(1) as u64;
         let line = format!(
             "valid - epoch={} eval_extrap_loss={:.4} eval_pred_loss={:.4} eval_recons_loss={:.4}",
@@ -262,9 +257,7 @@ impl<'a> Trainer<'a> {
             "recons_loss": scores.recons_loss, "pred_loss": scores.pred_loss, "extrap_loss": scores.extrap_loss,
             "seconds": self.elapsed(),
         });
-        for (name, value) in self.model.parameter_values() {
-            record[name] = value.into();
-        }
+        self.add_parameters(&mut record);
         self.folder.record(&record)?;
         self.state.validations.push(score);
         let best = self.state.best.is_none_or(|(best, _)| score < best);
@@ -272,6 +265,13 @@ impl<'a> Trainer<'a> {
             self.state.best = Some((score, self.state.steps));
         }
         Ok(best)
+    }
+
+    /// Adds the physical parameters to a record, by symbol.
+    fn add_parameters(&self, record: &mut Value) {
+        for (name, value) in self.model.parameter_values() {
+            record[name] = value.into();
+        }
     }
 
     fn parameters_text(&self) -> String {
@@ -328,9 +328,7 @@ impl<'a> Trainer<'a> {
             "kind": "identify", "phase": "identify", "step": self.state.steps, "residual": fit.residual,
             "iterations": fit.iterations, "offsets": fit.offsets, "recentred": recentred, "seconds": self.elapsed(),
         });
-        for (name, value) in model.parameter_values() {
-            record[name] = value.into();
-        }
+        self.add_parameters(&mut record);
         self.folder.record(&record)?;
         Ok(Outcome::Finished)
     }

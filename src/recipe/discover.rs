@@ -9,10 +9,11 @@ use tch::{Kind, Tensor};
 use super::anchors::Anchors;
 use super::schedule::Timetable;
 use super::{GradientPhase, StepLoss, guide};
+use crate::base::Scores;
 use crate::config::{Discover, DiscoverStart};
 use crate::datasets::iterators::Clips;
 use crate::physics_models::PhysicsNet;
-use crate::physics_models::losses::frame_error;
+use crate::physics_models::losses::{Mean, frame_error};
 
 /// Frames from which the median is taken, and on which a validation is made.
 const MEDIAN_FRAMES: usize = 2000;
@@ -122,13 +123,13 @@ impl GradientPhase for Discovery<'_> {
     }
 
     /// L_rec on frames of the validation split.
-    fn validate(&self, model: &PhysicsNet) -> Result<f64> {
+    fn score(&self, model: &PhysicsNet, _scores: &Scores) -> f64 {
         let _guard = tch::no_grad_guard();
-        let mut mean = crate::physics_models::losses::Mean::default();
+        let mut mean = Mean::default();
         for frames in self.validation.split(VALIDATION_BATCH, 0) {
             let rendering = model.decoder.forward(&model.encoder.forward(&frames).positions);
             mean.add(&frame_error(&rendering.frames.unsqueeze(1), &frames.unsqueeze(1)), frames.size()[0] as f64);
         }
-        Ok(mean.value())
+        mean.value()
     }
 }

@@ -9,7 +9,7 @@ use tch::Tensor;
 
 use super::schedule::Timetable;
 use super::{GradientPhase, StepLoss};
-use crate::base;
+use crate::base::Scores;
 use crate::config::Join;
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::physics_models::losses::{Losses, latent_error};
@@ -20,7 +20,6 @@ use crate::physics_models::{ForwardPass, PhysicsNet};
 pub struct Joint<'a> {
     config: &'a Join,
     train: &'a Clips,
-    valid: &'a Clips,
     batches: ShuffledBatches,
     timetable: Timetable<'a>,
 }
@@ -28,13 +27,13 @@ pub struct Joint<'a> {
 impl<'a> Joint<'a> {
     /// # Errors
     /// A training split smaller than a batch.
-    pub fn new(config: &'a Join, train: &'a Clips, valid: &'a Clips, seed: u64) -> Result<Self> {
+    pub fn new(config: &'a Join, train: &'a Clips, seed: u64) -> Result<Self> {
         let batches = ShuffledBatches::new(train.len(), config.batch, seed)?;
         let timetable = match (config.max_steps, config.epochs) {
             (Some(steps), _) => Timetable::new(&config.schedule, steps, 1, 0),
             (None, epochs) => Timetable::new(&config.schedule, epochs.unwrap_or(0), batches.steps_per_epoch(), 0),
         };
-        Ok(Joint { config, train, valid, batches, timetable })
+        Ok(Joint { config, train, batches, timetable })
     }
 
     /// The two latent terms of a pass, weighted; none where switched off.
@@ -81,8 +80,7 @@ impl GradientPhase for Joint<'_> {
     }
 
     /// `L_pred + alpha L_rec` on the validation split.
-    fn validate(&self, model: &PhysicsNet) -> Result<f64> {
-        let scores = base::evaluate(model, self.valid, self.config.validation_clips, self.config.batch)?;
-        Ok(scores.pred_loss + self.config.alpha * scores.recons_loss)
+    fn score(&self, _model: &PhysicsNet, scores: &Scores) -> f64 {
+        scores.pred_loss + self.config.alpha * scores.recons_loss
     }
 }

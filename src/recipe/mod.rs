@@ -15,6 +15,7 @@ use anyhow::Result;
 use tch::Tensor;
 
 use self::schedule::Timetable;
+use crate::base::Scores;
 use crate::config::Config;
 use crate::physics_models::PhysicsNet;
 
@@ -63,6 +64,7 @@ pub trait GradientPhase {
     /// The rate of a variable before annealing.
     fn learning_rate(&self, variable: &str) -> f64;
 
-    /// The score (lower is better) by which the phase ends and the best checkpoint is chosen.
-    fn validate(&self, model: &PhysicsNet) -> Result<f64>;
+    /// The score (lower is better) by which the phase ends and the best checkpoint is chosen; `scores` are the model's losses
+    /// on the validation split.
+    fn score(&self, model: &PhysicsNet, scores: &Scores) -> f64;
 }

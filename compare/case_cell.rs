@@ -1,7 +1,7 @@
 //! `cell_<kind>`: roll-out, its loss, and the gradients to the initial state and the parameters.
 
 use anyhow::{Result, ensure};
-use paig::cells::{CellKind, State};
+use paig::cells::{Actions, CellKind, State};
 use paig::tasks::{self, Task};
 use tch::Tensor;
 
@@ -36,9 +36,9 @@ pub fn compare(case: &mut Case, task: &Task) -> Result<()> {
     ensure!(weight.size() == rolled, "tensor in/pos_weight has shape {:?}, expected {rolled:?}", weight.size());
 
     let parameters = parameters(case, task.cell)?;
-    let cell = task.cell.build(&parameters.logs, task.side);
+    let cell = task.build_cell(&parameters.logs);
     let initial = State { pos: pos.shallow_clone(), vel: vel.shallow_clone() };
-    let states = cell.roll_out(&initial, task.dt, frames as usize);
+    let states = cell.roll_out(&initial, &Actions::none(), task.dt, frames as usize);
     let stack = |of: fn(&State) -> &Tensor| Tensor::stack(&states.iter().map(of).collect::<Vec<_>>(), 0);
     let positions = stack(|state| &state.pos);
     let loss = (&positions * weight).sum(case.kind) * LOSS_FACTOR;
@@ -66,7 +66,7 @@ fn check_single_steps(case: &mut Case, task: &Task, logs: &[Tensor]) -> Result<(
     });
     let ((pos, pos_after), (vel, vel_after)) = (pos?, vel?);
     let before = State { pos: case.taken_in(&pos), vel: case.taken_in(&vel) };
-    let stepped = task.cell.build(logs, task.side).step(&before, task.dt);
+    let stepped = task.build_cell(logs).step(&before, None, task.dt);
     case.check_values("out/pos, step by step", &pos_after, &stepped.pos, &SINGLE_STEP);
     case.check_values("out/vel, step by step", &vel_after, &stepped.vel, &SINGLE_STEP);
     Ok(())
@@ -80,19 +80,15 @@ struct Parameters {
     leaves: Vec<(&'static str, Tensor)>,
 }
 
-fn parameters(case: &Case, kind: CellKind) -> Result<Parameters> {
-    let mut leaves = Vec::new();
-    for parameter in kind.parameters() {
-        leaves.push((parameter.variable, case.leaf(&format!("param/{}", parameter.variable), 0)?));
-    }
-    let mut logs: Vec<Tensor> = leaves.iter().map(|(_, log)| log.shallow_clone()).collect();
-    if kind == CellKind::Gravity {
-        // The original's masses, fixed at 1: only g m^2 enters, so they are part of our g.
-        let log_m = case.leaf("param/log_m", 0)?;
-        logs[0] = &logs[0] + &log_m * 2.0;
-        if case.golden.has("grad/log_m") {
-            leaves.push(("log_m", log_m));
+fn parameters(case: &Case, kind: &CellKind) -> Result<Parameters> {
+    let (mut logs, mut leaves) = (Vec::new(), Vec::new());
+    for parameter in kind.parameters {
+        let log = case.leaf(&format!("param/{}", parameter.variable), 0)?;
+        // What the original holds fixed may lack a gradient.
+        if parameter.held.is_none() || case.golden.has(&format!("grad/{}", parameter.variable)) {
+            leaves.push((parameter.variable, log.shallow_clone()));
         }
+        logs.push(log);
     }
     Ok(Parameters { logs, leaves })
 }

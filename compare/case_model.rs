@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use paig::cells::State;
+use paig::cells::{Actions, State};
 use paig::checkpoint;
 use paig::optimizers::Optimizer;
 use paig::physics_models::losses::Losses;
@@ -40,7 +40,7 @@ pub fn compare(case: &mut Case, weights: Option<&Path>) -> Result<()> {
     check_given(case, &clips, &variables)?;
 
     let clips = channels_first(&case.taken_in(&clips));
-    let pass = model.forward(&clips)?;
+    let pass = model.forward(&clips, &Actions::none())?;
     check_forward(case, &model, &pass)?;
     let losses = Losses::new(&pass, &clips, task);
     check_losses(case, &losses, task.alpha)?;
@@ -147,7 +147,7 @@ fn check_from_golden_states(case: &mut Case, model: &PhysicsNet) -> Result<()> {
     let (batch, steps) = (golden.size()[0], golden.size()[1] - 1);
     let before = case.taken_in(&golden.narrow(1, 0, steps).flatten(0, 1));
     let after = golden.narrow(1, 1, steps).flatten(0, 1);
-    let stepped = model.cell.step(&State::from_joined(&before), model.task.dt).joined();
+    let stepped = model.cell.step(&State::from_joined(&before), None, model.task.dt).joined();
     case.check_values("out/pos_vel_seq, step by step", &after, &stepped, &SINGLE_STEP);
     let positions = State::from_joined(&case.taken_in(&after)).pos;
     let drawn = channels_last(&model.decoder.forward(&positions).frames);
@@ -198,7 +198,7 @@ fn check_training(
     let mut losses = vec![first_loss.detach()];
     while losses.len() < steps {
         optimizer.step(&named, |_| meta.task.base_lr);
-        let loss = Losses::new(&model.forward(clips)?, clips, &meta.task).train(meta.task.alpha);
+        let loss = Losses::new(&model.forward(clips, &Actions::none())?, clips, &meta.task).train(meta.task.alpha);
         loss.backward();
         losses.push(loss.detach());
     }

@@ -6,8 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Parser;
 use paig::datasets::files::Split;
-use paig::datasets::states::States;
-use paig::evaluation::{self, Evaluation};
+use paig::evaluation::{self, ScoredClips, TestLosses};
 use paig::run::{self, exit_code};
 use paig::{device, durable, viz};
 use serde_json::json;
@@ -53,12 +52,11 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     let own = || config.data.folder.join(&config.data.test_file);
     let file = arguments.file.clone().unwrap_or_else(own);
     let split = Split::ALL.into_iter().find(|split| split.name() == arguments.split).context("unknown split")?;
-    let dataset = evaluation::read_dataset(&file, &model.task)?;
-    let states = States::read(&file, &dataset)?;
-    let truth = states.as_ref().map(|states| states.split(split));
-    let scores = evaluation::evaluate(&model, &dataset, truth, split, device)?;
+    let clips = ScoredClips::read(&file, &model.task, split, device)?;
+    let scores = evaluation::evaluate(&model, &clips)?;
     println!("{} on the {} clips of {} ({})\n", arguments.run.display(), scores.clips, file.display(), split.name());
-    print(&scores);
+    print_losses(&scores.losses);
+    evaluation::print_frames_and_states(&model.task, &scores);
     if let Some(path) = &arguments.picture {
         viz::write_frame_scores(path, &model.task, &scores.predicted_frames)?;
     }
@@ -73,30 +71,10 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn print(scores: &Evaluation) {
-    let losses = &scores.losses;
+fn print_losses(losses: &TestLosses) {
     println!("L_rec {:.4}   L_pred {:.4}", losses.recons_loss, losses.pred_loss);
     if let Some(loss) = losses.extrap_loss {
         println!("L_extrap {loss:.4}");
     }
-    println!("\n{:>5}  {:<6}{:>14}{:>10}", "frame", "", "squared error", "SSIM");
-    let mut extrapolated = false;
-    for frame in &scores.predicted_frames {
-        if frame.extrapolated && !extrapolated {
-            extrapolated = true;
-            println!("------ end of T_pred, T_ext begins");
-        }
-        let part = if frame.extrapolated { "T_ext" } else { "T_pred" };
-        println!("{:>5}  {part:<6}{:>14.4}{:>10.4}", frame.frame, frame.squared_error, frame.ssim);
-    }
-    let Some(states) = &scores.states else { return };
-    println!("\n{:<38}{:>10}{:>22}", "root mean square error, pixels", "", "without the offset");
-    let row = |name: &str, error: f64, without: f64| println!("{name:<38}{error:>10.4}{without:>22.4}");
-    row("encoded positions", states.encoded, states.encoded_without_offset);
-    row("predicted positions, T_pred", states.predicted, states.predicted_without_offset);
-    if let (Some(error), Some(without)) = (states.extrapolated, states.extrapolated_without_offset) {
-        row("predicted positions, T_ext", error, without);
-    }
-    println!("velocity at the last input frame      {:>10.4} pixels per time unit", states.initial_velocity);
-    println!("velocity, T_pred                      {:>10.4} pixels per time unit", states.predicted_velocity);
+    println!();
 }

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, ensure};
-use clap::Parser;
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Parser, ValueEnum};
 use paig::datasets::generators::{Counts, Plan, generate};
-use paig::datasets::scene::Look;
+use paig::datasets::scene::{Background, Look};
 use paig::datasets::sprites::Sprites;
 use paig::datasets::variant::{Changes, Variant};
 use paig::run::exit_code;
@@ -20,6 +20,7 @@ use paig::tasks;
 #[derive(Parser)]
 #[command(
     version,
+    allow_negative_numbers = true,
     after_help = "Example:\n  generate --task spring_color --out data/datasets \
                   --train 5000 --valid 500 --test 500 --seed 0"
 )]
@@ -48,19 +49,37 @@ struct Arguments {
     /// Half the rest length, pixels (springs)
     #[arg(long, help_heading = "Scene")]
     equil: Option<f64>,
-    /// Strength of gravity (three bodies)
+    /// Force that holds a ball or digit back, for a velocity of 1 (springs)
+    #[arg(long, help_heading = "Scene")]
+    damping: Option<f64>,
+    /// Strength of gravity (three bodies; falling balls: pixels per squared time unit; pendulum)
     #[arg(long, help_heading = "Scene")]
     g: Option<f64>,
-    /// Mass of a body (three bodies)
+    /// Mass (three bodies: of each; pendulum)
     #[arg(long, help_heading = "Scene")]
     m: Option<f64>,
-    /// Initial speed to the right or left, pixels per time unit
+    /// Length; the frame shows 2.2 to each side of the hub (pendulum)
+    #[arg(long, help_heading = "Scene")]
+    length: Option<f64>,
+    /// Actuation coefficient: what a torque of 1 acts as (pendulum)
+    #[arg(long, help_heading = "Scene")]
+    a: Option<f64>,
+    /// Largest torque; each frame draws one between minus and plus this (pendulum)
+    #[arg(long, help_heading = "Scene")]
+    torque: Option<f64>,
+    /// Largest initial angle to either side of upright, radians (pendulum)
+    #[arg(long, help_heading = "Scene")]
+    angle: Option<f64>,
+    /// Largest initial angular speed, radians per time unit (pendulum)
+    #[arg(long, help_heading = "Scene")]
+    spin: Option<f64>,
+    /// Initial speed to the right or left, pixels per time unit (not for the pendulum)
     #[arg(long, help_heading = "Scene")]
     vx: Option<f64>,
-    /// Initial speed up or down, pixels per time unit
+    /// Initial speed up or down, pixels per time unit (not for the pendulum)
     #[arg(long, help_heading = "Scene")]
     vy: Option<f64>,
-    /// Radius of a ball, pixels (not for digits)
+    /// Radius of a ball, pixels (balls)
     #[arg(long, help_heading = "Scene")]
     radius: Option<f64>,
     /// Time between two frames
@@ -72,6 +91,10 @@ struct Arguments {
     /// Side of the frames, pixels
     #[arg(long, help_heading = "Scene")]
     size: Option<usize>,
+    /// What lies behind balls or digits: black, a CIFAR-10 image, or another one in each clip [default: plain;
+    /// for digits: cifar]
+    #[arg(long, help_heading = "Scene")]
+    background: Option<BackgroundName>,
     /// Folder with MNIST's train-images-idx3-ubyte, for other digits than the original's
     #[arg(long, help_heading = "Source images (digits)")]
     mnist_dir: Option<PathBuf>,
@@ -79,12 +102,13 @@ struct Arguments {
     #[arg(long, help_heading = "Source images (digits)", requires = "mnist_dir")]
     #[arg(num_args = 2, default_values_t = [0, 1])]
     mnist_indices: Vec<usize>,
-    /// Folder with CIFAR-10's data_batch_1.bin to data_batch_5.bin, for another background than the original's
-    #[arg(long, help_heading = "Source images (digits)")]
+    /// Folder with CIFAR-10's data_batch_1.bin to data_batch_5.bin (binary version), for another background than the
+    /// original's
+    #[arg(long, help_heading = "Source images (backgrounds)")]
     cifar_dir: Option<PathBuf>,
-    /// The background, as index of a CIFAR-10 training image
-    #[arg(long, help_heading = "Source images (digits)", requires = "cifar_dir", default_value_t = 1)]
-    cifar_index: usize,
+    /// The background, as index of a CIFAR-10 training image [default: 1]
+    #[arg(long, help_heading = "Source images (backgrounds)", requires = "cifar_dir")]
+    cifar_index: Option<usize>,
     /// Threads; 0 for one a core
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -93,36 +117,81 @@ struct Arguments {
     force: bool,
 }
 
+#[derive(Clone, Copy, ValueEnum)]
+enum BackgroundName {
+    Plain,
+    Cifar,
+    RandomCifar,
+}
+
+impl From<BackgroundName> for Background {
+    fn from(name: BackgroundName) -> Self {
+        match name {
+            BackgroundName::Plain => Self::Plain,
+            BackgroundName::Cifar => Self::Cifar,
+            BackgroundName::RandomCifar => Self::RandomCifar,
+        }
+    }
+}
+
 fn main() -> ExitCode {
     exit_code(run(Arguments::parse()).map(|()| ExitCode::SUCCESS))
 }
 
 fn run(arguments: Arguments) -> Result<()> {
     let task = tasks::find(&arguments.task)?;
-    let Arguments { k, equil, g, m, vx, vy, radius, dt, substeps, size, .. } = arguments;
-    let changes = Changes { k, equil, g, m, vx, vy, radius, dt, substeps, size };
+    let Arguments { k, equil, damping, g, m, length, a, torque, angle, spin, .. } = arguments;
+    let Arguments { vx, vy, radius, dt, substeps, size, .. } = arguments;
+    let background = arguments.background.map(Background::from);
+    let changes = Changes {
+        k,
+        equil,
+        damping,
+        g,
+        m,
+        length,
+        a,
+        torque,
+        angle,
+        spin,
+        vx,
+        vy,
+        radius,
+        dt,
+        substeps,
+        size,
+        background,
+    };
     let variant = Variant::new(task, arguments.seed).with(&changes)?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build();
     let threads = threads.with_context(|| format!("cannot start {} threads", arguments.threads))?;
+    let sprites = sprites(&arguments, &variant)?;
     let plan = Plan {
         variant,
         counts: Counts { train: arguments.train, valid: arguments.valid, test: arguments.test },
-        sprites: sprites(&arguments, task.scene.look)?,
+        sprites,
         folder: arguments.out,
         force: arguments.force,
     };
     threads.install(|| generate(&plan))
 }
 
-fn sprites(arguments: &Arguments, look: Look) -> Result<Sprites> {
-    let given = arguments.mnist_dir.is_some() || arguments.cifar_dir.is_some();
-    ensure!(look == Look::Digits || !given, "--mnist-dir and --cifar-dir mean nothing for task {}", arguments.task);
+fn sprites(arguments: &Arguments, variant: &Variant) -> Result<Sprites> {
+    let task = variant.task.key;
+    let digits = variant.scene.look == Look::Digits;
+    ensure!(digits || arguments.mnist_dir.is_none(), "--mnist-dir means nothing for task {task}; leave it out");
     let mut sprites = Sprites::original()?;
     if let (Some(folder), &[first, second]) = (&arguments.mnist_dir, &arguments.mnist_indices[..]) {
         sprites = sprites.with_mnist(folder, [first, second])?;
     }
-    if let Some(folder) = &arguments.cifar_dir {
-        sprites = sprites.with_cifar(folder, arguments.cifar_index)?;
+    match (variant.background, &arguments.cifar_dir, arguments.cifar_index) {
+        (Background::Plain, Some(_), _) => {
+            bail!("--cifar-dir means nothing for task {task} without --background cifar")
+        }
+        (Background::RandomCifar, None, _) => bail!("--background random-cifar needs --cifar-dir"),
+        (Background::RandomCifar, _, Some(_)) => bail!("--cifar-index means nothing with --background random-cifar"),
+        (Background::RandomCifar, Some(folder), None) => sprites.with_all_cifar(folder),
+        (Background::Cifar, Some(folder), index) => sprites.with_cifar(folder, index.unwrap_or(1)),
+        (_, None, _) => Ok(sprites),
     }
-    Ok(sprites)
 }

@@ -55,7 +55,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     let file = arguments.file.clone().unwrap_or_else(|| config.data.folder.join(&config.data.test_file));
     let split = Split::ALL.into_iter().find(|split| split.name() == arguments.split).context("unknown split")?;
     let dataset = evaluation::read_dataset(&file, &model.task)?;
-    let clips = Clips::new(dataset.split(split).clone(), device);
+    let clips = Clips::new(dataset.split(split), dataset.actions(split), device);
     ensure!(
         arguments.clip < clips.len(),
         "there is no clip {}; {} of {} holds {} clips, counted from 0",
@@ -66,7 +66,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     );
     let clip = clips.batch(&[arguments.clip as i64], clips.time()).squeeze_dim(0);
     let frames = arguments.frames.unwrap_or(clips.time() - model.task.input_steps);
-    let prediction = rollout::roll_out(&model, &clip, frames)?;
+    let prediction = rollout::roll_out(&model, &clip, &clips.actions(&[arguments.clip as i64]), frames)?;
     rollout::write(&arguments.out, &model.task, &prediction)?;
     println!("{frames} frames after the input of clip {}: {}", arguments.clip, arguments.out.display());
     Ok(ExitCode::SUCCESS)

@@ -9,6 +9,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Value, json};
 use tch::Tensor;
 
+use crate::cells::{Actions, Coordinates, PhysicalParameter};
 use crate::checkpoint::{self, RunState};
 use crate::config::Config;
 use crate::datasets::iterators::Clips;
@@ -39,7 +40,7 @@ pub fn evaluate(model: &PhysicsNet, clips: &Clips, limit: usize, batch: usize) -
     let all: Vec<i64> = (0..clips.len().min(limit) as i64).collect();
     for chosen in all.chunks(batch) {
         let frames = clips.batch(chosen, clips.time());
-        let losses = Losses::new(&model.forward(&frames)?, &frames, &model.task);
+        let losses = Losses::new(&model.forward(&frames, &clips.actions(chosen))?, &frames, &model.task);
         let weight = chosen.len() as f64;
         recons.add(&losses.reconstruction, weight);
         pred.add(&losses.prediction, weight);
@@ -299,15 +300,25 @@ impl<'a> Trainer<'a> {
         if model.parameters.is_empty() {
             return Ok(Outcome::Finished);
         }
-        let positions = self.encode_clips(config.clips)?;
-        let start: Vec<f64> = model.parameters.iter().map(|p| p.log.double_value(&[])).collect();
-        let task = &model.task;
-        let fit = identify::fit(config, task.cell, task.side, task.dt, &positions, &start)?;
-        for (parameter, log) in model.parameters.iter().zip(&fit.logs) {
-            model.set_parameter(parameter, log.exp());
+        let (positions, actions) = self.encode_clips(config.clips)?;
+        let kinds = model.task.cell.parameters;
+        let learned = |kind: &PhysicalParameter| model.parameters.iter().find(|p| p.name == kind.name);
+        let held = |kind: &PhysicalParameter| model.options.held(kind).expect("a parameter is held or learned").ln();
+        let logs: Vec<f64> =
+            kinds.iter().map(|kind| learned(kind).map_or_else(|| held(kind), |p| p.log.double_value(&[]))).collect();
+        let is_learned: Vec<bool> = kinds.iter().map(|kind| learned(kind).is_some()).collect();
+        let start = identify::Start { logs: &logs, learned: &is_learned };
+        let fit = identify::fit(config, &model.task, &positions, &actions, start)?;
+        for (kind, log) in kinds.iter().zip(&fit.logs) {
+            if let Some(parameter) = learned(kind) {
+                model.set_parameter(parameter, log.exp());
+            }
         }
         let largest = fit.offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
-        let recentred = config.recentre_above > 0.0 && largest > config.recentre_above;
+        // An angle is tied to where the rod is seen; what is left of an offset the joint training takes off.
+        let recentred = model.task.cell.coordinates == Coordinates::Position
+            && config.recentre_above > 0.0
+            && largest > config.recentre_above;
         if recentred {
             let frames = self.train.random_frames(RECENTRE_FRAMES, self.config.seed, self.state.steps);
             let left = recentre::recentre(model, &frames, &fit.offsets)?;
@@ -315,8 +326,12 @@ impl<'a> Trainer<'a> {
             println!("{line}");
             self.folder.log(&line)?;
         }
+        let unit = match model.task.cell.coordinates {
+            Coordinates::Position => "px",
+            Coordinates::Angle => "rad",
+        };
         let line = format!(
-            "identify - residual={:.4} px iterations={} offsets={:.3?} {}",
+            "identify - residual={:.4} {unit} iterations={} offsets={:.3?} {}",
             fit.residual,
             fit.iterations,
             fit.offsets,
@@ -333,14 +348,14 @@ impl<'a> Trainer<'a> {
         Ok(Outcome::Finished)
     }
 
-    /// Encoded positions of the first `count` training clips, `[clips, time, 2 * objects]`.
-    fn encode_clips(&self, count: usize) -> Result<Tensor> {
+    /// Encoded positions of the first `count` training clips, `[clips, time, coordinates * objects]`, and what acts on them.
+    fn encode_clips(&self, count: usize) -> Result<(Tensor, Actions)> {
         let _guard = tch::no_grad_guard();
         let chosen: Vec<i64> = (0..self.train.len().min(count) as i64).collect();
         let encoded: Vec<Tensor> = chosen
             .chunks(self.config.join.batch)
             .map(|chosen| self.model.encode(&self.train.batch(chosen, self.train.time())).1)
             .collect();
-        Ok(Tensor::cat(&encoded, 0))
+        Ok((Tensor::cat(&encoded, 0), self.train.actions(&chosen)))
     }
 }

@@ -17,8 +17,10 @@ const RECIPES: &[(&str, &str)] =
     &[("fast", include_str!("../configs/fast.toml")), ("paper", include_str!("../configs/paper.toml"))];
 
 /// What a task changes in a recipe: task, recipe, text.
-const TASK_RECIPES: &[(&str, &str, &str)] =
-    &[("mnist_spring_color", "fast", include_str!("../configs/mnist_spring_color/fast.toml"))];
+const TASK_RECIPES: &[(&str, &str, &str)] = &[
+    ("mnist_spring_color", "fast", include_str!("../configs/mnist_spring_color/fast.toml")),
+    ("pendulum", "fast", include_str!("../configs/pendulum/fast.toml")),
+];
 
 /// A complete run: what, how, where. Saved as `config.toml` in the run folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -223,6 +225,24 @@ impl Config {
         toml::to_string_pretty(self).expect("a config is plain data")
     }
 
+    /// What differs from the plain recipe of this task, each as `section.key=value`, in the order of the keys. Seed,
+    /// device, threads and the data's folder do not count.
+    ///
+    /// # Errors
+    /// An unknown task or recipe.
+    pub fn differences_from_recipe(&self) -> Result<Vec<String>> {
+        let (task, recipe) = (Some(self.task.clone()), Some(self.recipe.clone()));
+        let plain = Config::load(None, &Overrides { task, recipe, ..Overrides::default() })?;
+        let values = |config: &Config| leaves(&Table::try_from(config).expect("a config is plain data"));
+        let plain = values(&plain);
+        Ok(values(self)
+            .into_iter()
+            .filter(|(key, _)| !["seed", "device", "threads", "data.folder"].contains(&key.as_str()))
+            .filter(|(key, value)| plain.get(key) != Some(value))
+            .map(|(key, value)| format!("{key}={value}"))
+            .collect())
+    }
+
     /// The row of the task table.
     ///
     /// # Errors
@@ -245,16 +265,23 @@ impl Config {
         ] {
             ensure!(every > 0, "config: {key} must be at least 1");
         }
-        for symbol in self.start.keys() {
-            let known: Vec<_> = task.cell.parameters().iter().map(|p| p.name).collect();
-            ensure!(
-                known.contains(&symbol.as_str()),
-                "config: start.{symbol}: task {} has no such parameter; it has {known:?}",
-                task.key
-            );
+        let known: Vec<_> = task.cell.parameters.iter().map(|p| p.name).collect();
+        for (section, symbols) in [("start", &self.start), ("model.hold", &self.model.hold)] {
+            for (symbol, value) in symbols {
+                ensure!(
+                    known.contains(&symbol.as_str()),
+                    "config: {section}.{symbol}: task {} has no such parameter; it has {known:?}",
+                    task.key
+                );
+                ensure!(*value > 0.0, "config: {section}.{symbol} = {value}: must be positive");
+            }
         }
-        for (symbol, value) in &self.start {
-            ensure!(*value > 0.0, "config: start.{symbol} = {value}: must be positive");
+        for parameter in task.cell.parameters.iter().filter(|p| self.start.contains_key(p.name)) {
+            ensure!(
+                self.model.held(parameter).is_none(),
+                "config: start.{0}: {0} is not learned but held (model.hold)",
+                parameter.name
+            );
         }
         if let Some(discover) = &self.discover {
             ensure!(
@@ -304,6 +331,22 @@ fn parse_assignment(assignment: &str) -> Result<Table> {
         .with_context(|| format!("--set {assignment:?}"))
 }
 
+/// All values by their full key, in TOML's notation.
+pub(crate) fn leaves(table: &Table) -> BTreeMap<String, String> {
+    fn walk(table: &Table, prefix: &str, leaves: &mut BTreeMap<String, String>) {
+        for (key, value) in table {
+            let key = format!("{prefix}{key}");
+            match value {
+                Value::Table(below) => walk(below, &format!("{key}."), leaves),
+                value => drop(leaves.insert(key, value.to_string())),
+            }
+        }
+    }
+    let mut all = BTreeMap::new();
+    walk(table, "", &mut all);
+    all
+}
+
 /// Lays `over` on `base`: tables are merged, everything else is replaced.
 fn merge(base: &mut Table, over: Table) {
     // A length in steps replaces one in epochs and the other way round.
@@ -321,5 +364,39 @@ fn merge(base: &mut Table, over: Table) {
                 base.insert(key, value);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_from_the_recipe_are_what_was_set() {
+        let load = |task: &str, recipe: &str, set: &[&str]| {
+            let set = set.iter().map(|assignment| assignment.to_string()).collect();
+            let (task, recipe) = (Some(task.to_string()), Some(recipe.to_string()));
+            let seed = Some(7);
+            let (threads, device, data) = (Some(3), Some("cuda".into()), Some("elsewhere".into()));
+            Config::load(None, &Overrides { task, recipe, seed, device, threads, data, set }).unwrap()
+        };
+        // What a task changes in a recipe is part of the recipe.
+        for (task, recipe) in [("spring_color", "fast"), ("mnist_spring_color", "fast"), ("3bp_color", "paper")] {
+            assert_eq!(load(task, recipe, &[]).differences_from_recipe().unwrap(), [""; 0]);
+        }
+        let changed = [
+            "data.test_file=\"other.npz\"",
+            "discover.start.template_bump=0.0",
+            "identify.horizons=[3, 12]",
+            "join.learning_rate=0.0001",
+            "join.optimizer=\"sgd\"",
+            "model.exact_shift=false",
+            "start.k=2.0",
+        ];
+        let config = load("spring_color", "fast", &changed);
+        assert_eq!(config.differences_from_recipe().unwrap(), changed);
+        // Steps for epochs.
+        let config = load("spring_color", "paper", &["join.max_steps=9"]);
+        assert_eq!(config.differences_from_recipe().unwrap(), ["join.max_steps=9"]);
     }
 }

@@ -58,6 +58,13 @@ pub fn set_threads(threads: usize) -> usize {
     threads
 }
 
+/// The machine: its processor (as the kernel names it) and the cores this program may use.
+pub fn hardware() -> serde_json::Value {
+    let processors = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = processors.lines().find_map(|line| line.strip_prefix("model name")?.trim_start().strip_prefix(": "));
+    serde_json::json!({"processor": name, "cores": std::thread::available_parallelism().map_or(1, usize::from)})
+}
+
 /// Version of the libtorch this was built with.
 pub const LIBTORCH_VERSION: &str = env!("PAIG_LIBTORCH_VERSION");
 

@@ -10,10 +10,11 @@ use clap::{Args, Parser};
 use serde_json::{Map, Value, json};
 use tch::Device;
 
-use crate::base::{self, Outcome, Scores, Trainer};
+use crate::base::{Outcome, Trainer};
 use crate::config::{Config, Overrides};
-use crate::datasets::files::{ClipShape, DatasetFile};
+use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
+use crate::evaluation::{self, ScoredClips, TestLosses};
 use crate::physics_models::PhysicsNet;
 use crate::run_folder::RunFolder;
 use crate::tasks::{self, Task};
@@ -157,50 +158,57 @@ impl RunArgs {
     }
 }
 
-/// Training and test data of a config.
-struct Datasets {
+/// What a training sees.
+struct TrainingData {
     train: Clips,
     valid: Clips,
-    test: Clips,
 }
 
-impl Datasets {
-    /// Both files are read before the training starts: a missing test file must not cost a training.
+impl TrainingData {
+    /// The test file is read, too, and dropped: a missing one must not cost a training.
     fn load(config: &Config, task: &Task, device: Device) -> Result<Self> {
-        let folder = &config.data.folder;
-        let training = DatasetFile::read(&folder.join(&config.data.train_file), &ClipShape::training(task))?;
-        let testing = DatasetFile::read(&folder.join(&config.data.test_file), &ClipShape::test(task))?;
-        Ok(Datasets {
-            train: Clips::new(training.train, device),
-            valid: Clips::new(training.valid, device),
-            test: Clips::new(testing.test, device),
-        })
+        let training =
+            DatasetFile::read(&config.data.folder.join(&config.data.train_file), &ClipShape::training(task))?;
+        DatasetFile::read(&test_file(config), &ClipShape::test(task))?;
+        let clips = |split| Clips::new(training.split(split), training.actions(split), device);
+        Ok(TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) })
     }
 }
 
-/// Clips in one batch of the final evaluation.
-const TEST_BATCH: usize = 25;
+fn test_file(config: &Config) -> PathBuf {
+    config.data.folder.join(&config.data.test_file)
+}
 
 fn run(config: &Config, folder: &mut RunFolder, device: Device, threads: usize, test_mode: bool) -> Result<ExitCode> {
     let task = config.task()?;
     interrupt::catch()?;
-    let data = Datasets::load(config, task, device)?;
     let model = PhysicsNet::new(task, &config.model, device, config.seed);
+    let read_test_clips = || ScoredClips::read(&test_file(config), task, Split::Test, device);
     if test_mode {
         let weights = checkpoint::find_weights(folder.path())?;
         checkpoint::load_weights(&weights, &model)?;
-        let scores = base::evaluate(&model, &data.test, usize::MAX, TEST_BATCH)?;
-        print_results(task, &model, &scores);
+        let scores = evaluation::evaluate(&model, &read_test_clips()?)?;
+        print_results(task, &model, &scores.losses);
+        evaluation::print_frames_and_states(task, &scores);
         return Ok(ExitCode::SUCCESS);
     }
+    let data = TrainingData::load(config, task, device)?;
     let mut trainer = Trainer::new(config, &model, &data.train, &data.valid, folder)?;
     if trainer.run()? == Outcome::Interrupted {
         println!("stopped after step {}; go on with --resume --out {}", trainer.state.steps, folder.path().display());
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let state = trainer.state.clone();
-    let scores = base::evaluate(&model, &data.test, usize::MAX, TEST_BATCH)?;
-    print_results(task, &model, &scores);
+    // The true states lie beside the test file: nothing has read them before.
+    let test = read_test_clips().with_context(|| {
+        format!(
+            "the training is finished and saved, but not scored; --resume --out {} does it",
+            folder.path().display()
+        )
+    })?;
+    let scores = evaluation::evaluate(&model, &test)?;
+    print_results(task, &model, &scores.losses);
+    evaluation::print_frames_and_states(task, &scores);
     let parameters: Map<String, Value> = model
         .parameter_values()
         .into_iter()
@@ -215,26 +223,33 @@ fn run(config: &Config, folder: &mut RunFolder, device: Device, threads: usize, 
         "seed": config.seed,
         "parameters": parameters,
         "test": {
-            "recons_loss": scores.recons_loss,
-            "pred_loss": scores.pred_loss,
-            "extrap_loss": scores.extrap_loss,
-            "clips": data.test.len(),
+            "recons_loss": scores.losses.recons_loss,
+            "pred_loss": scores.losses.pred_loss,
+            "extrap_loss": scores.losses.extrap_loss,
+            "clips": scores.clips,
+            "predicted_frames": scores.predicted_frames,
+            "states": scores.states,
+            "made_with": test.made_with,
         },
+        "training_clips": data.train.len(),
+        "validation_clips": data.valid.len(),
+        "overrides": config.differences_from_recipe()?,
         "steps": state.steps,
         "wall_seconds": state.seconds,
         "phase_seconds": state.phase_seconds.iter().cloned().collect::<std::collections::BTreeMap<_, _>>(),
         "device": config.device,
         "threads": threads,
+        "hardware": device::hardware(),
         "versions": {"paig": env!("CARGO_PKG_VERSION"), "libtorch": device::LIBTORCH_VERSION},
     }))?;
-    viz::write_artifacts(folder.path(), &model, &data.test, config.output.examples)?;
+    viz::write_artifacts(folder.path(), &model, &test.clips, config.output.examples)?;
     viz::write_curves(folder.path(), task)?;
     println!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
     Ok(ExitCode::SUCCESS)
 }
 
 /// The learned parameters beside the truth, the losses beside the paper's.
-fn print_results(task: &Task, model: &PhysicsNet, scores: &Scores) {
+fn print_results(task: &Task, model: &PhysicsNet, losses: &TestLosses) {
     println!("\n{:<28}{:>12}{:>12}{:>10}", task.key, "learned", "true", "error");
     for (name, learned) in model.parameter_values() {
         match task.truth.iter().find(|truth| truth.name == name) {
@@ -251,9 +266,11 @@ fn print_results(task: &Task, model: &PhysicsNet, scores: &Scores) {
         let paper = paper.map_or("-".to_string(), |paper| format!("{paper:.2}"));
         println!("{name:<28}{value:>12.4}{paper:>12}");
     };
-    row("reconstruction L_rec", scores.recons_loss, published.map(|p| p.reconstruction));
-    row("prediction L_pred", scores.pred_loss, published.map(|p| p.prediction));
-    row("extrapolation L_extrap", scores.extrap_loss, None);
+    row("reconstruction L_rec", losses.recons_loss, published.map(|p| p.reconstruction));
+    row("prediction L_pred", losses.pred_loss, published.map(|p| p.prediction));
+    if let Some(loss) = losses.extrap_loss {
+        row("extrapolation L_extrap", loss, None);
+    }
     println!();
 }
 

@@ -98,7 +98,8 @@ pub fn transform(images: &Tensor, theta: &Tensor, side: i64) -> Tensor {
     let y = sample_axis(&source.select(1, 1), height);
     let flat = images.reshape([batch, channels, height * width]);
     let corner = |row: &Tensor, column: &Tensor, weight: Tensor| {
-        let index = (row * width as f64 + column).to_kind(Kind::Int64).unsqueeze(1);
+        // A theta that is not a number has no index; it shows in the weight.
+        let index = (row * width as f64 + column).nan_to_num(0.0, None, None).to_kind(Kind::Int64).unsqueeze(1);
         flat.gather(2, &index.expand([batch, channels, side * side], false), false) * weight.unsqueeze(1)
     };
     let sampled = corner(&y.below, &x.below, &x.weight_below * &y.weight_below)

@@ -1,6 +1,9 @@
 //! The physics cells against closed forms, conservation laws and finite differences, in float64.
 
-use paig::cells::{Cell, CellKind, State};
+use paig::cells::{
+    Actions, BOUNCING, Cell, CellKind, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING, State,
+    Walls,
+};
 use tch::{Kind, Tensor};
 
 fn scalar(value: f64) -> Tensor {
@@ -15,12 +18,17 @@ fn state(pos: &[f64], vel: &[f64]) -> State {
     State { pos: row(pos), vel: row(vel) }
 }
 
+/// In a frame of 32 x 32, for balls of radius 2.
+fn build(kind: &CellKind, logs: &[Tensor]) -> Box<dyn Cell> {
+    (kind.build)(logs, Walls::new(32, 2.0))
+}
+
 fn spring(k: f64, l: f64) -> Box<dyn Cell> {
-    CellKind::Spring.build(&[scalar(k.ln()), scalar(l.ln())], 32)
+    build(&SPRING, &[scalar(k.ln()), scalar(l.ln())])
 }
 
 fn gravity(g: f64) -> Box<dyn Cell> {
-    CellKind::Gravity.build(&[scalar(g.ln())], 36)
+    build(&GRAVITY, &[scalar(g.ln()), scalar(0.0)])
 }
 
 fn values(x: &Tensor) -> Vec<f64> {
@@ -36,7 +44,7 @@ fn spring_follows_the_harmonic_solution_for_small_steps() {
     let (steps, h) = (4000, 1e-3);
     let mut now = state(&values(&start.pos), &values(&start.vel));
     for _ in 0..steps {
-        now = cell.substep(&now, h);
+        now = cell.substep(&now, None, h);
     }
     let t = steps as f64 * h;
     let half = l + stretch / 2.0 * ((2.0 * k).sqrt() * t).cos();
@@ -51,7 +59,7 @@ fn spring_follows_the_harmonic_solution_for_small_steps() {
 #[test]
 fn spring_at_rest_length_moves_freely() {
     let cell = spring(4.0, 6.0);
-    let next = cell.step(&state(&[22.0, 16.0, 10.0, 16.0], &[1.0, -2.0, 1.0, -2.0]), 0.3);
+    let next = cell.step(&state(&[22.0, 16.0, 10.0, 16.0], &[1.0, -2.0, 1.0, -2.0]), None, 0.3);
     for (found, expected) in values(&next.pos).iter().zip([22.3, 15.4, 10.3, 15.4]) {
         assert!((found - expected).abs() < 1e-9, "{found} instead of {expected}");
     }
@@ -80,7 +88,7 @@ fn gravity_conserves_momentum_exactly_and_energy_for_small_steps() {
     let (before, energy_before) = (momentum(&start), energy(&start, g));
     let mut now = state(&values(&start.pos), &values(&start.vel));
     for _ in 0..4000 {
-        now = cell.substep(&now, 1e-3);
+        now = cell.substep(&now, None, 1e-3);
     }
     for (found, expected) in momentum(&now).iter().zip(before) {
         assert!((found - expected).abs() < 1e-9, "momentum {found}, was {expected}");
@@ -99,11 +107,11 @@ fn reflected(start: f64, velocity: f64, t: f64, near: f64, far: f64) -> f64 {
 
 #[test]
 fn bouncing_follows_the_analytic_reflection() {
-    let cell = CellKind::Bouncing.build(&[], 32);
+    let cell = build(&BOUNCING, &[]);
     let (pos, vel) = ([5.0, 20.0, 28.0, 3.0], [-8.0, 3.1, 7.3, -2.2]);
     let mut now = state(&pos, &vel);
     for frame in 1..=40 {
-        now = cell.step(&now, 0.3);
+        now = cell.step(&now, None, 0.3);
         for (i, found) in values(&now.pos).iter().enumerate() {
             // Reflection is exact, so the error is rounding alone.
             let expected = reflected(pos[i], vel[i], 0.3 * f64::from(frame), 2.0, 30.0);
@@ -115,13 +123,130 @@ fn bouncing_follows_the_analytic_reflection() {
     }
 }
 
+/// Free fall is a parabola, to the first order of the step.
+#[test]
+fn falling_follows_the_parabola() {
+    let g = 1.5;
+    let cell = build(&FALLING, &[scalar(f64::ln(g))]);
+    let mut now = state(&[16.0, 20.0], &[1.0, -3.0]);
+    for _ in 0..10 {
+        now = cell.step(&now, None, 0.3);
+    }
+    let t = 3.0;
+    // The velocity is updated first, so the ball is ahead by g t h / 2 with h = 0.3 / 5.
+    let expected = [16.0 + t, 20.0 - 3.0 * t + g * t * t / 2.0 + g * t * 0.06 / 2.0, 1.0, -3.0 + g * t];
+    for (found, expected) in values(&now.joined()).iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-9, "{found} instead of {expected}");
+    }
+}
+
+#[test]
+fn a_falling_ball_that_bounces_keeps_its_energy() {
+    let g = 1.5;
+    let cell = build(&FALLING_BOUNCING, &[scalar(f64::ln(g))]);
+    let mut now = state(&[16.0, 12.0], &[2.0, 1.0]);
+    let energy = |state: &State| {
+        let (p, v) = (values(&state.pos), values(&state.vel));
+        v.iter().map(|v| v * v / 2.0).sum::<f64>() - g * p[1]
+    };
+    let before = energy(&now);
+    let mut bounces = 0;
+    for _ in 0..20_000 {
+        let next = cell.substep(&now, None, 1e-3);
+        bounces += i32::from(values(&next.vel)[1] < 0.0 && values(&now.vel)[1] > 0.0);
+        now = next;
+    }
+    assert!(bounces >= 2, "only {bounces} bounces: the test would show nothing");
+    // Each step and each bounce errs by the order of g h times the speed, 1.5e-3 * 8.
+    let change = energy(&now) - before;
+    assert!(change.abs() < 0.05, "energy changed by {change}");
+}
+
+/// With friction c the separation of two unit masses on a spring is a damped oscillation.
+#[test]
+fn the_damped_spring_follows_the_damped_oscillation() {
+    let (k, l, c, stretch) = (4.0f64, 6.0f64, 0.3f64, 3.0);
+    let cell = build(&DAMPED_SPRING, &[k, l, c].map(|value| scalar(value.ln())));
+    let mut now = state(&[16.0 + l + stretch / 2.0, 10.0, 16.0 - l - stretch / 2.0, 10.0], &[0.0; 4]);
+    let (steps, h) = (4000, 1e-3);
+    for _ in 0..steps {
+        now = cell.substep(&now, None, h);
+    }
+    let t = f64::from(steps) * h;
+    let (decay, frequency) = (c / 2.0, (2.0 * k - c * c / 4.0).sqrt());
+    let wave = (frequency * t).cos() + decay / frequency * (frequency * t).sin();
+    let half = l + stretch / 2.0 * (-decay * t).exp() * wave;
+    // First order: amplitude * frequency * h.
+    for (found, expected) in values(&now.pos).iter().zip([16.0 + half, 10.0, 16.0 - half, 10.0]) {
+        assert!((found - expected).abs() < 5e-3, "{found} instead of {expected}");
+    }
+}
+
+fn pendulum(g: f64, a: f64) -> Box<dyn Cell> {
+    build(&PENDULUM, &[scalar(g.ln()), scalar(a.ln())])
+}
+
+/// About its lowest point a rod of length 1 swings with period 2 pi sqrt(2 / (3 g)).
+#[test]
+fn the_pendulum_has_the_small_angle_period() {
+    let (g, amplitude) = (10.0f64, 0.01);
+    let cell = pendulum(g, 1.0);
+    let period = 2.0 * std::f64::consts::PI * (2.0 / (3.0 * g)).sqrt();
+    let steps = 20_000;
+    let mut now = state(&[std::f64::consts::PI + amplitude], &[0.0]);
+    for _ in 0..steps {
+        now = cell.substep(&now, None, period / f64::from(steps));
+    }
+    let found = [values(&now.pos)[0] - std::f64::consts::PI, values(&now.vel)[0]];
+    // The period is longer by amplitude^2 / 16, and the step is of first order: both far below 1e-3 of the amplitude.
+    assert!(
+        (found[0] / amplitude - 1.0).abs() < 1e-3,
+        "after a period the angle is {} of what it was",
+        found[0] / amplitude
+    );
+    assert!(found[1].abs() < 1e-2 * amplitude * (1.5 * g).sqrt(), "and the rate {}", found[1]);
+}
+
+/// The torque's work is the change of energy: `theta'^2 / 6 + g cos(theta) / 2` with `dE = a u dtheta`.
+#[test]
+fn the_pendulum_gains_the_work_of_its_torque() {
+    let (g, a, torque) = (10.0, 0.8, 1.7);
+    let cell = pendulum(g, a);
+    let action = row(&[torque]);
+    let mut now = state(&[0.4], &[-1.0]);
+    let energy = |state: &State| values(&state.vel)[0].powi(2) / 6.0 + g / 2.0 * values(&state.pos)[0].cos();
+    let (angle, before) = (values(&now.pos)[0], energy(&now));
+    for _ in 0..10_000 {
+        now = cell.substep(&now, Some(&action), 1e-4);
+    }
+    let work = a * torque * (values(&now.pos)[0] - angle);
+    // First order: g h times the angle turned.
+    assert!((energy(&now) - before - work).abs() < 5e-3, "{} gained, {work} done", energy(&now) - before);
+}
+
+/// A cell steps through its actions one frame after the other, and on without any when they end.
+#[test]
+fn actions_act_in_their_own_frame() {
+    let cell = pendulum(10.0, 1.0);
+    let start = state(&[0.4], &[-1.0]);
+    let actions = Actions::new(Some(row(&[1.0, -2.0])));
+    let states = cell.roll_out(&start, &actions, 0.05, 3);
+    let first = cell.step(&start, Some(&row(&[1.0])), 0.05);
+    let second = cell.step(&first, Some(&row(&[-2.0])), 0.05);
+    let third = cell.step(&second, None, 0.05);
+    for (found, expected) in states.iter().zip([first, second, third]) {
+        assert_eq!(values(&found.joined()), values(&expected.joined()));
+    }
+}
+
 /// d loss / d x by autograd and by central differences, for a loss on the states after three frames.
-fn check_gradient(build: impl Fn(&[Tensor]) -> Box<dyn Cell>, logs: &[f64], pos: &[f64], vel: &[f64]) {
+fn check_gradient(kind: &CellKind, logs: &[f64], pos: &[f64], vel: &[f64]) {
     let count = (logs.len(), pos.len());
+    let actions = Actions::new(kind.actions.then(|| row(&[0.7, -1.1, 1.9])));
     let loss = |x: &Tensor| {
         let logs: Vec<_> = (0..count.0).map(|i| x.get(i as i64)).collect();
         let states = x.narrow(0, count.0 as i64, 2 * count.1 as i64).unsqueeze(0);
-        let end = build(&logs).roll_out(&State::from_joined(&states), 0.3, 3).pop().unwrap();
+        let end = build(kind, &logs).roll_out(&State::from_joined(&states), &actions, 0.3, 3).pop().unwrap();
         let weights = Tensor::linspace(-1.0, 1.5, count.1 as i64, (Kind::Double, tch::Device::Cpu));
         (end.pos * &weights).sum(Kind::Double) + (end.vel * weights.square()).sum(Kind::Double)
     };
@@ -143,17 +268,13 @@ fn check_gradient(build: impl Fn(&[Tensor]) -> Box<dyn Cell>, logs: &[f64], pos:
 
 #[test]
 fn gradients_agree_with_finite_differences() {
-    check_gradient(
-        |logs| CellKind::Spring.build(logs, 32),
-        &[1.2, 1.7],
-        &[20.0, 13.0, 11.0, 17.0],
-        &[1.0, -2.0, 0.5, 3.0],
-    );
-    check_gradient(
-        |logs| CellKind::Gravity.build(logs, 36),
-        &[4.0],
-        &[18.0, 9.0, 26.0, 22.0, 10.0, 23.0],
-        &[2.0, 0.3, -1.0, 1.5, -0.7, -1.9],
-    );
-    check_gradient(|logs| CellKind::Bouncing.build(logs, 32), &[], &[5.0, 20.0, 28.0, 3.0], &[-8.0, 3.1, 7.3, -2.2]);
+    let pair = ([20.0, 13.0, 11.0, 17.0], [1.0, -2.0, 0.5, 3.0]);
+    check_gradient(&SPRING, &[1.2, 1.7], &pair.0, &pair.1);
+    check_gradient(&DAMPED_SPRING, &[1.2, 1.7, -0.5], &pair.0, &pair.1);
+    check_gradient(&BOUNCING, &[], &[5.0, 20.0, 28.0, 3.0], &[-8.0, 3.1, 7.3, -2.2]);
+    check_gradient(&FALLING, &[0.3], &[12.0, 9.0], &[2.0, -4.0]);
+    check_gradient(&FALLING_BOUNCING, &[0.3], &[4.0, 27.0], &[-8.0, 4.0]);
+    check_gradient(&PENDULUM, &[2.3, -0.2], &[0.6], &[-1.4]);
+    let bodies = [18.0, 9.0, 26.0, 22.0, 10.0, 23.0];
+    check_gradient(&GRAVITY, &[4.0, 0.1], &bodies, &[2.0, 0.3, -1.0, 1.5, -0.7, -1.9]);
 }

@@ -4,17 +4,20 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use ndarray::{Array, Array5};
+use ndarray::{Array, Array2, Array5, s};
 use ndarray_npy::{NpzWriter, WritableElement};
-use paig::datasets::files::{ClipShape, DatasetFile};
+use paig::datasets::files::{ClipShape, DatasetFile, Split};
 use paig::datasets::generators::{Counts, Plan, generate, generate_clips};
+use paig::datasets::iterators::Clips;
+use paig::datasets::scene::Background;
 use paig::datasets::sprites::Sprites;
 use paig::datasets::states::States;
-use paig::datasets::variant::Variant;
+use paig::datasets::variant::{Changes, Variant};
 use paig::tasks::{Task, find};
+use tch::{Device, Kind};
 use tempfile::TempDir;
 
-const SMALL: ClipShape = ClipShape { task: "spring_color", frames: 3, side: 4, channels: 3 };
+const SMALL: ClipShape = ClipShape { task: "spring_color", frames: 3, side: 4, channels: 3, actions: false };
 const COUNTS: Counts = Counts { train: 12, valid: 2, test: 3 };
 
 fn task() -> &'static Task {
@@ -43,7 +46,7 @@ fn counting(offset: usize) -> Array5<u8> {
 }
 
 fn small() -> DatasetFile {
-    DatasetFile { train: counting(0), valid: counting(1), test: counting(2) }
+    DatasetFile { train: counting(0), valid: counting(1), test: counting(2), actions: None }
 }
 
 #[test]
@@ -133,6 +136,55 @@ fn arrays_in_fortran_order_are_read() {
     let dataset = DatasetFile::read(&path, &SMALL).unwrap();
     assert_eq!(dataset, small());
     assert!(dataset.train.is_standard_layout());
+}
+
+/// A file of 2 clips of 3 frames in each split, and these actions.
+fn write_with_actions(path: &Path, actions: &[(&str, Array2<f64>)]) {
+    let mut npz = NpzWriter::new(fs::File::create(path).unwrap());
+    ["train_x", "valid_x", "test_x"].iter().for_each(|name| npz.add_array(*name, &counting(0)).unwrap());
+    actions.iter().for_each(|(name, values)| npz.add_array(*name, values).unwrap());
+    npz.finish().unwrap();
+}
+
+#[test]
+fn actions_are_read_where_they_are_needed() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("data.npz");
+    let driven = ClipShape { task: "pendulum", actions: true, ..SMALL };
+    let values = |offset: f32| Array2::from_shape_fn((2, 3), |(n, t)| offset + n as f32 - 0.25 * t as f32);
+    let written = DatasetFile { actions: Some([values(0.0), values(1.0), values(2.0)]), ..small() };
+    written.write(&path).unwrap();
+    let read = DatasetFile::read(&path, &driven).unwrap();
+    assert_eq!(read, written);
+    assert_eq!(read.actions(Split::Test), Some(&values(2.0)));
+    assert_eq!(DatasetFile::read(&path, &SMALL).unwrap(), small());
+
+    let wide = |offset: f32| values(offset).mapv(f64::from);
+    let message = || format!("{:#}", DatasetFile::read(&path, &driven).unwrap_err());
+    let good = [("train_u", wide(0.0)), ("valid_u", wide(1.0)), ("test_u", wide(2.0))];
+    write_with_actions(&path, &good);
+    assert_eq!(DatasetFile::read(&path, &driven).unwrap().actions, written.actions);
+    write_with_actions(&path, &good[..2]);
+    assert_says(&message(), &["data.npz", "no array \"test_u\"", "generate --task pendulum"]);
+    let [train, valid, test] = good;
+    write_with_actions(&path, &[train.clone(), ("valid_u", Array2::zeros((3, 2))), test.clone()]);
+    assert_says(&message(), &["valid_u", "[3, 2], expected [2, 3]"]);
+    let mut damaged = test.1;
+    damaged[[1, 2]] = f64::NAN;
+    write_with_actions(&path, &[train, valid, ("test_u", damaged)]);
+    assert_says(&message(), &["test_u", "not finite"]);
+}
+
+#[test]
+fn clips_are_served_with_their_actions() {
+    let frames = counting(0);
+    let actions = Array2::from_shape_fn((2, 3), |(n, t)| (10 * n + t) as f32);
+    let clips = Clips::new(&frames, Some(&actions), Device::Cpu);
+    let chosen = clips.actions(&[1, 0, 1]).at(2).unwrap();
+    assert_eq!((chosen.size(), chosen.kind()), (vec![3, 1], Kind::Float));
+    let values: Vec<f32> = chosen.flatten(0, 1).try_into().unwrap();
+    assert_eq!(values, [12.0, 2.0, 12.0]);
+    assert!(Clips::new(&frames, None, Device::Cpu).actions(&[0]).at(2).is_none());
 }
 
 #[test]
@@ -226,10 +278,22 @@ fn the_command_reports_errors_once() {
     assert_eq!((code, errors.as_str()), (Some(1), "error: --k means nothing for task bouncing_balls; leave it out\n"));
     let (code, errors) = command(&["--task", "spring_color", "--cifar-dir", "x"]);
     assert_eq!(code, Some(1));
-    assert_says(&errors, &["error: --mnist-dir and --cifar-dir"]);
-    let (code, errors) = command(&["--task", "pendulum"]);
+    assert_says(&errors, &["error: --cifar-dir means nothing for task spring_color without --background"]);
+    let (code, errors) = command(&["--task", "spring_color", "--mnist-dir", "x"]);
+    assert_eq!(code, Some(1));
+    assert_says(&errors, &["error: --mnist-dir means nothing for task spring_color"]);
+    let (code, errors) = command(&["--task", "falling", "--background", "random-cifar"]);
+    assert_eq!((code, errors.as_str()), (Some(1), "error: --background random-cifar needs --cifar-dir\n"));
+    let (code, errors) = command(&["--task", "trebuchet"]);
     assert_eq!(code, Some(2));
-    assert_says(&errors, &["pendulum", "spring_color"]);
+    assert_says(&errors, &["trebuchet", "spring_color", "pendulum"]);
+    let (code, errors) = command(&["--task", "spring_color", "--damping", "-1"]);
+    assert_eq!((code, errors.as_str()), (Some(1), "error: --damping must be at least 0, not -1\n"));
+    let (code, errors) = command(&["--task", "pendulum", "--torque", "0.5"]);
+    assert_eq!(code, Some(0), "{errors}");
+    let made = folder.path().join("pendulum/color_pendulum_sl14_g10_m1_l1_a1_u0.5_dt005.npz");
+    let dataset = DatasetFile::read(&made, &ClipShape::training(find("pendulum").unwrap())).unwrap();
+    assert!(dataset.actions(Split::Train).unwrap().iter().all(|u| u.abs() <= 0.5));
     let (code, errors) = command(&["--task", "spring_color", "--size", "4"]);
     assert_eq!(code, Some(1));
     assert_says(&errors, &["error: --size must be 8 to 512 pixels, not 4"]);
@@ -262,11 +326,95 @@ fn other_source_images_are_read() {
     };
     fs::write(folder.path().join("data_batch_1.bin"), [record(1), record(2)].concat()).unwrap();
     let sprites = original.clone().with_cifar(folder.path(), 1).unwrap();
-    assert_eq!(sprites.background[[31, 0, 2]], 22);
+    assert_eq!((sprites.pictures.dim(), sprites.pictures[[0, 31, 0, 2]]), ((1, 32, 32, 3), 22));
     let error = format!("{:#}", original.clone().with_cifar(folder.path(), 2).unwrap_err());
     assert_says(&error, &["incomplete"]);
     let error = format!("{:#}", original.with_cifar(folder.path(), 10_001).unwrap_err());
     assert_says(&error, &["data_batch_2.bin"]);
+}
+
+/// CIFAR-10 files of two plain pictures each; picture p has the colour (100 + 10 p, 80 + 10 p, 60 + 10 p).
+fn write_cifar(folder: &Path) {
+    for file in 0..5_u8 {
+        let record = |picture: u8| {
+            let colours = [100, 80, 60].map(|colour| colour + 10 * picture);
+            std::iter::once(9).chain(colours.into_iter().flat_map(|colour| [colour; 1024])).collect::<Vec<u8>>()
+        };
+        let name = format!("data_batch_{}.bin", file + 1);
+        fs::write(folder.join(name), [record(2 * file), record(2 * file + 1)].concat()).unwrap();
+    }
+}
+
+#[test]
+fn each_clip_has_a_random_background() {
+    let folder = TempDir::new().unwrap();
+    write_cifar(folder.path());
+    let sprites = Sprites::original().unwrap().with_all_cifar(folder.path()).unwrap();
+    assert_eq!(sprites.pictures.dim(), (10, 32, 32, 3));
+    let counts = Counts { train: 40, valid: 1, test: 1 };
+    for key in ["bouncing_balls", "falling", "mnist_spring_color"] {
+        let plain = Variant::new(find(key).unwrap(), 0);
+        let background = Some(Background::RandomCifar);
+        let random = plain.clone().with(&Changes { background, ..Changes::default() }).unwrap();
+        assert!(random.file(12).to_str().unwrap().ends_with("_randomcifar.npz"));
+        let make = |variant: &Variant, threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| generate_clips(variant, &sprites, 4, counts)).unwrap()
+        };
+        let (dataset, states) = make(&random, 1);
+        assert_eq!(make(&random, 3), (dataset.clone(), states.clone()));
+        // The motion is that of the same clips on black.
+        let black = plain.with(&Changes { background: Some(Background::Plain), ..Changes::default() }).unwrap();
+        let (on_black, same_states) = make(&black, 1);
+        assert_eq!(same_states.train, states.train);
+        let black_pixels = on_black.train.iter().filter(|&&level| level == 0).count();
+        assert!(2 * black_pixels > on_black.train.len());
+        let mut seen = [0; 10];
+        for (clip, frames) in dataset.train.outer_iter().enumerate() {
+            // Brightness 0.2 is taken off: 51 grey levels; then levels are cut off.
+            let level = |picture: usize, channel: usize| match (key, channel) {
+                ("falling", _) => 0.299 * 100.0 + 0.587 * 80.0 + 0.114 * 60.0 + 10.0 * picture as f64 - 51.0,
+                _ => [100.0, 80.0, 60.0][channel] + 10.0 * picture as f64 - 51.0,
+            };
+            let shows = |pixel: ndarray::ArrayView1<u8>, picture: usize| {
+                pixel.iter().enumerate().all(|(c, &value)| (f64::from(value) - level(picture, c)).abs() <= 1.0)
+            };
+            // Of the pixels of a clip's frames most show its picture, none another (off the objects and their edges,
+            // where anything may come out).
+            let rows = |frame: usize| frames.slice(s![frame, .., .., ..]).to_owned();
+            let count = |frame: usize, picture: usize| {
+                rows(frame).rows().into_iter().filter(|pixel| shows(pixel.view(), picture)).count()
+            };
+            let pixels = frames.dim().1 * frames.dim().2;
+            let shown = (0..10).max_by_key(|&picture| count(0, picture)).unwrap();
+            assert!((0..4).all(|frame| 2 * count(frame, shown) > pixels), "{key}, clip {clip}");
+            seen[shown] += 1;
+        }
+        // 40 draws of 10 pictures: 7 different ones or more but for one time in 10^5.
+        assert!(seen.iter().filter(|&&clips| clips > 0).count() >= 7, "{key}: {seen:?}");
+    }
+
+    fs::write(folder.path().join("data_batch_4.bin"), [0; 3074]).unwrap();
+    let error = format!("{:#}", Sprites::original().unwrap().with_all_cifar(folder.path()).unwrap_err());
+    assert_says(&error, &["data_batch_4.bin", "3074 bytes", "incomplete"]);
+    fs::remove_file(folder.path().join("data_batch_4.bin")).unwrap();
+    let error = format!("{:#}", Sprites::original().unwrap().with_all_cifar(folder.path()).unwrap_err());
+    assert_says(&error, &["no CIFAR-10 training images", "data_batch_4.bin", "download"]);
+}
+
+#[test]
+fn balls_cover_the_picture_behind_them() {
+    let counts = Counts { train: 20, valid: 1, test: 1 };
+    let changes = Changes { background: Some(Background::Cifar), ..Changes::default() };
+    let variant = Variant::new(find("spring_color").unwrap(), 0).with(&changes).unwrap();
+    let (dataset, states) = generate_clips(&variant, &Sprites::original().unwrap(), 3, counts).unwrap();
+    for (clip, frames) in dataset.train.outer_iter().enumerate() {
+        // The second ball lies above the first. Its middle is one colour: nothing of the picture shines through but what
+        // the blur brings from 2 px off, some percent.
+        let [x, y] = [2, 3].map(|entry| states.train.positions[[clip, 1, entry]] as usize);
+        let [red, green, blue] = [0, 1, 2].map(|channel| frames[[1, y, x, channel]]);
+        assert!(green > 230 && red < 26 && blue < 26, "clip {clip}: {red} {green} {blue}");
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use common::{dataset, fresh, spring, text, write_config};
+use common::{TRAIN_CLIPS, dataset, fresh, spring, text, write_config};
 use ndarray::{Array2, Array4};
 use ndarray_npy::NpzReader;
 use serde_json::Value;
@@ -20,6 +20,26 @@ fn tool(program: &str, run: &Path, arguments: &[&str]) -> Output {
 
 fn read(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+/// The same names and, up to rounding, the same numbers.
+#[track_caller]
+fn near(here: &Value, there: &Value) {
+    match (here, there) {
+        (Value::Object(a), Value::Object(b)) => {
+            assert!(a.keys().eq(b.keys()), "{here}\n{there}");
+            a.iter().for_each(|(name, value)| near(value, &b[name]));
+        }
+        (Value::Array(a), Value::Array(b)) => {
+            assert_eq!(a.len(), b.len());
+            a.iter().zip(b).for_each(|(a, b)| near(a, b));
+        }
+        (Value::Number(a), Value::Number(b)) => {
+            let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
+            assert!((a - b).abs() < 1e-5 * (1.0 + b.abs()), "{a}, but {b} after the training");
+        }
+        _ => assert_eq!(here, there),
+    }
 }
 
 #[test]
@@ -42,6 +62,14 @@ fn a_run_is_scored_and_rolled_out() {
         let [here, there] = [&scores["scores"]["losses"][loss], &summary["test"][loss]].map(|x| x.as_f64().unwrap());
         assert!((here / there - 1.0).abs() < 1e-5, "{loss}: {here}, but {there} after the training");
     }
+    near(&scores["scores"]["predicted_frames"], &summary["test"]["predicted_frames"]);
+    near(&scores["scores"]["states"], &summary["test"]["states"]);
+    assert!(summary["test"]["made_with"].as_str().unwrap().contains("task spring_color, seed 0"), "{summary}");
+    assert_eq!((&summary["training_clips"], &summary["validation_clips"]), (&TRAIN_CLIPS.into(), &40.into()));
+    let overrides: Vec<_> = summary["overrides"].as_array().unwrap().iter().map(|x| x.as_str().unwrap()).collect();
+    assert_eq!(overrides.len(), 9, "{overrides:?}");
+    assert!(overrides.contains(&"join.batch=4") && overrides.contains(&"identify.horizons=[3, 5]"), "{overrides:?}");
+    assert!(summary["hardware"]["cores"].as_u64() > Some(0), "{summary}");
     let frames = scores["scores"]["predicted_frames"].as_array().unwrap();
     assert_eq!((frames.len(), &frames[0]["frame"], &frames[5]["extrapolated"]), (26, &4.into(), &false.into()));
     assert_eq!(frames[6]["extrapolated"], true);

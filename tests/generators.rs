@@ -3,12 +3,12 @@
 use std::f64::consts::TAU;
 use std::path::Path;
 
-use ndarray::{Array3, Array4, Axis, s};
+use ndarray::{Array3, Array4, ArrayView3, Axis, s};
 use ndarray_npy::NpzReader;
 use paig::datasets::files::Split;
 use paig::datasets::generators::{Counts, generate_clips};
-use paig::datasets::render::{Balls, Digits, Scratch};
-use paig::datasets::scene::Motion;
+use paig::datasets::render::{Balls, Overlay};
+use paig::datasets::scene::{Background, Motion};
 use paig::datasets::simulate::{State, World};
 use paig::datasets::sprites::Sprites;
 use paig::datasets::variant::{Changes, Variant};
@@ -31,6 +31,10 @@ fn largest_difference(frame: &[u8], expected: &[u8]) -> u8 {
     frame.iter().zip(expected).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
 }
 
+fn picture(sprites: &Sprites) -> ArrayView3<'_, u8> {
+    sprites.pictures.index_axis(Axis(0), 0)
+}
+
 /// Frames from tests/data/make_skimage_render.py. Returns the largest difference in grey levels.
 fn compare_with_skimage(name: &str, mut draw: impl FnMut(&[[f64; 2]], &mut [u8])) -> u8 {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/skimage_render.npz");
@@ -50,20 +54,22 @@ fn compare_with_skimage(name: &str, mut draw: impl FnMut(&[[f64; 2]], &mut [u8])
 #[test]
 fn balls_equal_skimage_within_a_grey_level() {
     for side in [32, 36] {
-        let balls = Balls::new(side, 2.0);
-        let mut scratch = Scratch::default();
+        let balls = Balls::new(side, 2.0, 3);
         let name = format!("balls_{side}");
-        assert!(compare_with_skimage(&name, |positions, frame| balls.draw(positions, &mut scratch, frame)) <= 1);
+        assert!(compare_with_skimage(&name, |positions, frame| balls.draw(positions, frame)) <= 1);
         assert!(compare_with_skimage(&name, |positions, frame| balls.draw_whole(positions, frame)) <= 1);
     }
 }
 
 #[test]
 fn digits_equal_skimage_within_two_grey_levels() {
-    let digits = Digits::new(64, &Sprites::original().unwrap()).unwrap();
-    let mut scratch = Scratch::default();
-    assert!(compare_with_skimage("digits", |positions, frame| digits.draw(positions, &mut scratch, frame)) <= 2);
-    assert!(compare_with_skimage("digits", |positions, frame| digits.draw_whole(positions, frame)) <= 2);
+    let sprites = Sprites::original().unwrap();
+    let digits = Overlay::digits(64, &sprites).unwrap();
+    let backdrop = digits.backdrop(picture(&sprites));
+    let mut canvas = backdrop.canvas.clone();
+    let mut draw = |positions: &[[f64; 2]], frame: &mut [u8]| digits.draw(positions, &backdrop, &mut canvas, frame);
+    assert!(compare_with_skimage("digits", &mut draw) <= 2);
+    assert!(compare_with_skimage("digits", |positions, frame| digits.draw_whole(positions, &backdrop, frame)) <= 2);
 }
 
 #[test]
@@ -72,24 +78,30 @@ fn quick_drawing_equals_drawing_the_whole_canvas() {
     let mut point = |side: f64| [rng.random_range(-1.0..side + 1.0), rng.random_range(-1.0..side + 1.0)];
     // 12 pixels are less than a ball's patch; 2.45 is no whole number of canvas pixels.
     for (side, radius) in [(32, 2.0), (36, 2.45), (12, 2.0)] {
-        let balls = Balls::new(side, radius);
+        let balls = Balls::new(side, radius, 3);
         let (mut quick, mut whole) = (vec![0; side * side * 3], vec![0; side * side * 3]);
-        let mut scratch = Scratch::default();
         for _ in 0..100 {
             let positions = [point(side as f64), point(side as f64), point(side as f64)];
-            balls.draw(&positions, &mut scratch, &mut quick);
+            balls.draw(&positions, &mut quick);
             balls.draw_whole(&positions, &mut whole);
             assert_eq!(quick, whole, "side {side}, radius {radius}, {positions:?}");
         }
     }
-    let digits = Digits::new(64, &Sprites::original().unwrap()).unwrap();
-    let (mut quick, mut whole) = (vec![0; 64 * 64 * 3], vec![0; 64 * 64 * 3]);
-    let mut scratch = Scratch::default();
-    for _ in 0..15 {
-        let positions = [point(64.0), point(64.0)];
-        digits.draw(&positions, &mut scratch, &mut quick);
-        digits.draw_whole(&positions, &mut whole);
-        assert_eq!(quick, whole, "{positions:?}");
+    let sprites = Sprites::original().unwrap();
+    for overlay in [Overlay::digits(64, &sprites), Overlay::balls(64, 2.45, 3, 2), Overlay::balls(64, 3.0, 1, 1)] {
+        let overlay = overlay.unwrap();
+        let backdrop = overlay.backdrop(picture(&sprites));
+        let mut canvas = backdrop.canvas.clone();
+        // As many channels as the canvas has planes, 5 or 10 times as large as the frame.
+        let channels = if canvas.len().is_multiple_of(3) { 3 } else { 1 };
+        let (mut quick, mut whole) = (vec![0; 64 * 64 * channels], vec![0; 64 * 64 * channels]);
+        for _ in 0..15 {
+            let positions = [point(64.0), point(64.0)];
+            overlay.draw(&positions, &backdrop, &mut canvas, &mut quick);
+            overlay.draw_whole(&positions, &backdrop, &mut whole);
+            assert_eq!(quick, whole, "{positions:?}");
+        }
+        assert_eq!(canvas, backdrop.canvas);
     }
 }
 
@@ -127,25 +139,125 @@ fn run(world: &World, state: &mut State, time: f64) {
 #[test]
 fn spring_follows_the_harmonic_solution() {
     let (k, equil) = (4.0, 6.0);
-    let world = free_world(Motion::Spring { k, equil, half_pane: false });
     let (stretch, closing, drift) = (3.0, -1.5, [0.7, -0.2]);
     let direction = [0.6, 0.8];
     // Separation 2 equil + stretch, changing at the speed `closing`, centre of mass drifting.
     let at = |half: f64, centre: [f64; 2]| [centre[0] + half * direction[0], centre[1] + half * direction[1]];
     let half = (2.0 * equil + stretch) / 2.0;
-    let mut state = State {
-        positions: vec![at(half, [500.0; 2]), at(-half, [500.0; 2])],
-        velocities: vec![at(closing / 2.0, drift), at(-closing / 2.0, drift)],
-    };
-    let (time, omega) = (2.7, (2.0 * k).sqrt());
-    run(&world, &mut state, time);
-    let separation = 2.0 * equil + stretch * (omega * time).cos() + closing / omega * (omega * time).sin();
-    let centre = [500.0 + drift[0] * time, 500.0 + drift[1] * time];
-    for (position, expected) in
-        state.positions.iter().zip([at(separation / 2.0, centre), at(-separation / 2.0, centre)])
-    {
-        for axis in 0..2 {
-            assert!((position[axis] - expected[axis]).abs() < 1e-3, "{position:?} for {expected:?}");
+    for damping in [0.0, 0.4] {
+        let world = free_world(Motion::Spring { k, equil, half_pane: false, damping });
+        let mut state = State::in_plane(
+            vec![at(half, [500.0; 2]), at(-half, [500.0; 2])],
+            vec![at(closing / 2.0, drift), at(-closing / 2.0, drift)],
+        );
+        let start_energy = spring_energy(&state, k, equil);
+        let time: f64 = 2.7;
+        run(&world, &mut state, time);
+        // The stretch s obeys s'' = -2 k s - damping s', the centre of mass v' = -damping v.
+        let (decay, omega) = ((-damping * time / 2.0).exp(), (2.0 * k - damping * damping / 4.0).sqrt());
+        let swing = (closing + damping * stretch / 2.0) / omega;
+        let separation = 2.0 * equil + decay * (stretch * (omega * time).cos() + swing * (omega * time).sin());
+        let drifted = if damping == 0.0 { time } else { (1.0 - (-damping * time).exp()) / damping };
+        let centre = drift.map(|speed| 500.0 + speed * drifted);
+        for (position, expected) in
+            state.points().iter().zip([at(separation / 2.0, centre), at(-separation / 2.0, centre)])
+        {
+            for axis in 0..2 {
+                assert!((position[axis] - expected[axis]).abs() < 1e-3, "{position:?} for {expected:?}");
+            }
+        }
+        // Half the energy of a swing is kinetic: the whole falls nearly as exp(-damping t); without damping it stays.
+        let kept = spring_energy(&state, k, equil) / start_energy;
+        let expected = (-damping * time).exp();
+        assert!((kept - expected).abs() < if damping == 0.0 { 1e-4 } else { 0.05 }, "{kept} for {expected}");
+    }
+}
+
+/// Kinetic energy and that of the spring.
+fn spring_energy(state: &State, k: f64, equil: f64) -> f64 {
+    let (p, q) = (state.points()[0], state.points()[1]);
+    let stretch = (p[0] - q[0]).hypot(p[1] - q[1]) - 2.0 * equil;
+    (state.velocities.iter().map(|v| v * v).sum::<f64>() + k * stretch * stretch) / 2.0
+}
+
+#[test]
+fn damping_is_told_apart() {
+    let damped = |damping| variant("spring_color").with(&Changes { damping: Some(damping), ..Changes::default() });
+    let expected = "spring_color/color_spring_vx8_vy8_sl12_r2_k4_e6_damping0.05.npz";
+    assert_eq!(damped(0.05).unwrap().file(12), Path::new(expected));
+    let counts = Counts { train: 1, valid: 1, test: 1 };
+    let made = |variant: &Variant| generate_clips(variant, &Sprites::original().unwrap(), 2, counts).unwrap();
+    let (frames, states) = made(&variant("spring_color"));
+    // Word for word what files made before there was any damping hold: they stay valid.
+    assert_eq!(
+        states.settings,
+        "generator 1, task spring_color, seed 0, clips 1+1+1 of 2 frames, side 32, dt 0.3, substeps 10, Scene { motion: \
+         Spring { k: 4.0, equil: 6.0, half_pane: false }, speed: [8.0, 8.0], radius: 2.0, look: Balls }"
+    );
+    assert_eq!(made(&damped(0.0).unwrap()), (frames, states));
+    assert!(made(&damped(0.05).unwrap()).1.settings.contains("half_pane: false, damping: 0.05 }"));
+}
+
+#[test]
+fn free_fall_is_a_parabola() {
+    let world = variant("falling").world();
+    let (h, g) = (world.dt / world.substeps as f64, 1.5);
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    for _ in 0..20 {
+        let clip = world.clip(30, &mut rng).unwrap();
+        let ([x, y], [vx, vy]) = (clip[0].points()[0], [clip[0].velocities[0], clip[0].velocities[1]]);
+        for (frame, state) in clip.iter().enumerate() {
+            let time = frame as f64 * world.dt;
+            // Taking the new velocity for each step of length h falls g h t / 2 further than the parabola: 0.2 px after
+            // 30 frames.
+            let expected = [x + vx * time, y + vy * time + g * time * (time + h) / 2.0];
+            for (position, expected) in state.positions.iter().zip(expected) {
+                assert!((position - expected).abs() < 1e-9, "frame {frame}: {position} for {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn falling_balls_bounce_without_loss() {
+    let (g, h) = (3.0, 0.03);
+    let (mut bounces, mut steps) = (0, 0);
+    for clip in clips_by_substep("falling_bouncing", 30) {
+        for pair in clip.windows(2) {
+            let [before, after] = [&pair[0], &pair[1]].map(|state| (state.points()[0], &state.velocities));
+            assert!(after.0.iter().all(|x| (3.0..=29.0).contains(x)), "{after:?}");
+            assert_eq!(before.1[0].abs(), after.1[0].abs());
+            let fallen = before.1[1] + g * h;
+            assert_eq!(fallen.abs(), after.1[1].abs());
+            steps += 1;
+            if after.1[1] != fallen {
+                bounces += 1;
+                continue;
+            }
+            // Between bounces a step loses (g h)^2 / 2, the integrator's error.
+            let energy = |(position, velocity): ([f64; 2], &Vec<f64>)| velocity[1].powi(2) / 2.0 - g * position[1];
+            assert!((energy(after) - energy(before) + (g * h).powi(2) / 2.0).abs() < 1e-9);
+        }
+    }
+    // 40 clips of 8.7 time units; a fall from the ceiling takes 4.2, so a clip has one to three bounces off the floor.
+    assert!((40..=200).contains(&bounces) && steps == 40 * 290, "{bounces} bounces in {steps} steps");
+}
+
+#[test]
+fn grey_balls_are_white_discs() {
+    for key in ["falling", "falling_bouncing"] {
+        let (dataset, states) = generate_clips(&variant(key), &Sprites::original().unwrap(), 12, COUNTS).unwrap();
+        assert_eq!(dataset.train.dim(), (40, 12, 32, 32, 1));
+        assert_eq!(states.train.positions.dim(), (40, 12, 2));
+        for (clip, frames) in dataset.train.outer_iter().enumerate() {
+            for (index, frame) in frames.outer_iter().enumerate() {
+                let at = |axis| states.train.positions[[clip, index, axis]];
+                // 254 where the weights of the blur add up to a little less than 1.
+                assert!(frame[[at(1) as usize, at(0) as usize, 0]] >= 254);
+                // A disc of radius 3; next to a border the mirrored blur adds a little.
+                let area = frame.iter().map(|&v| f64::from(v)).sum::<f64>() / 255.0;
+                assert!((area / (9.0 * TAU / 2.0) - 1.0).abs() < 0.1, "{area}");
+            }
         }
     }
 }
@@ -157,13 +269,13 @@ fn three_bodies_circle_in_the_closed_form_period() {
     // Equilateral triangle: each body is pulled to the centre with g / (sqrt(3) distance^2).
     let speed = (g / (3.0_f64.sqrt() * distance)).sqrt();
     let angles = [0.1, 0.1 + TAU / 3.0, 0.1 + 2.0 * TAU / 3.0];
-    let start = State {
-        positions: angles.iter().map(|a| [500.0 + distance * a.cos(), 500.0 + distance * a.sin()]).collect(),
-        velocities: angles.iter().map(|a| [-speed * a.sin(), speed * a.cos()]).collect(),
-    };
+    let start = State::in_plane(
+        angles.iter().map(|a| [500.0 + distance * a.cos(), 500.0 + distance * a.sin()]).collect(),
+        angles.iter().map(|a| [-speed * a.sin(), speed * a.cos()]).collect(),
+    );
     let mut state = start.clone();
     run(&world, &mut state, TAU * distance / speed);
-    for (end, begin) in state.positions.iter().zip(&start.positions) {
+    for (end, begin) in state.points().iter().zip(start.points()) {
         assert!((end[0] - begin[0]).hypot(end[1] - begin[1]) < 0.01, "{end:?} for {begin:?}");
     }
 }
@@ -171,16 +283,17 @@ fn three_bodies_circle_in_the_closed_form_period() {
 #[test]
 fn bouncing_balls_follow_the_triangle_wave() {
     let world = World { side: 32.0, ..free_world(Motion::Bouncing) };
-    let mut state = State { positions: vec![[5.0, 20.0]; 2], velocities: vec![[-7.0, 3.0], [4.0, -11.0]] };
+    let mut state = State::in_plane(vec![[5.0, 20.0]; 2], vec![[-7.0, 3.0], [4.0, -11.0]]);
     let start = state.clone();
     let time = 9.5;
     run(&world, &mut state, time);
     for ball in 0..2 {
         for axis in 0..2 {
-            let path = start.positions[ball][axis] - 2.0 + start.velocities[ball][axis] * time;
+            let entry = 2 * ball + axis;
+            let path = start.positions[entry] - 2.0 + start.velocities[entry] * time;
             let folded = path.rem_euclid(56.0);
             let expected = 2.0 + folded.min(56.0 - folded);
-            assert!((state.positions[ball][axis] - expected).abs() < 1e-6);
+            assert!((state.positions[entry] - expected).abs() < 1e-6);
         }
     }
 }
@@ -200,10 +313,12 @@ fn clips_by_substep(key: &str, frames: usize) -> Vec<Vec<State>> {
 
 #[test]
 fn no_object_touches_a_wall() {
-    for task in TASKS.iter().filter(|task| task.key != "bouncing_balls") {
-        for clip in clips_by_substep(task.key, task.train_frames) {
-            let far = task.side as f64 - 2.0;
-            assert!(clip.iter().flat_map(|state| state.positions.iter().flatten()).all(|&x| x > 2.0 && x < far));
+    for key in ["spring_color", "spring_color_half", "mnist_spring_color", "3bp_color", "falling"] {
+        let task = find(key).unwrap();
+        let margin = if key == "falling" { 3.0 } else { 2.0 };
+        for clip in clips_by_substep(key, task.train_frames) {
+            let far = task.side as f64 - margin;
+            assert!(clip.iter().flat_map(|state| &state.positions).all(|&x| x > margin && x < far));
         }
     }
 }
@@ -211,7 +326,7 @@ fn no_object_touches_a_wall() {
 #[test]
 fn half_pane_keeps_balls_left_during_input_and_prediction_only() {
     let clips = clips_by_substep("spring_color_half", 30);
-    let right = |state: &State| state.positions.iter().any(|position| position[0] >= 14.0);
+    let right = |state: &State| state.points().iter().any(|position| position[0] >= 14.0);
     assert!(clips.iter().all(|clip| !clip[..9 * 10 + 1].iter().any(right)));
     assert!(clips.iter().any(|clip| clip[9 * 10 + 1..].iter().any(right)));
 }
@@ -221,7 +336,7 @@ fn three_bodies_stay_apart() {
     for clip in clips_by_substep("3bp_color", 20) {
         for state in &clip {
             for (a, b) in [(0, 1), (1, 2), (2, 0)] {
-                let (p, q) = (state.positions[a], state.positions[b]);
+                let (p, q) = (state.points()[a], state.points()[b]);
                 assert!((p[0] - q[0]).hypot(p[1] - q[1]) > 3.0);
             }
         }
@@ -242,15 +357,15 @@ fn first_states(key: &str) -> Vec<State> {
     (0..500).map(|_| world.clip(2, &mut rng).unwrap().remove(0)).collect()
 }
 
-fn speed(velocity: [f64; 2]) -> f64 {
-    velocity[0].hypot(velocity[1])
+fn speeds(state: &State) -> Vec<f64> {
+    state.velocities.chunks(2).map(|velocity| velocity[0].hypot(velocity[1])).collect()
 }
 
 #[test]
 fn bouncing_balls_start_anywhere_at_full_speed() {
     let states = first_states("bouncing_balls");
-    assert!(states.iter().all(|state| state.velocities.iter().all(|&v| (speed(v) - 8.0).abs() < 1e-9)));
-    let coordinates: Vec<f64> = states.iter().flat_map(|state| state.positions.iter().flatten().copied()).collect();
+    assert!(states.iter().flat_map(speeds).all(|speed| (speed - 8.0).abs() < 1e-9));
+    let coordinates: Vec<f64> = states.iter().flat_map(|state| state.positions.clone()).collect();
     assert!(coordinates.iter().all(|x| (2.0..=30.0).contains(x)));
     // Uniform on 2..30: mean 16, standard deviation 28 / sqrt(12) = 8.08; 2000 draws.
     let mean = coordinates.iter().sum::<f64>() / coordinates.len() as f64;
@@ -262,11 +377,11 @@ fn bouncing_balls_start_anywhere_at_full_speed() {
 fn springs_start_within_the_stated_ranges() {
     for (key, equil, side, border) in [("spring_color", 6.0, 32.0, 8.0), ("mnist_spring_color", 12.0, 64.0, 23.0)] {
         for state in first_states(key) {
-            let (p, q) = (state.positions[0], state.positions[1]);
+            let (p, q) = (state.points()[0], state.points()[1]);
             let separation = (p[0] - q[0]).hypot(p[1] - q[1]);
             assert!((equil..3.0 * equil).contains(&separation), "{separation}");
             assert!((0..2).all(|axis| (border..side - border).contains(&((p[axis] + q[axis]) / 2.0))));
-            assert!(state.velocities.iter().all(|&v| (speed(v) - 8.0).abs() < 1e-9));
+            assert!(speeds(&state).iter().all(|speed| (speed - 8.0).abs() < 1e-9));
         }
     }
 }
@@ -276,7 +391,7 @@ fn three_bodies_start_on_a_circle() {
     let mut senses = [0, 0];
     for state in first_states("3bp_color") {
         let polar: Vec<(f64, f64)> = state
-            .positions
+            .points()
             .iter()
             .map(|p| ((p[0] - 18.0).hypot(p[1] - 18.0), (p[1] - 18.0).atan2(p[0] - 18.0)))
             .collect();
@@ -290,7 +405,7 @@ fn three_bodies_start_on_a_circle() {
         let residual = |turn: f64| {
             let drift = |body: usize| {
                 let tangent = polar[body].1 + turn;
-                let v = state.velocities[body];
+                let v = &state.velocities[2 * body..];
                 [v[0] - 2.0 * tangent.cos(), v[1] - 2.0 * tangent.sin()]
             };
             let first = drift(0);
@@ -307,7 +422,7 @@ fn three_bodies_start_on_a_circle() {
 #[test]
 fn clips_depend_on_seed_split_and_index_only() {
     let sprites = Sprites::original().unwrap();
-    for key in ["spring_color", "mnist_spring_color"] {
+    for key in ["spring_color", "mnist_spring_color", "pendulum", "falling", "falling_bouncing"] {
         let with_threads = |threads: usize, counts: Counts, seed: u64| {
             let variant = Variant::new(find(key).unwrap(), seed);
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -382,6 +497,14 @@ fn numbers_a_task_lacks_are_refused() {
         ("3bp_color", k, "--k"),
         ("spring_color", g, "--g"),
         ("mnist_spring_color", radius, "--radius"),
+        ("pendulum", radius, "--radius"),
+        ("pendulum", k, "--k"),
+        ("falling", k, "--k"),
+        ("falling", Changes { m: Some(1.0), ..Changes::default() }, "--m"),
+        ("falling_bouncing", Changes { torque: Some(1.0), ..Changes::default() }, "--torque"),
+        ("3bp_color", Changes { damping: Some(1.0), ..Changes::default() }, "--damping"),
+        ("pendulum", Changes { vy: Some(1.0), ..Changes::default() }, "--vy"),
+        ("pendulum", Changes { background: Some(Background::Cifar), ..Changes::default() }, "--background"),
     ] {
         let error = variant(key).with(&changes).unwrap_err().to_string();
         assert!(error.contains(flag) && error.contains(key), "{error}");
@@ -394,6 +517,15 @@ fn numbers_a_task_lacks_are_refused() {
         (Changes { vx: Some(1e6), ..Changes::default() }, "a substep"),
     ] {
         let error = variant("spring_color").with(&changes).unwrap_err().to_string();
+        assert!(error.contains(complaint), "{error}");
+    }
+    for (changes, complaint) in [
+        (Changes { length: Some(3.0), ..Changes::default() }, "--length must be at most 2.1"),
+        (Changes { spin: Some(9.0), ..Changes::default() }, "--spin must be at most 8"),
+        (Changes { m: Some(0.0), ..Changes::default() }, "--m must be at least 0.01"),
+        (Changes { dt: Some(1.0), ..Changes::default() }, "raise --substeps"),
+    ] {
+        let error = variant("pendulum").with(&changes).unwrap_err().to_string();
         assert!(error.contains(complaint), "{error}");
     }
 }

@@ -1,13 +1,13 @@
 //! The fit of physical parameters to trajectories, from starts a decade away and through template offsets.
 
-use paig::cells::{CellKind, State};
+use paig::cells::{Actions, State};
 use paig::config::Identify;
 use paig::datasets::generators::{Counts, generate_clips};
 use paig::datasets::sprites::Sprites;
 use paig::datasets::variant::Variant;
 use paig::initial_values::named_generator;
-use paig::recipe::identify::fit;
-use paig::tasks::find;
+use paig::recipe::identify::{Fit, Start, fit};
+use paig::tasks::{Task, find};
 use rand::Rng;
 use tch::{Kind, Tensor};
 
@@ -29,29 +29,46 @@ const FRAMES: usize = 12;
 /// Standard deviation of the observed positions, pixels.
 const NOISE: f64 = 0.1;
 
-/// Trajectories `[clips, frames, 2 * objects]` of a cell from scattered states around `pos` and `vel`, seen with offsets
-/// and noise.
-fn observed(kind: CellKind, logs: &[f64], dt: f64, pos: (&[f64], f64), vel: (&[f64], f64), offsets: &[f64]) -> Tensor {
+/// The fit of all of a task's parameters, or of those that are `learned`, from `start`.
+fn fitted(task: &Task, positions: &Tensor, actions: &Actions, start: &[f64], learned: &[bool]) -> Fit {
+    let logs: Vec<f64> = start.iter().map(|value| value.ln()).collect();
+    fit(&settings(), task, positions, actions, Start { logs: &logs, learned }).unwrap()
+}
+
+/// Trajectories `[clips, frames, coordinates]` of a task from scattered states around `pos` and `vel`, seen with offsets
+/// and noise of a standard deviation.
+fn observed(
+    task: &Task,
+    parameters: &[f64],
+    actions: &Actions,
+    pos: (&[f64], f64),
+    vel: (&[f64], f64),
+    offsets: &[f64],
+    noise: f64,
+) -> Tensor {
     let n = offsets.len();
     let first = State {
         pos: Tensor::from_slice(pos.0) + normal("positions", n) * pos.1,
         vel: Tensor::from_slice(vel.0) + normal("velocities", n) * vel.1,
     };
-    let logs: Vec<_> = logs.iter().map(|&log| Tensor::from(log).to_kind(Kind::Double)).collect();
-    let mut seen = vec![first.pos.shallow_clone()];
-    seen.extend(kind.build(&logs, 36).roll_out(&first, dt, FRAMES - 1).into_iter().map(|state| state.pos));
-    let noise = normal("noise", FRAMES * n).reshape([CLIPS, FRAMES as i64, n as i64]) * NOISE;
+    let logs: Vec<_> = parameters.iter().map(|value| Tensor::from(value.ln()).to_kind(Kind::Double)).collect();
+    let rolled = task.build_cell(&logs).roll_out(&first, actions, task.dt, FRAMES - 1);
+    let seen: Vec<_> = std::iter::once(&first).chain(&rolled).map(|state| &state.pos).collect();
+    let noise = normal("noise", FRAMES * n).reshape([CLIPS, FRAMES as i64, n as i64]) * noise;
     Tensor::stack(&seen, 1) + Tensor::from_slice(offsets) + noise
+}
+
+fn scattered_springs(task: &Task, parameters: &[f64], offsets: &[f64]) -> Tensor {
+    observed(task, parameters, &Actions::none(), (&[21.0, 16.0, 9.0, 16.0], 1.5), (&[0.0; 4], 3.0), offsets, NOISE)
 }
 
 #[test]
 fn spring_is_found_from_every_start_and_through_offsets() {
     let offsets = [1.5, -0.4, -1.5, 0.4];
-    let truth = [4.0f64, 6.0];
-    let logs = truth.map(f64::ln);
-    let seen = observed(CellKind::Spring, &logs, 0.3, (&[21.0, 16.0, 9.0, 16.0], 1.5), (&[0.0; 4], 3.0), &offsets);
+    let task = find("spring_color").unwrap();
+    let seen = scattered_springs(task, &[4.0, 6.0], &offsets);
     for start in [[1.0f64, 1.0], [10.0, 1.0], [0.1, 3.0], [1.0, 12.0]] {
-        let fit = fit(&settings(), CellKind::Spring, 32, 0.3, &seen, &start.map(f64::ln)).unwrap();
+        let fit = fitted(task, &seen, &Actions::none(), &start, &[true; 2]);
         let (k, l) = (fit.logs[0].exp(), fit.logs[1].exp());
         // 200 clips of 12 frames at 0.1 px of noise leave some 0.1 % on either.
         assert!((k / 4.0 - 1.0).abs() < 0.01 && (l / 6.0 - 1.0).abs() < 0.01, "from {start:?}: k {k}, l {l}");
@@ -65,22 +82,58 @@ fn spring_is_found_from_every_start_and_through_offsets() {
     }
 }
 
+/// On a circle, moving along it, no close encounters, as the task has them.
 #[test]
-fn gravity_is_found_from_far_starts() {
-    // As the task has them: on a circle, moving along it, no close encounters.
+fn gravity_or_mass_is_found_from_far_starts() {
+    let task = find("3bp_color").unwrap();
     let (pos, vel) = ([18.0, 9.0, 25.8, 22.5, 10.2, 22.5], [2.0, 0.0, -1.0, 1.7, -1.0, -1.7]);
-    let seen = observed(CellKind::Gravity, &[60f64.ln()], 0.5, (&pos, 0.7), (&vel, 0.3), &[0.0; 6]);
+    let seen = observed(task, &[60.0, 1.0], &Actions::none(), (&pos, 0.7), (&vel, 0.3), &[0.0; 6], NOISE);
     for start in [1.0f64, 10.0, 300.0] {
-        let fit = fit(&settings(), CellKind::Gravity, 36, 0.5, &seen, &[start.ln()]).unwrap();
+        let fit = fitted(task, &seen, &Actions::none(), &[start, 1.0], &[true, false]);
         let g = fit.logs[0].exp();
         assert!((g / 60.0 - 1.0).abs() < 0.02, "from {start}: g {g}");
+        assert_eq!(fit.logs[1], 0.0, "m is held");
+    }
+    for start in [0.2f64, 4.0] {
+        let fit = fitted(task, &seen, &Actions::none(), &[60.0, start], &[false, true]);
+        let m = fit.logs[1].exp();
+        assert!((m - 1.0).abs() < 0.01, "from {start}: m {m}");
+        assert_eq!(fit.logs[0], 60f64.ln(), "g is held");
+    }
+}
+
+/// Spring and friction together: the worked example of a cell of one's own.
+#[test]
+fn a_damped_spring_is_found() {
+    let task = find("damped_spring").unwrap();
+    let truth: Vec<f64> = task.truth.iter().map(|parameter| parameter.value).collect();
+    let seen = scattered_springs(task, &truth, &[0.0; 4]);
+    let fit = fitted(task, &seen, &Actions::none(), &[1.0; 3], &[true; 3]);
+    for ((log, parameter), tolerance) in fit.logs.iter().zip(task.truth).zip([0.01, 0.01, 0.03]) {
+        // Friction is a small force: ten times the spring's relative error.
+        let found = log.exp();
+        assert!((found / parameter.value - 1.0).abs() < tolerance, "{} {found}", parameter.name);
     }
 }
 
 #[test]
+fn a_driven_pendulum_is_found_through_an_offset() {
+    let task = find("pendulum").unwrap();
+    let actions = Actions::new(Some(normal("torque", FRAMES) * 1.2));
+    let seen = observed(task, &[10.0, 1.0], &actions, (&[0.0], 0.9), (&[0.0], 1.2), &[0.05], 0.01);
+    let fit = fitted(task, &seen, &actions, &[1.0; 2], &[true; 2]);
+    // 200 clips of half a second at 0.01 rad leave some 0.5 % on a, less on g.
+    let (g, a) = (fit.logs[0].exp(), fit.logs[1].exp());
+    assert!((g / 10.0 - 1.0).abs() < 0.01 && (a - 1.0).abs() < 0.02, "g {g}, a {a}");
+    assert!((fit.offsets[0] - 0.05).abs() < 0.01, "offset {}", fit.offsets[0]);
+}
+
+#[test]
 fn positions_that_are_not_numbers_are_refused() {
+    let task = find("spring_color").unwrap();
     let seen = Tensor::full([4, 12, 4], f64::NAN, (Kind::Double, tch::Device::Cpu));
-    let error = fit(&settings(), CellKind::Spring, 32, 0.3, &seen, &[0.0, 0.0]).unwrap_err();
+    let start = Start { logs: &[0.0; 2], learned: &[true; 2] };
+    let error = fit(&settings(), task, &seen, &Actions::none(), start).unwrap_err();
     assert!(error.to_string().contains("not finite"), "{error}");
 }
 
@@ -94,7 +147,7 @@ fn true_trajectories_give_the_spring_up_to_the_integration_step() {
     let positions = states.train.positions;
     let shape: Vec<i64> = positions.shape().iter().map(|&n| n as i64).collect();
     let seen = Tensor::from_slice(positions.as_slice().unwrap()).reshape(&shape);
-    let fit = fit(&settings(), task.cell, task.side, task.dt, &seen, &[0.0, 0.0]).unwrap();
+    let fit = fitted(task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]);
     let (k, l) = (fit.logs[0].exp(), fit.logs[1].exp());
     println!("k {k}, l {l}, residual {} px", fit.residual);
     assert!((k / 4.0 - 0.998).abs() < 0.001, "k {k}");

@@ -1,6 +1,6 @@
 //! State refinement: exact positions give the exact state, whatever the estimate, through bounces as well.
 
-use paig::cells::{Cell, CellKind, State};
+use paig::cells::{Actions, BOUNCING, Cell, CellKind, PENDULUM, SPRING, State, Walls};
 use paig::initial_values::named_generator;
 use paig::physics_models::refinement::refine;
 use rand::Rng;
@@ -9,6 +9,10 @@ use tch::{Kind, Tensor};
 const CLIPS: i64 = 400;
 const INPUT: usize = 4;
 
+fn build(kind: &CellKind, logs: &[Tensor]) -> Box<dyn Cell> {
+    (kind.build)(logs, Walls::new(32, 2.0))
+}
+
 fn uniform(purpose: &str, n: i64, low: f64, high: f64) -> Tensor {
     let mut random = named_generator(11, purpose);
     let values: Vec<f64> = (0..CLIPS * n).map(|_| random.random_range(low..high)).collect();
@@ -16,14 +20,14 @@ fn uniform(purpose: &str, n: i64, low: f64, high: f64) -> Tensor {
 }
 
 /// Share of the clips whose refined state at the last input frame is within `tolerance` of the truth.
-fn share_found(cell: &dyn Cell, first: &State, dt: f64, tolerance: f64) -> f64 {
-    let mut states = cell.roll_out(first, dt, INPUT - 1);
+fn share_found(cell: &dyn Cell, first: &State, actions: &Actions, dt: f64, tolerance: f64) -> f64 {
+    let mut states = cell.roll_out(first, actions, dt, INPUT - 1);
     let mut positions = vec![first.pos.shallow_clone()];
     positions.extend(states.iter().map(|state| state.pos.shallow_clone()));
     let truth = states.pop().unwrap();
     // An estimate that knows nothing of the velocity.
     let estimate = State { pos: truth.pos.shallow_clone(), vel: truth.vel.zeros_like() };
-    let refined = refine(cell, dt, &Tensor::stack(&positions, 1), estimate, 3);
+    let refined = refine(cell, dt, &Tensor::stack(&positions, 1), actions, estimate, 3);
     let error = (refined.joined() - truth.joined()).abs().amax([1i64].as_slice(), false);
     error.le(tolerance).to_kind(Kind::Double).mean(Kind::Double).double_value(&[])
 }
@@ -31,23 +35,35 @@ fn share_found(cell: &dyn Cell, first: &State, dt: f64, tolerance: f64) -> f64 {
 #[test]
 fn spring_states_are_found_from_positions_alone() {
     let logs = [4f64.ln(), 6f64.ln()].map(|log| Tensor::from(log).to_kind(Kind::Double));
-    let cell = CellKind::Spring.build(&logs, 32);
+    let cell = build(&SPRING, &logs);
     let apart = Tensor::from_slice(&[6.0, 0.0, -6.0, 0.0]);
     let first = State { pos: uniform("p", 4, 14.0, 18.0) + apart, vel: uniform("v", 4, -6.0, 6.0) };
     // Damping 1e-2 against J^T J of order 1 leaves a thousandth of the first error, 6 px per unit, after three steps.
-    let share = share_found(cell.as_ref(), &first, 0.3, 0.05);
+    let share = share_found(cell.as_ref(), &first, &Actions::none(), 0.3, 0.05);
     assert!(share > 0.98, "{share} of the states found");
 }
 
 #[test]
 fn bounces_during_the_input_are_seen_through() {
-    let cell = CellKind::Bouncing.build(&[], 32);
+    let cell = build(&BOUNCING, &[]);
     let first = State { pos: uniform("p", 4, 2.5, 29.5), vel: uniform("v", 4, -8.0, 8.0) };
-    let last = cell.roll_out(&first, 0.3, INPUT - 1).pop().unwrap();
+    let last = cell.roll_out(&first, &Actions::none(), 0.3, INPUT - 1).pop().unwrap();
     let bounced = (&first.vel * &last.vel).amin([1i64].as_slice(), false).lt(0.0).to_kind(Kind::Double);
     let bounced = bounced.mean(Kind::Double).double_value(&[]);
     assert!(bounced > 0.3, "only {bounced} of the clips bounce: the test would show nothing");
     // Left over are clips in which every pair of frames holds a bounce of one ball or the other.
-    let share = share_found(cell.as_ref(), &first, 0.3, 0.05);
+    let share = share_found(cell.as_ref(), &first, &Actions::none(), 0.3, 0.05);
     assert!(share > 0.95, "{share} of the states found, while {bounced} of the clips bounce");
+}
+
+/// A time step of 0.05 and torques that differ from frame to frame.
+#[test]
+fn a_driven_pendulum_is_found_from_its_angles() {
+    let logs = [10f64, 1.0].map(|value| Tensor::from(value.ln()).to_kind(Kind::Double));
+    let cell = build(&PENDULUM, &logs);
+    let first = State { pos: uniform("p", 1, -3.0, 3.0), vel: uniform("v", 1, -4.0, 4.0) };
+    let actions = Actions::new(Some(uniform("u", 3, -2.0, 2.0)));
+    // As for the spring; the first error is 4 per time unit, a thousandth of it is left.
+    let share = share_found(cell.as_ref(), &first, &actions, 0.05, 0.02);
+    assert!(share > 0.98, "{share} of the states found");
 }

@@ -48,9 +48,14 @@ fn a_short_training_finds_balls_and_spring() {
         assert!(run.join(name).metadata().is_ok_and(|file| file.len() > 0), "{name} was not written");
     }
 
+    // The physics was right, so the errors of the rolled-out states are some pixels.
+    assert!(number(&summary, "/test/states/predicted") < 3.0, "{summary}");
+    assert_eq!(number(&summary, "/test/predicted_frames/25/frame"), 29.0);
+
     // The score of the saved checkpoint is the score that was reported.
     let scored = spring(&run).arg("--test-mode").output().unwrap();
     assert!(text(&scored).contains(&format!("{recons:.4}")), "{}", text(&scored));
+    assert!(text(&scored).contains("T_ext begins") && text(&scored).contains("encoded positions"), "{}", text(&scored));
 }
 
 /// A run so small that it takes seconds, with checkpoints between validations and at phase ends.

@@ -24,7 +24,7 @@ fn synthetic(clips: usize, task: &Task) -> Array5<u8> {
 fn artifacts(folder: &Path, task: &Task, pixels: &Array5<u8>, examples: usize) {
     tch::set_num_threads(1);
     let model = PhysicsNet::new(task, &ModelOptions::original(), Device::Cpu, 3);
-    write_artifacts(folder, &model, &Clips::new(pixels.clone(), Device::Cpu), examples).unwrap();
+    write_artifacts(folder, &model, &Clips::new(pixels, None, Device::Cpu), examples).unwrap();
 }
 
 fn png(path: &Path) -> RgbImage {
@@ -158,7 +158,8 @@ fn an_empty_test_set_is_an_error() {
     let task = find("spring_color").unwrap();
     let folder = tempfile::tempdir().unwrap();
     let model = PhysicsNet::new(task, &ModelOptions::original(), Device::Cpu, 3);
-    let error = write_artifacts(folder.path(), &model, &Clips::new(synthetic(0, task), Device::Cpu), 1).unwrap_err();
+    let error =
+        write_artifacts(folder.path(), &model, &Clips::new(&synthetic(0, task), None, Device::Cpu), 1).unwrap_err();
     assert!(error.to_string().contains("no test clips"), "{error:#}");
 }
 

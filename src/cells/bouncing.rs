@@ -3,27 +3,40 @@
 //! Original: `bouncing_ode_cell`. The position moves first; then velocities flip and positions reflect, in the
 //! original's order (both walls for the velocity, then both for the position).
 
-use super::{Cell, State};
+use tch::Tensor;
 
-/// Radius of a ball: how far from a wall its centre turns, pixels.
-const RADIUS: f64 = 2.0;
+use super::{Cell, CellKind, Coordinates, State, Walls, scalars};
+
+pub static BOUNCING: CellKind = CellKind {
+    scope: "bouncing_ode_cell",
+    coordinates: Coordinates::Position,
+    actions: false,
+    parameters: &[],
+    build: |logs, walls| {
+        let [] = scalars(logs);
+        Box::new(Bouncing { walls })
+    },
+};
 
 #[derive(Debug)]
-pub(super) struct Bouncing {
-    /// Position of the far wall, pixels; the near one is at 0.
-    pub side: f64,
+struct Bouncing {
+    walls: Walls,
+}
+
+/// The state after the walls have turned back what has passed them.
+pub(super) fn reflected(pos: Tensor, vel: &Tensor, walls: Walls) -> State {
+    let Walls { near, far } = walls;
+    let beyond = pos.gt(far);
+    let before = pos.lt(near);
+    let vel = (-vel).where_self(&beyond, vel);
+    let vel = (-&vel).where_self(&before, &vel);
+    let pos = (2.0 * far - &pos).where_self(&beyond, &pos);
+    let pos = (2.0 * near - &pos).where_self(&pos.lt(near), &pos);
+    State { pos, vel }
 }
 
 impl Cell for Bouncing {
-    fn substep(&self, state: &State, h: f64) -> State {
-        let (near, far) = (RADIUS, self.side - RADIUS);
-        let pos = &state.pos + &state.vel * h;
-        let beyond = pos.gt(far);
-        let before = pos.lt(near);
-        let vel = (-&state.vel).where_self(&beyond, &state.vel);
-        let vel = (-&vel).where_self(&before, &vel);
-        let pos = (2.0 * far - &pos).where_self(&beyond, &pos);
-        let pos = (2.0 * near - &pos).where_self(&pos.lt(near), &pos);
-        State { pos, vel }
+    fn substep(&self, state: &State, _action: Option<&Tensor>, h: f64) -> State {
+        reflected(&state.pos + &state.vel * h, &state.vel, self.walls)
     }
 }

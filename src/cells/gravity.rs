@@ -1,22 +1,35 @@
 //! Three bodies of equal mass that attract each other.
 //!
-//! For each pair `F = g m^2 / n^2` along d, n = |d|; only g m^2 enters, so m is held at 1 and g is learned.
-//! Original: `gravity_ode_cell`; paper: section 4.1.
+//! For each pair `F = g m^2 / n^2` along d, n = |d|. Only g m^2 enters, so one of the two must be held: m at 1 as in the
+//! original, or g, for the second column of the paper's table 1. Original: `gravity_ode_cell`; paper: section 4.1.
 
 use tch::Tensor;
 
-use super::{Cell, PhysicalParameter, State};
+use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
-pub(super) const PARAMETERS: &[PhysicalParameter] =
-    &[PhysicalParameter { name: "g", variable: "log_g", length_power: 3 }];
+pub static GRAVITY: CellKind = CellKind {
+    scope: "gravity_ode_cell",
+    coordinates: Coordinates::Position,
+    actions: false,
+    parameters: &[
+        PhysicalParameter::learned("g", "log_g", 3),
+        // A rescaling of the coordinates is all g's.
+        PhysicalParameter { name: "m", variable: "log_m", length_power: 0, held: Some(1.0) },
+    ],
+    build: |logs, _walls| {
+        let [log_g, log_m] = scalars(logs);
+        Box::new(Gravity { log_g, log_m })
+    },
+};
 
 /// Bounds of the squared distance under the root, and of the distance in the force, pixels.
 const SQUARED_DISTANCE: (f64, f64) = (0.1, 1e5);
 const DISTANCE: (f64, f64) = (1.0, 170.0);
 
 #[derive(Debug)]
-pub(super) struct Gravity {
-    pub log_g: Tensor,
+struct Gravity {
+    log_g: Tensor,
+    log_m: Tensor,
 }
 
 /// `d / |d|^3`, bounded, for d = a - b.
@@ -28,13 +41,14 @@ fn attraction(a: Tensor, b: Tensor) -> Tensor {
 }
 
 impl Cell for Gravity {
-    fn substep(&self, state: &State, h: f64) -> State {
+    fn substep(&self, state: &State, _action: Option<&Tensor>, h: f64) -> State {
         let [p0, p1, p2] = [0, 1, 2].map(|object| state.position(object));
         let f01 = attraction(p0.shallow_clone(), p1.shallow_clone());
         let f12 = attraction(p1, p2.shallow_clone());
         let f20 = attraction(p2, p0);
         let pull = Tensor::cat(&[&f01 - &f20, &f12 - &f01, f20 - f12], 1);
-        let vel = &state.vel - self.log_g.exp() * pull * h;
+        let strength = self.log_g.exp() * (&self.log_m * 2.0).exp();
+        let vel = &state.vel - strength * pull * h;
         State { pos: &state.pos + &vel * h, vel }
     }
 }

@@ -1,24 +1,55 @@
 //! Physics cells: the differential equations, each in a file of its own, behind one trait.
 //!
-//! Original: `nn/network/cells.py`; paper: section 3.2. A frame is integrated in [`SUBSTEPS`] Euler steps. Positions and
-//! velocities are `[batch, 2 * objects]` as `(x0, y0, x1, y1, ..)`, in pixels and pixels per time unit.
+//! Original: `nn/network/cells.py`; paper: section 3.2. A frame is integrated in [`SUBSTEPS`] Euler steps. A state holds
+//! a position and a velocity for each object: `[batch, 2 * objects]` as `(x0, y0, x1, y1, ..)`, in pixels and pixels per
+//! time unit, or one angle each, `[batch, objects]`, in radians (see [`Coordinates`]).
 //!
-//! A new system takes one file with a [`Cell`], a variant of [`CellKind`] and a row of the task table.
+//! A new system takes one file with a [`Cell`] and its [`CellKind`], a row of the task table and, where the recipe does not
+//! fit, a config: `src/cells/README.md` goes through it with [`DAMPED_SPRING`].
 
+mod actions;
 mod bouncing;
+mod damped_spring;
+mod falling;
 mod gravity;
+mod pendulum;
 mod spring;
 
 use std::fmt::Debug;
 
 use tch::Tensor;
 
-pub use crate::tasks::CellKind;
+pub use actions::Actions;
+pub use bouncing::BOUNCING;
+pub use damped_spring::DAMPED_SPRING;
+pub use falling::{FALLING, FALLING_BOUNCING};
+pub use gravity::GRAVITY;
+pub use pendulum::PENDULUM;
+pub use spring::SPRING;
 
 /// Euler steps for one frame.
 pub const SUBSTEPS: usize = 5;
 
-/// Positions and velocities of all objects, each `[batch, 2 * objects]`.
+/// What an equation calls the position of an object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Coordinates {
+    /// x and y, pixels.
+    Position,
+    /// The angle about the frame's centre: 0 is up, positive is clockwise on the screen; radians.
+    Angle,
+}
+
+impl Coordinates {
+    /// Numbers for one object.
+    pub fn per_object(self) -> usize {
+        match self {
+            Coordinates::Position => 2,
+            Coordinates::Angle => 1,
+        }
+    }
+}
+
+/// Positions and velocities of all objects, each `[batch, coordinates * objects]`.
 #[derive(Debug)]
 pub struct State {
     pub pos: Tensor,
@@ -26,13 +57,13 @@ pub struct State {
 }
 
 impl State {
-    /// Splits `[batch, 4 * objects]`, positions then velocities.
+    /// Splits `[batch, 2 * coordinates * objects]`, positions then velocities.
     pub fn from_joined(joined: &Tensor) -> Self {
         let halves = joined.chunk(2, 1);
         State { pos: halves[0].shallow_clone(), vel: halves[1].shallow_clone() }
     }
 
-    /// `[batch, 4 * objects]`, positions then velocities.
+    /// `[batch, 2 * coordinates * objects]`, positions then velocities.
     pub fn joined(&self) -> Tensor {
         Tensor::cat(&[&self.pos, &self.vel], 1)
     }
@@ -41,13 +72,27 @@ impl State {
         State { pos: self.pos.detach(), vel: self.vel.detach() }
     }
 
-    /// Position of one object, `[batch, 2]`.
+    /// Position of one object in the plane, `[batch, 2]`.
     pub fn position(&self, object: i64) -> Tensor {
         self.pos.narrow(1, 2 * object, 2)
     }
 }
 
-/// What a cell can learn. The variable is the logarithm, so the value stays positive.
+/// The walls of a square frame, the same on both axes: where a ball's centre turns, pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Walls {
+    pub near: f64,
+    pub far: f64,
+}
+
+impl Walls {
+    /// For balls of this radius in a frame of side `side`.
+    pub fn new(side: usize, radius: f64) -> Self {
+        Walls { near: radius, far: side as f64 - radius }
+    }
+}
+
+/// A parameter of an equation. It is learned as its logarithm, so the value stays positive.
 #[derive(Debug)]
 pub struct PhysicalParameter {
     /// Symbol of the paper, the key under `parameters` in `summary.json`.
@@ -56,62 +101,63 @@ pub struct PhysicalParameter {
     pub variable: &'static str,
     /// Power of a length in its unit: what a rescaling of the coordinates does to it.
     pub length_power: i32,
+    /// The value it is held at, instead of being learned, unless the config says otherwise (`model.hold`).
+    pub held: Option<f64>,
+}
+
+impl PhysicalParameter {
+    /// One that is learned.
+    const fn learned(name: &'static str, variable: &'static str, length_power: i32) -> Self {
+        PhysicalParameter { name, variable, length_power, held: None }
+    }
+}
+
+/// What the task table needs to know of an equation.
+#[derive(Debug)]
+pub struct CellKind {
+    /// Name of the scope that holds the cell's variables; ends in `_cell`.
+    pub scope: &'static str,
+    pub coordinates: Coordinates,
+    /// Whether something acts from outside in every frame: the dataset must hold it.
+    pub actions: bool,
+    /// In the order in which `build` takes them.
+    pub parameters: &'static [PhysicalParameter],
+    /// The cell with these log-parameters (scalars, one for each of `parameters`).
+    pub build: fn(&[Tensor], Walls) -> Box<dyn Cell>,
 }
 
 /// A differential equation, integrated by Euler steps.
 pub trait Cell: Debug {
-    /// The state a time `h` later; a negative `h` goes back (to the order of the method).
-    fn substep(&self, state: &State, h: f64) -> State;
+    /// The state a time `h` later; a negative `h` goes back (to the order of the method). `action` (`[batch, 1]`) acts
+    /// meanwhile; without one nothing does.
+    fn substep(&self, state: &State, action: Option<&Tensor>, h: f64) -> State;
 
     /// The state one frame (`dt` time units) later.
-    fn step(&self, state: &State, dt: f64) -> State {
+    fn step(&self, state: &State, action: Option<&Tensor>, dt: f64) -> State {
         let h = dt / SUBSTEPS as f64;
-        let mut state = self.substep(state, h);
+        let mut state = self.substep(state, action, h);
         for _ in 1..SUBSTEPS {
-            state = self.substep(&state, h);
+            state = self.substep(&state, action, h);
         }
         state
     }
 
-    /// The states of the next `frames` frames, the initial one not included.
-    fn roll_out(&self, initial: &State, dt: f64, frames: usize) -> Vec<State> {
+    /// The states of the next `frames` frames, the initial one not included; `actions` begin at the initial state's frame.
+    fn roll_out(&self, initial: &State, actions: &Actions, dt: f64, frames: usize) -> Vec<State> {
         let mut states: Vec<State> = Vec::with_capacity(frames);
-        for _ in 0..frames {
-            let next = self.step(states.last().unwrap_or(initial), dt);
+        for frame in 0..frames {
+            let next = self.step(states.last().unwrap_or(initial), actions.at(frame).as_ref(), dt);
             states.push(next);
         }
         states
     }
 }
 
-impl CellKind {
-    /// Name of the scope that holds the cell's variables.
-    pub fn scope(self) -> &'static str {
-        match self {
-            CellKind::Bouncing => "bouncing_ode_cell",
-            CellKind::Spring => "spring_ode_cell",
-            CellKind::Gravity => "gravity_ode_cell",
-        }
-    }
-
-    /// What the cell learns, in the order in which [`CellKind::build`] takes it.
-    pub fn parameters(self) -> &'static [PhysicalParameter] {
-        match self {
-            CellKind::Bouncing => &[],
-            CellKind::Spring => spring::PARAMETERS,
-            CellKind::Gravity => gravity::PARAMETERS,
-        }
-    }
-
-    /// The cell with these log-parameters (scalars, one for each of [`CellKind::parameters`]) for frames of side `side`.
-    pub fn build(self, logs: &[Tensor], side: usize) -> Box<dyn Cell> {
-        match (self, logs) {
-            (CellKind::Bouncing, []) => Box::new(bouncing::Bouncing { side: side as f64 }),
-            (CellKind::Spring, [log_k, log_l]) => {
-                Box::new(spring::Spring { log_k: log_k.shallow_clone(), log_l: log_l.shallow_clone() })
-            }
-            (CellKind::Gravity, [log_g]) => Box::new(gravity::Gravity { log_g: log_g.shallow_clone() }),
-            _ => unreachable!("{self:?} takes {} parameters, got {}", self.parameters().len(), logs.len()),
-        }
-    }
+/// The scalars that `build` was given, one for each of `N` parameters.
+///
+/// # Panics
+/// Another number of them: a mistake in the program, never in its input.
+fn scalars<const N: usize>(logs: &[Tensor]) -> [Tensor; N] {
+    let logs: &[Tensor; N] = logs.try_into().expect("one log-parameter for each parameter of the cell");
+    logs.each_ref().map(Tensor::shallow_clone)
 }

@@ -5,12 +5,18 @@
 
 use tch::Tensor;
 
-use super::{Cell, PhysicalParameter, State};
+use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
-pub(super) const PARAMETERS: &[PhysicalParameter] = &[
-    PhysicalParameter { name: "k", variable: "log_k", length_power: 0 },
-    PhysicalParameter { name: "l", variable: "log_l", length_power: 1 },
-];
+pub static SPRING: CellKind = CellKind {
+    scope: "spring_ode_cell",
+    coordinates: Coordinates::Position,
+    actions: false,
+    parameters: &[PhysicalParameter::learned("k", "log_k", 0), PhysicalParameter::learned("l", "log_l", 1)],
+    build: |logs, _walls| {
+        let [log_k, log_l] = scalars(logs);
+        Box::new(Spring { log_k, log_l })
+    },
+};
 
 /// Keeps the direction finite when the bodies meet.
 const SOFTENING: f64 = 1e-4;
@@ -21,12 +27,19 @@ pub(super) struct Spring {
     pub log_l: Tensor,
 }
 
-impl Cell for Spring {
-    fn substep(&self, state: &State, h: f64) -> State {
+impl Spring {
+    /// Accelerations of the two bodies, `[batch, 4]`.
+    pub(super) fn acceleration(&self, state: &State) -> Tensor {
         let d = state.position(0) - state.position(1);
         let n = d.square().sum_dim_intlist([1i64].as_slice(), true, None).sqrt();
         let force = self.log_k.exp() * (&n - self.log_l.exp() * 2.0) * d / (n + SOFTENING);
-        let vel = &state.vel + Tensor::cat(&[-&force, force], 1) * h;
+        Tensor::cat(&[-&force, force], 1)
+    }
+}
+
+impl Cell for Spring {
+    fn substep(&self, state: &State, _action: Option<&Tensor>, h: f64) -> State {
+        let vel = &state.vel + self.acceleration(state) * h;
         State { pos: &state.pos + &vel * h, vel }
     }
 }

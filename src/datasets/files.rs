@@ -1,11 +1,13 @@
-//! Dataset files: `.npz` with `train_x`, `valid_x` and `test_x`, uint8 `[clips, frames, S, S, channels]`, 0..255.
+//! Dataset files: `.npz` with `train_x`, `valid_x` and `test_x`, uint8 `[clips, frames, S, S, channels]`, 0..255; where
+//! something acts on the objects from outside, also `train_u`, `valid_u` and `test_u`, float32 `[clips, frames]`: number
+//! t acts from frame t to frame t + 1, so the last one acts after the clip.
 //!
 //! The authors' files and ours are the same format. Original: `nn/datasets/generators.py`, `nn/datasets/iterators.py`.
 
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use ndarray::{Array5, Ix5};
+use ndarray::{Array2, Array5, Ix2, Ix5};
 
 use super::npz;
 use crate::tasks::Task;
@@ -40,12 +42,20 @@ pub struct ClipShape {
     /// Side S, pixels.
     pub side: usize,
     pub channels: usize,
+    /// Whether the file holds what acts from outside.
+    pub actions: bool,
 }
 
 impl ClipShape {
     /// Clips of the task's training file.
     pub fn training(task: &Task) -> Self {
-        Self { task: task.key, frames: task.train_frames, side: task.side, channels: task.channels }
+        Self {
+            task: task.key,
+            frames: task.train_frames,
+            side: task.side,
+            channels: task.channels,
+            actions: task.cell.actions,
+        }
     }
 
     /// Clips of the task's long test file.
@@ -60,6 +70,8 @@ pub struct DatasetFile {
     pub train: Array5<u8>,
     pub valid: Array5<u8>,
     pub test: Array5<u8>,
+    /// What acts from outside, `[clips, frames]` for each split in the order of [`Split::ALL`]; none for most tasks.
+    pub actions: Option<[Array2<f32>; 3]>,
 }
 
 impl DatasetFile {
@@ -72,11 +84,17 @@ impl DatasetFile {
         }
     }
 
-    /// Reads and checks all three arrays.
+    /// What acts from outside in the clips of one split, `[clips, frames]`.
+    pub fn actions(&self, split: Split) -> Option<&Array2<f32>> {
+        self.actions.as_ref().map(|actions| &actions[split as usize])
+    }
+
+    /// Reads and checks all arrays: the three of frames and, where expected, the three of actions.
     ///
     /// # Errors
-    /// No such file, a damaged file, a missing array, a dtype other than uint8, another rank, frame size, number of
-    /// channels or clip length than `expected`, or a split without clips. Each message says what to do.
+    /// No such file, a damaged file, a missing array, a dtype other than uint8 (actions: than a float), another rank,
+    /// frame size, number of channels or clip length than `expected`, a split without clips, or actions that are not
+    /// finite. Each message says what to do.
     pub fn read(path: &Path, expected: &ClipShape) -> Result<Self> {
         if !path.exists() {
             bail!(
@@ -93,7 +111,34 @@ impl DatasetFile {
             })?;
             Ok::<_, anyhow::Error>(array.into_dimensionality::<Ix5>()?)
         };
-        Ok(Self { train: read(Split::Train)?, valid: read(Split::Valid)?, test: read(Split::Test)? })
+        let mut dataset =
+            Self { train: read(Split::Train)?, valid: read(Split::Valid)?, test: read(Split::Test)?, actions: None };
+        if expected.actions {
+            let mut read = |split: Split| dataset.read_actions(&mut archive, split);
+            let actions = (|| Ok::<_, anyhow::Error>([read(Split::Train)?, read(Split::Valid)?, read(Split::Test)?]))();
+            dataset.actions = Some(actions.with_context(|| {
+                format!(
+                    "no actions for the clips of {path:?}: task {0:?} needs one number a frame; make the file again \
+                     with `generate --task {0} --force`",
+                    expected.task
+                )
+            })?);
+        }
+        Ok(dataset)
+    }
+
+    /// What acts from outside in the clips of one split, whose frames are known.
+    fn read_actions(&self, archive: &mut npz::Archive, split: Split) -> Result<Array2<f32>> {
+        let name = format!("{}_u", split.name());
+        let actions = archive.floats(&name)?;
+        let (clips, frames, ..) = self.split(split).dim();
+        ensure!(
+            actions.shape() == [clips, frames],
+            "array {name:?} has shape {:?}, expected [{clips}, {frames}] (clips, frames)",
+            actions.shape()
+        );
+        ensure!(actions.iter().all(|u| u.is_finite()), "array {name:?} holds numbers that are not finite");
+        Ok(actions.into_dimensionality::<Ix2>()?)
     }
 
     /// Writes the file, compressed, replacing what is there only once all is on the disk.
@@ -104,12 +149,15 @@ impl DatasetFile {
         npz::write(path, |npz| {
             for split in Split::ALL {
                 npz.add_array(format!("{}_x", split.name()), self.split(split))?;
+                if let Some(actions) = self.actions(split) {
+                    npz.add_array(format!("{}_u", split.name()), actions)?;
+                }
             }
             Ok(())
         })
     }
 
-    /// A checksum of each split's bytes, which ties a states file to its dataset.
+    /// A checksum of each split's frames, which ties a states file to its dataset.
     pub fn checksums(&self) -> [u64; 3] {
         Split::ALL.map(|split| checksum(self.split(split).iter()))
     }

@@ -9,15 +9,16 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
-use ndarray::{Array3, Array5};
+use ndarray::{Array2, Array3, Array5};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::files::{ClipShape, DatasetFile, Split, checksum};
-use super::render::{Balls, CHANNELS, Digits, Renderer, Scratch};
+use super::render::Renderer;
 use super::samples::write_samples;
-use super::scene::Look;
+use super::scene::{Background, Look};
+use super::simulate::State;
 use super::sprites::Sprites;
 use super::states::{SplitStates, States};
 use super::variant::Variant;
@@ -61,7 +62,7 @@ impl Counts {
 pub struct Plan {
     pub variant: Variant,
     pub counts: Counts,
-    /// Source images; used by digits only.
+    /// Source images of digits and of what lies behind the objects.
     pub sprites: Sprites,
     /// The datasets folder; files go into the task's folder in it.
     pub folder: PathBuf,
@@ -106,7 +107,7 @@ pub fn generate(plan: &Plan) -> Result<()> {
 
 /// Decides about a file that is in the way: the same settings, or not generated here (then it is the user's), are fine.
 fn keep(plan: &Plan, path: &Path, frames: usize, settings: &str) -> Result<()> {
-    let shape = ClipShape { task: plan.variant.task.key, frames, side: plan.variant.side, channels: CHANNELS };
+    let shape = ClipShape { frames, side: plan.variant.side, ..ClipShape::training(plan.variant.task) };
     let advice = || format!("{path:?} is in the way; pass --force to replace it");
     let dataset = DatasetFile::read(path, &shape).with_context(advice)?;
     match States::read(path, &dataset).with_context(advice)? {
@@ -125,15 +126,20 @@ fn keep(plan: &Plan, path: &Path, frames: usize, settings: &str) -> Result<()> {
 
 /// All that decides a file's content, as text.
 fn settings(variant: &Variant, sprites: &Sprites, frames: usize, counts: Counts) -> String {
-    let Variant { task, scene, side, dt, substeps, seed } = variant;
+    let Variant { task, scene, side, dt, substeps, background, seed } = variant;
     let mut text = format!(
         "generator {GENERATOR_VERSION}, task {}, seed {seed}, clips {}+{}+{} of {frames} frames, side {side}, dt {dt}, \
          substeps {substeps}, {scene:?}",
         task.key, counts.train, counts.valid, counts.test
     );
-    if scene.look == Look::Digits {
-        let Sprites { digits: [a, b], background } = sprites;
-        text += &format!(", source images {:016x}", checksum(a.iter().chain(b).chain(background)));
+    // Files made before there was any damping do not speak of it, and hold the same clips.
+    text = text.replace(", damping: 0.0 }", " }");
+    if *background != scene.look.background() {
+        text += &format!(", background {background:?}");
+    }
+    if *background != Background::Plain || scene.look == Look::Digits {
+        let Sprites { digits: [a, b], pictures } = sprites;
+        text += &format!(", source images {:016x}", checksum(a.iter().chain(b).chain(pictures)));
     }
     text
 }
@@ -154,19 +160,25 @@ pub fn generate_clips(
         let most = LARGEST_ARRAY / (frames * variant.frame_bytes());
         ensure!(clips <= most, "--{name} {clips} makes an array of more than 4 GiB; at most {most} clips fit");
     }
-    let renderer = match variant.scene.look {
-        Look::Balls => Renderer::Balls(Balls::new(variant.side, variant.scene.radius)),
-        Look::Digits => Renderer::Digits(Digits::new(variant.side, sprites)?),
-    };
+    let renderer = Renderer::new(variant, sprites)?;
     let total = counts.train + counts.valid + counts.test;
     let counter = Counter::new(frames, total);
     let make = |split: Split| make_split(variant, &renderer, split, counts.of(split), frames, &counter);
     let (train, valid, test) = (make(Split::Train)?, make(Split::Valid)?, make(Split::Test)?);
     counter.progress.finish();
-    let dataset = DatasetFile { train: train.0, valid: valid.0, test: test.0 };
-    let states =
-        States { train: train.1, valid: valid.1, test: test.1, settings: settings(variant, sprites, frames, counts) };
+    let actions = variant.task.cell.actions.then_some([train.actions, valid.actions, test.actions]);
+    let dataset = DatasetFile { train: train.frames, valid: valid.frames, test: test.frames, actions };
+    let settings = settings(variant, sprites, frames, counts);
+    let states = States { train: train.states, valid: valid.states, test: test.states, settings };
     Ok((dataset, states))
+}
+
+/// The clips of one split.
+struct Part {
+    frames: Array5<u8>,
+    states: SplitStates,
+    /// `[clips, frames]`.
+    actions: Array2<f32>,
 }
 
 fn make_split(
@@ -176,45 +188,50 @@ fn make_split(
     clips: usize,
     frames: usize,
     counter: &Counter,
-) -> Result<(Array5<u8>, SplitStates)> {
+) -> Result<Part> {
     let world = variant.world();
-    let (numbers, frame_bytes) = (2 * variant.objects(), variant.frame_bytes());
-    let mut pixels = vec![0; clips * frames * frame_bytes];
-    let mut positions = vec![0.0; clips * frames * numbers];
-    let mut velocities = positions.clone();
-    pixels
-        .par_chunks_mut(frames * frame_bytes)
-        .zip(positions.par_chunks_mut(frames * numbers))
-        .zip(velocities.par_chunks_mut(frames * numbers))
+    let coordinates = variant.coordinates();
+    let clip_bytes = frames * variant.frame_bytes();
+    let mut pixels = vec![0; clips * clip_bytes];
+    let made: Vec<Vec<State>> = pixels
+        .par_chunks_mut(clip_bytes)
         .enumerate()
-        .try_for_each_init(Scratch::default, |scratch, (index, ((pixels, positions), velocities))| {
-            let clip = world.clip(frames, &mut clip_rng(variant.seed, split, index))?;
-            for (frame, state) in clip.iter().enumerate() {
-                renderer.draw(&state.positions, scratch, &mut pixels[frame * frame_bytes..(frame + 1) * frame_bytes]);
-                let entries = frame * numbers..(frame + 1) * numbers;
-                for (to, from) in positions[entries.clone()].iter_mut().zip(state.positions.iter().flatten()) {
-                    *to = *from as f32;
-                }
-                for (to, from) in velocities[entries].iter_mut().zip(state.velocities.iter().flatten()) {
-                    *to = *from as f32;
-                }
-            }
+        .map(|(index, pixels)| {
+            let rng = |purpose| clip_rng(variant.seed, purpose, split, index);
+            let clip = world.clip(frames, &mut rng(Purpose::Motion))?;
+            renderer.draw(&clip, &mut rng(Purpose::Background), pixels);
             counter.advance();
-            Ok::<_, anyhow::Error>(())
-        })?;
-    let pixels = Array5::from_shape_vec((clips, frames, variant.side, variant.side, CHANNELS), pixels)?;
-    let shape = (clips, frames, numbers);
-    let states = SplitStates {
-        positions: Array3::from_shape_vec(shape, positions)?,
-        velocities: Array3::from_shape_vec(shape, velocities)?,
+            Ok(clip)
+        })
+        .collect::<Result<_>>()?;
+    let states = || made.iter().flatten();
+    let shape = (clips, frames, coordinates);
+    let array = |numbers: fn(&State) -> &[f64]| {
+        Array3::from_shape_vec(shape, states().flat_map(numbers).map(|&number| number as f32).collect())
     };
-    Ok((pixels, states))
+    let side = variant.side;
+    Ok(Part {
+        frames: Array5::from_shape_vec((clips, frames, side, side, variant.task.channels), pixels)?,
+        states: SplitStates {
+            positions: array(|state| &state.positions)?,
+            velocities: array(|state| &state.velocities)?,
+        },
+        actions: Array2::from_shape_vec((clips, frames), states().map(|state| state.action as f32).collect())?,
+    })
 }
 
-/// The random numbers of one clip: a stream of the seed's generator for each (split, index).
-fn clip_rng(seed: u64, split: Split, index: usize) -> ChaCha8Rng {
+/// What a clip's random numbers are for.
+#[derive(Debug, Clone, Copy)]
+enum Purpose {
+    Motion,
+    /// Apart, so that the same motion is seen before any background.
+    Background,
+}
+
+/// The random numbers of one clip: a stream of the seed's generator for each (purpose, split, index).
+fn clip_rng(seed: u64, purpose: Purpose, split: Split, index: usize) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream((split as u64) << 56 | index as u64);
+    rng.set_stream((purpose as u64) << 60 | (split as u64) << 56 | index as u64);
     rng
 }
 

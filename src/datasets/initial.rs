@@ -1,4 +1,4 @@
-//! Where the objects of a clip start, and how fast. Original: `nn/datasets/generators.py`.
+//! Where the objects of a clip start, how fast, and what acts on them. Original: `nn/datasets/generators.py`.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -14,6 +14,21 @@ impl World {
             Motion::Bouncing => self.draw_free_balls(rng),
             Motion::Spring { equil, .. } => self.draw_spring(equil, rng),
             Motion::ThreeBodies { .. } => self.draw_three_bodies(rng),
+            Motion::Falling { bounces, .. } => self.draw_falling(bounces, rng),
+            Motion::Pendulum { angle, spin, .. } => State {
+                positions: vec![either_side(angle, rng)],
+                velocities: vec![either_side(spin, rng)],
+                action: 0.0,
+            },
+        }
+    }
+
+    /// What acts from outside from one frame to the next: a pendulum's torque. A float32, as the file will hold it, so
+    /// that the file says exactly what acted.
+    pub(super) fn draw_action(&self, rng: &mut impl Rng) -> f64 {
+        match self.motion {
+            Motion::Pendulum { torque, .. } => f64::from(either_side(torque, rng) as f32),
+            _ => 0.0,
         }
     }
 
@@ -22,7 +37,7 @@ impl World {
     fn draw_free_balls(&self, rng: &mut impl Rng) -> State {
         let positions = (0..2).map(|_| self.uniform_point(self.wall_margin, rng)).collect();
         let velocities = (0..2).map(|_| self.random_velocity(rng)).collect();
-        State { positions, velocities }
+        State::in_plane(positions, velocities)
     }
 
     /// Centre of mass at least `radius + equil` from every wall; 1 to 3 `equil` between the balls, in any direction.
@@ -34,7 +49,7 @@ impl World {
         let positions =
             vec![[centre[0] + offset[0], centre[1] + offset[1]], [centre[0] - offset[0], centre[1] - offset[1]]];
         let velocities = (0..2).map(|_| self.random_velocity(rng)).collect();
-        State { positions, velocities }
+        State::in_plane(positions, velocities)
     }
 
     /// Three bodies on a circle of 0.75 to 1.25 quarter sides around the image centre, 120 degrees apart (the second
@@ -58,7 +73,15 @@ impl World {
                 [tangent.cos() * self.speed[0] + drift[0], tangent.sin() * self.speed[1] + drift[1]]
             })
             .collect();
-        State { positions, velocities }
+        State::in_plane(positions, velocities)
+    }
+
+    /// One ball in any direction: anywhere off the walls, or, where it bounces, in the upper half as in the original
+    /// (which let free fall begin there, too, at rest; thrown balls stay in the frame for longer).
+    fn draw_falling(&self, bounces: bool, rng: &mut impl Rng) -> State {
+        let [x, y] = self.uniform_point(self.wall_margin, rng);
+        let y = if bounces { (self.wall_margin + y) / 2.0 } else { y };
+        State::in_plane(vec![[x, y]], vec![self.random_velocity(rng)])
     }
 
     /// A point at least `margin` from every wall.
@@ -72,4 +95,9 @@ impl World {
         let angle = rng.random_range(0.0..TAU);
         [angle.cos() * self.speed[0], angle.sin() * self.speed[1]]
     }
+}
+
+/// Uniform between `-largest` and `largest`.
+fn either_side(largest: f64, rng: &mut impl Rng) -> f64 {
+    largest * (2.0 * rng.random::<f64>() - 1.0)
 }

@@ -4,11 +4,13 @@
 //! run needs no saved iterator.
 
 use anyhow::{Result, ensure};
-use ndarray::Array5;
+use ndarray::{Array, Array2, Array5, Dimension};
 use rand::Rng;
 use rand::seq::SliceRandom;
+use tch::kind::Element;
 use tch::{Device, Kind, Tensor};
 
+use crate::cells::Actions;
 use crate::initial_values::named_generator;
 
 /// One split of a dataset on the device.
@@ -16,16 +18,14 @@ use crate::initial_values::named_generator;
 pub struct Clips {
     /// uint8 `[clips, time, S, S, channels]`.
     pixels: Tensor,
+    /// float32 `[clips, time]`.
+    actions: Option<Tensor>,
 }
 
 impl Clips {
-    /// Moves `[clips, time, S, S, channels]` to the device.
-    pub fn new(pixels: Array5<u8>, device: Device) -> Self {
-        let shape: Vec<i64> = pixels.shape().iter().map(|&n| n as i64).collect();
-        let contiguous = pixels.as_standard_layout();
-        let pixels =
-            Tensor::from_slice(contiguous.as_slice().expect("standard layout")).reshape(&shape).to_device(device);
-        Clips { pixels }
+    /// Moves frames `[clips, time, S, S, channels]` and what acts from outside, `[clips, time]`, to the device.
+    pub fn new(pixels: &Array5<u8>, actions: Option<&Array2<f32>>, device: Device) -> Self {
+        Clips { pixels: to_device(pixels, device), actions: actions.map(|actions| to_device(actions, device)) }
     }
 
     /// Number of clips.
@@ -46,6 +46,14 @@ impl Clips {
     pub fn batch(&self, clips: &[i64], frames: usize) -> Tensor {
         let index = Tensor::from_slice(clips).to_device(self.pixels.device());
         to_float(&self.pixels.narrow(1, 0, frames as i64).index_select(0, &index)).permute([0, 1, 4, 2, 3])
+    }
+
+    /// What acts from outside during these clips, if anything does.
+    pub fn actions(&self, clips: &[i64]) -> Actions {
+        Actions::new(self.actions.as_ref().map(|actions| {
+            let index = Tensor::from_slice(clips).to_device(actions.device());
+            actions.index_select(0, &index)
+        }))
     }
 
     /// Single frames by their place in the sequence of all frames, `[batch, channels, S, S]` in \[0, 1\].
@@ -69,6 +77,12 @@ impl Clips {
         let places: Vec<_> = (0..count).map(|_| random.random_range(0..all)).collect();
         self.frames(&places).median_dim(0, false).0
     }
+}
+
+fn to_device<T: Element, D: Dimension>(array: &Array<T, D>, device: Device) -> Tensor {
+    let shape: Vec<i64> = array.shape().iter().map(|&n| n as i64).collect();
+    let contiguous = array.as_standard_layout();
+    Tensor::from_slice(contiguous.as_slice().expect("standard layout")).reshape(shape).to_device(device)
 }
 
 fn to_float(pixels: &Tensor) -> Tensor {

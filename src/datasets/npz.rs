@@ -46,6 +46,14 @@ impl Archive {
         })?;
         Ok(if array.is_standard_layout() { array } else { array.as_standard_layout().into_owned() })
     }
+
+    /// The same for numbers of either float type, as float32.
+    pub(super) fn floats(&mut self, name: &str) -> Result<ArrayD<f32>> {
+        match self.array::<f64>(name, "float64") {
+            Ok(array) => Ok(array.mapv(|value| value as f32)),
+            Err(_) => self.array(name, "float32 or float64"),
+        }
+    }
 }
 
 /// Collects arrays into a compressed npz and puts it at `path` in one step.

@@ -16,7 +16,7 @@ const GAP: usize = 2;
 
 /// Writes a PNG with a row for each of the first clips, frames from left to right, enlarged 4 times.
 pub(super) fn write_samples(path: &Path, clips: &Array5<u8>) -> Result<()> {
-    let (count, frames, side, ..) = clips.dim();
+    let (count, frames, side, _, channels) = clips.dim();
     let pitch = side * ENLARGEMENT + GAP;
     let (width, height) = (frames * pitch + GAP, count.min(CLIPS) * pitch + GAP);
     let picture = RgbImage::from_fn(width as u32, height as u32, |x, y| {
@@ -26,7 +26,7 @@ pub(super) fn write_samples(path: &Path, clips: &Array5<u8>) -> Result<()> {
             return Rgb([128; 3]);
         }
         let (px, py) = ((within_x - GAP) / ENLARGEMENT, (within_y - GAP) / ENLARGEMENT);
-        Rgb([0, 1, 2].map(|channel| clips[[row, column, py, px, channel]]))
+        Rgb([0, 1, 2].map(|channel| clips[[row, column, py, px, channel.min(channels - 1)]]))
     });
     let mut bytes = Cursor::new(Vec::new());
     picture.write_to(&mut bytes, ImageFormat::Png).with_context(|| format!("cannot encode {path:?}"))?;

@@ -1,8 +1,9 @@
 //! True states of generated clips, kept beside a dataset for scoring only; nothing that learns reads them.
 //!
-//! `<stem>_states.npz` holds `train_pos`, `train_vel`, `valid_pos`, ... float32 `[clips, frames, 2 objects]` in the
-//! order x0, y0, x1, y1, ...; pixels and pixels per time unit, as drawn in the frame of that index. `frames_checksum`
-//! (uint64 `[3]`) ties them to the frames they belong to, `settings` (uint8 text) says how both were made.
+//! `<stem>_states.npz` holds `train_pos`, `train_vel`, `valid_pos`, ... float32 `[clips, frames, coordinates]`, as drawn
+//! in the frame of that index: x0, y0, x1, y1, ... in pixels and pixels per time unit; for a pendulum its angle and
+//! angular velocity, in radians. `frames_checksum` (uint64 `[3]`) ties them to the frames they belong to, `settings`
+//! (uint8 text) says how both were made.
 
 use std::path::{Path, PathBuf};
 
@@ -12,12 +13,12 @@ use ndarray::{Array1, Array3, Ix1, Ix3};
 use super::files::{DatasetFile, Split};
 use super::npz;
 
-/// States of the clips of one split, `[clips, frames, 2 objects]`.
+/// States of the clips of one split, `[clips, frames, coordinates]`: two coordinates for each object, or one angle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SplitStates {
-    /// Pixels.
+    /// Pixels, or radians.
     pub positions: Array3<f32>,
-    /// Pixels per time unit.
+    /// The same per time unit.
     pub velocities: Array3<f32>,
 }
 
@@ -74,7 +75,7 @@ impl States {
                 let fits = array.ndim() == 3 && array.shape()[..2] == [clips, length];
                 ensure!(
                     fits,
-                    "array {name:?} of {path:?} has shape {:?}, expected [{clips}, {length}, 2 objects]; \
+                    "array {name:?} of {path:?} has shape {:?}, expected [{clips}, {length}, coordinates]; \
                      make it again with `generate --force`",
                     array.shape()
                 );

@@ -4,15 +4,17 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail, ensure};
 
-use super::render::{CHANNELS, DIGIT_RADIUS};
-use super::scene::{Look, Motion, Scene};
-use super::simulate::World;
+use super::render::{BAR_HALF_WIDTH, BAR_VIEW, DIGIT_RADIUS};
+use super::scene::{Background, Look, Motion, Scene};
+use super::simulate::{PENDULUM_MAX_SPEED, World};
 use crate::tasks::Task;
 
 /// Euler steps a frame; the model takes 5.
 pub const SUBSTEPS: usize = 10;
 /// Distance of a digit's centre from a wall at which it touches, pixels: its sprite may hang over the border.
 const DIGIT_WALL_MARGIN: f64 = 2.0;
+/// Largest angle that a pendulum may turn in a substep, radians.
+const LARGEST_TURN: f64 = 0.5;
 /// Time between two frames that the authors' file names leave out.
 const UNNAMED_DT: f64 = 0.3;
 
@@ -21,14 +23,21 @@ const UNNAMED_DT: f64 = 0.3;
 pub struct Changes {
     pub k: Option<f64>,
     pub equil: Option<f64>,
+    pub damping: Option<f64>,
     pub g: Option<f64>,
     pub m: Option<f64>,
+    pub length: Option<f64>,
+    pub a: Option<f64>,
+    pub torque: Option<f64>,
+    pub angle: Option<f64>,
+    pub spin: Option<f64>,
     pub vx: Option<f64>,
     pub vy: Option<f64>,
     pub radius: Option<f64>,
     pub dt: Option<f64>,
     pub substeps: Option<usize>,
     pub size: Option<usize>,
+    pub background: Option<Background>,
 }
 
 /// Everything that decides what a clip looks like, but its length and its number.
@@ -41,19 +50,21 @@ pub struct Variant {
     /// Time between two frames.
     pub dt: f64,
     pub substeps: usize,
+    pub background: Background,
     pub seed: u64,
 }
 
 impl Variant {
     /// A task's scene as the paper has it.
     pub fn new(task: &'static Task, seed: u64) -> Self {
-        Self { task, scene: task.scene, side: task.side, dt: task.dt, substeps: SUBSTEPS, seed }
+        let background = task.scene.look.background();
+        Self { task, scene: task.scene, side: task.side, dt: task.dt, substeps: SUBSTEPS, background, seed }
     }
 
     /// The scene with other numbers.
     ///
     /// # Errors
-    /// A number that the task's motion does not have, or one out of range.
+    /// A number that the task's scene does not have, or one out of range.
     pub fn with(mut self, changes: &Changes) -> Result<Self> {
         let task = self.task.key;
         let put = |flag: &str, slot: Option<&mut f64>, value: Option<f64>, minimum: f64| -> Result<()> {
@@ -63,27 +74,34 @@ impl Variant {
             *slot = value;
             Ok(())
         };
-        let (mut k, mut equil, mut g, mut m) = (None, None, None, None);
-        match &mut self.scene.motion {
-            Motion::Bouncing => {}
-            Motion::Spring { k: stiffness, equil: half_length, .. } => {
-                (k, equil) = (Some(stiffness), Some(half_length));
-            }
-            Motion::ThreeBodies { g: strength, m: mass } => (g, m) = (Some(strength), Some(mass)),
+        let least_mass = if self.scene.look == Look::Bar { 0.01 } else { 0.0 };
+        for (name, value, minimum) in [
+            ("k", changes.k, 0.0),
+            ("equil", changes.equil, 0.1),
+            ("damping", changes.damping, 0.0),
+            ("g", changes.g, 0.0),
+            ("m", changes.m, least_mass),
+            ("length", changes.length, 0.1),
+            ("a", changes.a, 0.0),
+            ("torque", changes.torque, 0.0),
+            ("angle", changes.angle, 0.0),
+            ("spin", changes.spin, 0.0),
+        ] {
+            put(name, self.scene.motion.number(name), value, minimum)?;
         }
-        put("k", k, changes.k, 0.0)?;
-        put("equil", equil, changes.equil, 0.1)?;
-        put("g", g, changes.g, 0.0)?;
-        put("m", m, changes.m, 0.0)?;
-        let [vx, vy] = &mut self.scene.speed;
-        put("vx", Some(vx), changes.vx, 0.0)?;
-        put("vy", Some(vy), changes.vy, 0.0)?;
+        let Scene { speed: [vx, vy], radius, look, .. } = &mut self.scene;
+        let moves = *look != Look::Bar;
+        put("vx", moves.then_some(vx), changes.vx, 0.0)?;
+        put("vy", moves.then_some(vy), changes.vy, 0.0)?;
         // A digit's radius is that of its sprite.
-        let radius = (self.scene.look == Look::Balls).then_some(&mut self.scene.radius);
-        put("radius", radius, changes.radius, 0.5)?;
+        put("radius", (*look == Look::Balls).then_some(radius), changes.radius, 0.5)?;
         put("dt", Some(&mut self.dt), changes.dt, 1e-6)?;
         self.substeps = changes.substeps.unwrap_or(self.substeps);
         self.side = changes.size.unwrap_or(self.side);
+        if let Some(background) = changes.background {
+            ensure!(moves, "--background means nothing for task {task}; leave it out");
+            self.background = background;
+        }
         self.check()?;
         Ok(self)
     }
@@ -91,6 +109,18 @@ impl Variant {
     fn check(&self) -> Result<()> {
         ensure!((1..=100_000).contains(&self.substeps), "--substeps must be 1 to 100000, not {}", self.substeps);
         ensure!((8..=512).contains(&self.side), "--size must be 8 to 512 pixels, not {}", self.side);
+        let h = self.dt / self.substeps as f64;
+        if let Motion::Pendulum { length, spin, .. } = self.scene.motion {
+            let longest = BAR_VIEW - BAR_HALF_WIDTH;
+            ensure!(length <= longest, "--length must be at most {longest} to fit into the frame, not {length}");
+            ensure!(spin <= PENDULUM_MAX_SPEED, "--spin must be at most {PENDULUM_MAX_SPEED}, not {spin}");
+            let turn = PENDULUM_MAX_SPEED * h;
+            ensure!(
+                turn <= LARGEST_TURN,
+                "a pendulum may turn by {turn} radians a substep; raise --substeps or lower --dt"
+            );
+            return Ok(());
+        }
         let world = self.world();
         let room = self.side as f64;
         let length = if let Motion::Spring { equil, .. } = self.scene.motion { equil } else { 0.0 };
@@ -100,7 +130,8 @@ impl Variant {
             world.radius,
             self.side
         );
-        let step = self.scene.speed[0].max(self.scene.speed[1]) * self.dt / self.substeps as f64;
+        let fall = if let Motion::Falling { g, .. } = self.scene.motion { (2.0 * g * room).sqrt() } else { 0.0 };
+        let step = (self.scene.speed[0].max(self.scene.speed[1]) + fall) * h;
         ensure!(
             step < room / 4.0,
             "at this speed an object jumps {step} pixels a substep in a frame of {}; raise --substeps or lower --dt",
@@ -112,7 +143,7 @@ impl Variant {
     /// The box and the law of motion.
     pub fn world(&self) -> World {
         let wall_margin = match self.scene.look {
-            Look::Balls => self.scene.radius,
+            Look::Balls | Look::Bar => self.scene.radius,
             Look::Digits => DIGIT_WALL_MARGIN,
         };
         World {
@@ -129,12 +160,12 @@ impl Variant {
 
     /// Bytes of one frame.
     pub fn frame_bytes(&self) -> usize {
-        self.side * self.side * CHANNELS
+        self.side * self.side * self.task.channels
     }
 
-    /// Objects in the scene.
-    pub fn objects(&self) -> usize {
-        self.task.objects
+    /// Numbers that place all objects of a frame.
+    pub fn coordinates(&self) -> usize {
+        self.scene.motion.coordinates() * self.task.objects
     }
 
     /// File for clips of `frames` frames, relative to the datasets folder: the authors' naming with this variant's
@@ -142,23 +173,50 @@ impl Variant {
     /// it differs from the task's. Numbers of clips and seeds are not in the name.
     pub fn file(&self, frames: usize) -> PathBuf {
         let [vx, vy] = self.scene.speed;
-        let kind = match (self.scene.motion, self.scene.look) {
-            (Motion::Bouncing, _) => "bounce",
-            (Motion::Spring { .. }, Look::Balls) => "spring",
-            (Motion::Spring { .. }, Look::Digits) => "mnist_spring",
-            (Motion::ThreeBodies { .. }, _) => "3bp",
+        let mut name = match (self.scene.motion, self.scene.look) {
+            (Motion::Bouncing, _) => "color_bounce",
+            (Motion::Spring { .. }, Look::Digits) => "color_mnist_spring",
+            (Motion::Spring { .. }, _) => "color_spring",
+            (Motion::ThreeBodies { .. }, _) => "color_3bp",
+            (Motion::Falling { bounces: false, .. }, _) => "falling_ball",
+            (Motion::Falling { bounces: true, .. }, _) => "falling_bouncing_ball",
+            (Motion::Pendulum { .. }, _) => "color_pendulum",
+        }
+        .to_owned();
+        name += &match self.scene.look {
+            Look::Bar => format!("_sl{frames}"),
+            _ => format!("_vx{vx}_vy{vy}_sl{frames}_r{}", self.world().wall_margin),
         };
-        let mut name = format!("color_{kind}_vx{vx}_vy{vy}_sl{frames}_r{}", self.world().wall_margin);
         match self.scene.motion {
             Motion::Bouncing => {}
             Motion::Spring { k, equil, .. } => name += &format!("_k{k}_e{equil}"),
             Motion::ThreeBodies { g, m } => name += &format!("_g{g}_m{m}"),
+            Motion::Falling { g, .. } => name += &format!("_g{g}"),
+            Motion::Pendulum { g, m, length, a, torque, .. } => {
+                name += &format!("_g{g}_m{m}_l{length}_a{a}_u{torque}");
+            }
         }
         if self.dt != UNNAMED_DT {
             name += &format!("_dt{}", self.dt.to_string().replace('.', ""));
         }
         if let Motion::Spring { half_pane: true, .. } = self.scene.motion {
             name += "_halfpane";
+        }
+        // What the authors' names have no place for, where it is not the task's.
+        let (mut scene, mut usual) = (self.scene.motion, self.task.scene.motion);
+        for number in ["damping", "angle", "spin"] {
+            if let (Some(value), Some(usual)) = (scene.number(number), usual.number(number))
+                && value != usual
+            {
+                name += &format!("_{number}{value}");
+            }
+        }
+        if self.background != self.task.scene.look.background() {
+            name += match self.background {
+                Background::Plain => "_plain",
+                Background::Cifar => "_cifar",
+                Background::RandomCifar => "_randomcifar",
+            };
         }
         if self.side != self.task.side {
             name += &format!("_size{}", self.side);

@@ -1,6 +1,7 @@
 //! Scoring a model on a dataset: losses, every predicted frame, and positions where the truth is known.
 
 mod states;
+mod table;
 
 use std::path::Path;
 
@@ -11,13 +12,14 @@ use tch::{Device, Kind, Tensor};
 use crate::cells::State;
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
-use crate::datasets::states::SplitStates;
+use crate::datasets::states::{SplitStates, States};
 use crate::physics_models::PhysicsNet;
 use crate::physics_models::losses::{Losses, Mean};
 use crate::ssim::ssim;
 use crate::tasks::Task;
 
 pub use states::StateErrors;
+pub use table::print_frames_and_states;
 
 /// Clips in one pass, which bounds the memory.
 const BATCH: usize = 25;
@@ -64,19 +66,36 @@ pub fn read_dataset(path: &Path, task: &Task) -> Result<DatasetFile> {
     long.or_else(|error| DatasetFile::read(path, &ClipShape::training(task)).map_err(|_| error))
 }
 
-/// Scores a model on one split of a dataset, with the true states if there are any.
+/// The clips of one split, to be scored.
+#[derive(Debug)]
+pub struct ScoredClips {
+    pub clips: Clips,
+    /// The true states. None where none lie beside the file.
+    pub states: Option<SplitStates>,
+    /// How the clips were made, as text.
+    pub made_with: Option<String>,
+}
+
+impl ScoredClips {
+    /// Reads one split of a dataset file as [`read_dataset`] does, and the true states that lie beside it.
+    ///
+    /// # Errors
+    /// As for [`read_dataset`] and [`States::read`].
+    pub fn read(path: &Path, task: &Task, split: Split, device: Device) -> Result<Self> {
+        let dataset = read_dataset(path, task)?;
+        let states = States::read(path, &dataset)?;
+        let (states, made_with) = states.map(|states| (states.split(split).clone(), states.settings)).unzip();
+        Ok(ScoredClips { clips: Clips::new(dataset.split(split), dataset.actions(split), device), states, made_with })
+    }
+}
+
+/// Scores a model on clips, with the true states if there are any.
 ///
 /// # Errors
 /// Clips shorter than L + T_pred, states of another number of objects.
-pub fn evaluate(
-    model: &PhysicsNet,
-    dataset: &DatasetFile,
-    states: Option<&SplitStates>,
-    split: Split,
-    device: Device,
-) -> Result<Evaluation> {
+pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Evaluation> {
     let _guard = tch::no_grad_guard();
-    let clips = Clips::new(dataset.split(split).clone(), device);
+    let ScoredClips { clips, states, .. } = scored;
     let task = &model.task;
     let (mut recons, mut pred, mut extrap) = (Mean::default(), Mean::default(), Mean::default());
     let mut squared_errors = Vec::new();
@@ -85,7 +104,7 @@ pub fn evaluate(
     let all: Vec<i64> = (0..clips.len() as i64).collect();
     for chosen in all.chunks(BATCH) {
         let frames = clips.batch(chosen, clips.time());
-        let pass = model.forward(&frames)?;
+        let pass = model.forward(&frames, &clips.actions(chosen))?;
         let losses = Losses::new(&pass, &frames, task);
         let weight = chosen.len() as f64;
         recons.add(&losses.reconstruction, weight);
@@ -103,7 +122,7 @@ pub fn evaluate(
             let rolled_out = Tensor::stack(&rolled_out, 1).chunk(2, 2);
             let parts = [&pass.positions, &rolled_out[0], &rolled_out[1]];
             for (part, states) in seen.iter_mut().zip(parts) {
-                part.push((states * model.pixels_per_unit()).to_device(Device::Cpu).to_kind(Kind::Double));
+                part.push((states * model.length_per_unit()).to_device(Device::Cpu).to_kind(Kind::Double));
             }
         }
     }

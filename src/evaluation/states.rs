@@ -3,20 +3,25 @@
 //! A model numbers its objects as it likes and may see each of them beside its true centre, by the same offset
 //! everywhere; so objects are matched first, and errors are given with and without that offset.
 
+use std::f64::consts::TAU;
+
 use anyhow::{Result, ensure};
 use serde::Serialize;
 use tch::{Kind, Tensor};
 
+use crate::cells::Coordinates;
 use crate::datasets::states::SplitStates;
 use crate::tasks::Task;
 
-/// Root mean squares of distances over clips, frames and objects; pixels, and pixels per time unit.
+/// Root mean squares of distances over clips, frames and objects; pixels, and pixels per time unit (radians where the
+/// equation is written in angles).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StateErrors {
     /// The model's object for each true one: the order with the least error of the encoded positions.
     pub objects: Vec<usize>,
-    /// Encoded minus true position of each true object, mean over clips and frames, `[x, y]`.
-    pub offsets: Vec<[f64; 2]>,
+    /// Encoded minus true position of each true object, mean over clips and frames, `[x, y]` or
+    /// `[angle]`.
+    pub offsets: Vec<Vec<f64>>,
     /// Encoded positions of the first L + T_pred frames.
     pub encoded: f64,
     pub encoded_without_offset: f64,
@@ -34,9 +39,9 @@ pub struct StateErrors {
 
 /// What a model makes of clips, double, in pixels.
 pub(super) struct Seen {
-    /// `[clips, L + T_pred, 2 * objects]`.
+    /// `[clips, L + T_pred, coordinates * objects]`.
     pub encoded: Tensor,
-    /// From the last input frame on, `[clips, 1 + T - L, 2 * objects]`.
+    /// From the last input frame on, `[clips, 1 + T - L, coordinates * objects]`.
     pub positions: Tensor,
     pub velocities: Tensor,
 }
@@ -45,31 +50,36 @@ pub(super) fn errors(seen: &Seen, truth: &SplitStates, task: &Task) -> Result<St
     let objects = task.objects;
     let tensor = |states: &ndarray::Array3<f32>| -> Result<Tensor> {
         let (clips, time, columns) = states.dim();
-        ensure!(columns == 2 * objects, "they hold {} objects, task {} has {objects}", columns / 2, task.key);
+        let expected = task.coordinates();
+        ensure!(columns == expected, "they hold {columns} coordinates, task {} has {expected}", task.key);
         let values: Vec<f32> = states.iter().copied().collect();
-        Ok(split(&Tensor::from_slice(&values).to_kind(Kind::Double).reshape([clips as i64, time as i64, -1])))
+        let values = Tensor::from_slice(&values).to_kind(Kind::Double).reshape([clips as i64, time as i64, -1]);
+        Ok(split(&values, objects))
     };
     let (true_positions, true_velocities) = (tensor(&truth.positions)?, tensor(&truth.velocities)?);
-    let [encoded, positions, velocities] = [&seen.encoded, &seen.positions, &seen.velocities].map(split);
+    let [encoded, positions, velocities] =
+        [&seen.encoded, &seen.positions, &seen.velocities].map(|x| split(x, objects));
+    let coordinates = task.cell.coordinates;
     let (input, pred) = (task.input_steps as i64, task.pred_steps as i64);
     let true_encoded = true_positions.narrow(1, 0, input + pred);
     let order = permutations(objects)
         .into_iter()
-        .map(|order| (rms(&(reordered(&encoded, &order) - &true_encoded)), order))
+        .map(|order| (rms(&difference(&reordered(&encoded, &order), &true_encoded, coordinates)), order))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, order)| order)
         .expect("there is at least one order");
-    let encoded = reordered(&encoded, &order) - true_encoded;
+    let encoded = difference(&reordered(&encoded, &order), &true_encoded, coordinates);
     let offset = encoded.mean_dim([0i64, 1].as_slice(), true, Kind::Double);
     // Rolled-out states begin at the last input frame.
     let rolled_out = positions.size()[1];
-    let positions = reordered(&positions, &order) - true_positions.narrow(1, input - 1, rolled_out);
+    let true_rolled_out = true_positions.narrow(1, input - 1, rolled_out);
+    let positions = difference(&reordered(&positions, &order), &true_rolled_out, coordinates);
     let velocities = reordered(&velocities, &order) - true_velocities.narrow(1, input - 1, rolled_out);
     let predicted = positions.narrow(1, 1, pred);
     let extrapolated = (rolled_out > 1 + pred).then(|| positions.narrow(1, 1 + pred, rolled_out - 1 - pred));
     Ok(StateErrors {
         offsets: (0..objects as i64)
-            .map(|object| [0, 1].map(|axis| offset.double_value(&[0, 0, object, axis])))
+            .map(|object| (0..offset.size()[3]).map(|axis| offset.double_value(&[0, 0, object, axis])).collect())
             .collect(),
         encoded: rms(&encoded),
         encoded_without_offset: rms(&(&encoded - &offset)),
@@ -83,19 +93,29 @@ pub(super) fn errors(seen: &Seen, truth: &SplitStates, task: &Task) -> Result<St
     })
 }
 
-/// `[clips, time, 2 * objects]` to `[clips, time, objects, 2]`.
-fn split(states: &Tensor) -> Tensor {
+/// `[clips, time, coordinates * objects]` to `[clips, time, objects, coordinates]`.
+fn split(states: &Tensor, objects: usize) -> Tensor {
     let size = states.size();
-    states.reshape([size[0], size[1], -1, 2])
+    states.reshape([size[0], size[1], objects as i64, -1])
+}
+
+/// Of angles the short way round.
+fn difference(seen: &Tensor, truth: &Tensor, coordinates: Coordinates) -> Tensor {
+    let difference = seen - truth;
+    match coordinates {
+        Coordinates::Position => difference,
+        Coordinates::Angle => &difference - (&difference / TAU).round() * TAU,
+    }
 }
 
 fn reordered(states: &Tensor, order: &[i64]) -> Tensor {
     states.index_select(2, &Tensor::from_slice(order))
 }
 
-/// Root mean square length of the vectors `[.., 2]`.
+/// Root mean square length of the vectors `[.., coordinates]`.
 fn rms(vectors: &Tensor) -> f64 {
-    (vectors.square().mean(Kind::Double) * 2.0).sqrt().double_value(&[])
+    let squares = vectors.square().sum_dim_intlist([-1i64].as_slice(), false, Kind::Double);
+    squares.mean(Kind::Double).sqrt().double_value(&[])
 }
 
 /// All orders of `count` objects.

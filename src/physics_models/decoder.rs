@@ -7,6 +7,7 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use crate::blocks::{Layers, VariableFromNetwork};
+use crate::cells::Coordinates;
 use crate::stn;
 use crate::tasks::Task;
 
@@ -22,6 +23,7 @@ pub struct Decoder {
     template: VariableFromNetwork,
     contents: VariableFromNetwork,
     background: VariableFromNetwork,
+    coordinates: Coordinates,
     side: usize,
     objects: i64,
     /// Pixels by which half a frame's side in position moves a sprite; see [`super::ModelOptions::exact_shift`].
@@ -62,6 +64,7 @@ impl Decoder {
             template: VariableFromNetwork::new(&mut layers, &[objects, window, window, 1]),
             contents: VariableFromNetwork::new(&mut layers, &[objects, window, window, channels]),
             background: VariableFromNetwork::new(&mut layers, &[1, side, side, channels]),
+            coordinates: task.cell.coordinates,
             side: task.side,
             objects,
             half_span: if exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
@@ -113,16 +116,14 @@ impl Decoder {
         self.contents.map(shift);
     }
 
-    /// Draws the objects at `positions`, `[frames, 2 * objects]` in pixels.
+    /// Draws the objects at `positions`, `[frames, coordinates * objects]`.
     pub fn forward(&self, positions: &Tensor) -> Rendering {
         let sprites = self.sprites();
         let layers = Tensor::cat(&[sprites.template + OUTSIDE, sprites.contents.sigmoid()], 1);
-        // theta = [sigma, 0, (S/2 - x) / t * sigma, 0, sigma, (S/2 - y) / t * sigma]
-        let sigma = self.log_sigma.exp();
-        let half = self.side as f64 / 2.0;
-        let shift = (half - positions) * (&sigma / self.half_span);
-        let shift = shift.reshape([-1, self.objects, 2]).transpose(0, 1);
-        let moved = stn::transform_separable(&layers, &sigma, &shift, self.side as i64);
+        let moved = match self.coordinates {
+            Coordinates::Position => self.shifted(&layers, positions),
+            Coordinates::Angle => self.rotated(&layers, positions),
+        };
         let channels = moved.size()[2] - 1;
         let template = moved.select(2, 0) - OUTSIDE;
         let background_logit = template.narrow(0, 0, 1).full_like(BACKGROUND_LOGIT);
@@ -132,5 +133,36 @@ impl Decoder {
             (masks.narrow(0, 0, self.objects).unsqueeze(2) * &contents).sum_dim_intlist([0i64].as_slice(), false, None);
         let frames = drawn + masks.select(0, self.objects).unsqueeze(1) * sprites.background;
         Rendering { frames, masks, contents }
+    }
+
+    /// Layers `[objects, C, S/2, S/2]` at positions `[frames, 2 * objects]` in pixels: `[objects, frames, C, S, S]`.
+    fn shifted(&self, layers: &Tensor, positions: &Tensor) -> Tensor {
+        // theta = [sigma, 0, (S/2 - x) / t * sigma, 0, sigma, (S/2 - y) / t * sigma]
+        let sigma = self.log_sigma.exp();
+        let half = self.side as f64 / 2.0;
+        let shift = (half - positions) * (&sigma / self.half_span);
+        let shift = shift.reshape([-1, self.objects, 2]).transpose(0, 1);
+        stn::transform_separable(layers, &sigma, &shift, self.side as i64)
+    }
+
+    /// Layers `[objects, C, S/2, S/2]` turned about the frame's middle by angles `[frames, objects]`:
+    /// `[objects, frames, C, S, S]`.
+    fn rotated(&self, layers: &Tensor, angles: &Tensor) -> Tensor {
+        // A point of the frame is turned back into the template: theta = sigma [cos, sin, 0, -sin, cos, 0].
+        let sigma = self.log_sigma.exp();
+        let angles = angles.transpose(0, 1);
+        let (cos, sin) = (angles.cos() * &sigma, angles.sin() * &sigma);
+        let none = cos.zeros_like();
+        let theta = Tensor::stack(&[&cos, &sin, &none, &-&sin, &cos, &none], 2);
+        let frames = angles.size()[1];
+        let [channels, window, side] = [layers.size()[1], layers.size()[2], self.side as i64];
+        let templates = layers.unsqueeze(1).expand([-1, frames, -1, -1, -1], false);
+        stn::transform(&templates.reshape([-1, channels, window, window]), &theta.flatten(0, 1), side).reshape([
+            self.objects,
+            frames,
+            channels,
+            side,
+            side,
+        ])
     }
 }

@@ -95,7 +95,7 @@ impl Encoder {
     }
 
     /// Gives the objects' logits equal means and a standard deviation of `spread` between them on the moving pixels, so
-    /// that no object starts without a mask and none starts equal to another.
+    /// that no object starts without a mask and none starts equal to another. A single object only gets the mean.
     ///
     /// `frames`: `[frames, channels, S, S]`; `moving`: `[frames, S, S]` in \[0, 1\].
     pub fn spread_masks(&self, frames: &Tensor, moving: &Tensor, spread: f64) {
@@ -107,7 +107,8 @@ impl Encoder {
         let centred = logits - mean.unsqueeze(1);
         let between = &centred - centred.mean_dim([0i64].as_slice(), true, None);
         let deviation = ((between.square() * weight).sum(mean.kind()) / self.objects as f64).sqrt();
+        let scale = if self.objects > 1 { spread / deviation } else { deviation.ones_like() };
         // The means go to the background's logit: every object begins as likely as the background.
-        self.unet.rescale_logits(&(spread / deviation), &mean, BACKGROUND_LOGIT);
+        self.unet.rescale_logits(&scale, &mean, BACKGROUND_LOGIT);
     }
 }

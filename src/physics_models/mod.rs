@@ -1,20 +1,24 @@
 //! The model: encoder, velocity estimator, physics, decoder, in the order in which the data flow.
 //!
 //! Original: `nn/network/physics_models.py`, class `PhysicsNet`; paper: section 3. Frames are
-//! `[batch, time, channels, S, S]` in \[0, 1\]; positions are `[batch, time, 2 * objects]` in pixels.
+//! `[batch, time, channels, S, S]` in \[0, 1\]; positions are `[batch, time, coordinates * objects]`, in pixels or radians
+//! as the equation has them (see [`crate::cells::Coordinates`]).
 
+mod coordinates;
 mod decoder;
 mod encoder;
 pub mod losses;
 pub mod refinement;
 mod velocity;
 
+use std::collections::BTreeMap;
+
 use anyhow::Result;
 use serde::{Deserialize, Serialize};
 use tch::nn::VarStore;
 use tch::{Device, Tensor};
 
-use crate::cells::{Cell, State};
+use crate::cells::{Actions, Cell, Coordinates, PhysicalParameter, State};
 use crate::initial_values;
 use crate::tasks::Task;
 
@@ -33,6 +37,10 @@ pub struct ModelOptions {
     /// Move a template by exactly one pixel for one unit of position; the original moves it by (S-1)/S pixels, so its
     /// lengths come out S/(S-1) too large.
     pub exact_shift: bool,
+    /// Physical parameters that are held at a value instead of being learned, by symbol. Where none is named, those that
+    /// the cell holds by itself: `m = 1` of gravity.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub hold: BTreeMap<String, f64>,
     /// Improve the estimated state before the roll-out by this many Gauss-Newton steps on all input positions under the
     /// current physics; 0 starts from the estimate as it is.
     pub refinement_steps: usize,
@@ -41,11 +49,22 @@ pub struct ModelOptions {
 impl ModelOptions {
     /// The original's computation.
     pub fn original() -> Self {
-        ModelOptions { alt_vel: false, centred_velocity_input: false, exact_shift: false, refinement_steps: 0 }
+        ModelOptions {
+            alt_vel: false,
+            centred_velocity_input: false,
+            exact_shift: false,
+            hold: BTreeMap::new(),
+            refinement_steps: 0,
+        }
+    }
+
+    /// The value at which a parameter is held; none if it is learned.
+    pub fn held(&self, parameter: &PhysicalParameter) -> Option<f64> {
+        if self.hold.is_empty() { parameter.held } else { self.hold.get(parameter.name).copied() }
     }
 }
 
-/// One physical parameter of a model.
+/// A physical parameter that a model learns.
 #[derive(Debug)]
 pub struct LearnedParameter {
     /// Symbol of the paper.
@@ -66,6 +85,7 @@ pub struct PhysicsNet {
     pub encoder: Encoder,
     pub velocity: VelocityEstimator,
     pub cell: Box<dyn Cell>,
+    /// Those that are learned, in the cell's order.
     pub parameters: Vec<LearnedParameter>,
     pub decoder: Decoder,
 }
@@ -75,7 +95,7 @@ pub struct PhysicsNet {
 pub struct ForwardPass {
     /// Masks, masked frames and positions of the first L + T_pred frames.
     pub encoding: Encoding,
-    /// Encoded positions, `[batch, L + T_pred, 2 * objects]`.
+    /// Encoded positions in the equation's coordinates, `[batch, L + T_pred, coordinates * objects]`.
     pub positions: Tensor,
     /// State at the last input frame.
     pub initial: State,
@@ -95,21 +115,25 @@ impl PhysicsNet {
         let encoder = Encoder::new(&root / "encoder", task);
         let decoder = Decoder::new(&root / "decoder", task, options.exact_shift);
         let velocity = VelocityEstimator::new(&root / "init_vel", task, options);
-        let scope = &root / task.cell.scope();
-        let logs: Vec<_> = task.cell.parameters().iter().map(|p| scope.zeros(p.variable, &[])).collect();
-        let cell = task.cell.build(&logs, task.side);
-        let parameters = task
-            .cell
-            .parameters()
-            .iter()
-            .zip(logs)
-            .map(|(p, log)| LearnedParameter {
-                name: p.name,
-                variable: format!("{}.{}", task.cell.scope(), p.variable),
-                log,
-                length_power: p.length_power,
-            })
-            .collect();
+        let scope = &root / task.cell.scope;
+        let mut logs = Vec::new();
+        let mut parameters = Vec::new();
+        for parameter in task.cell.parameters {
+            let log = match options.held(parameter) {
+                Some(value) => Tensor::from(value.ln() as f32).to_device(device),
+                None => scope.zeros(parameter.variable, &[]),
+            };
+            if options.held(parameter).is_none() {
+                parameters.push(LearnedParameter {
+                    name: parameter.name,
+                    variable: format!("{}.{}", task.cell.scope, parameter.variable),
+                    log: log.shallow_clone(),
+                    length_power: parameter.length_power,
+                });
+            }
+            logs.push(log);
+        }
+        let cell = task.build_cell(&logs);
         initial_values::glorot_uniform(&variables, seed);
         PhysicsNet {
             task: task.clone(),
@@ -147,23 +171,38 @@ impl PhysicsNet {
         if self.options.exact_shift { 1.0 } else { (self.task.side - 1) as f64 / self.task.side as f64 }
     }
 
-    /// Positions of frames `[batch, time, channels, S, S]` as `[batch, time, 2 * objects]`, with the encoder's masks.
+    /// True pixels for one unit of a coordinate that is a length; 1 for angles.
+    pub fn length_per_unit(&self) -> f64 {
+        match self.task.cell.coordinates {
+            Coordinates::Position => self.pixels_per_unit(),
+            Coordinates::Angle => 1.0,
+        }
+    }
+
+    /// Positions of frames `[batch, time, channels, S, S]` in the equation's coordinates, `[batch, time, coordinates *
+    /// objects]`, with the encoder's masks.
     pub fn encode(&self, frames: &Tensor) -> (Encoding, Tensor) {
         let (batch, time) = (frames.size()[0], frames.size()[1]);
         let encoding = self.encoder.forward(&frames.flatten(0, 1));
-        let positions = encoding.positions.reshape([batch, time, -1]);
-        (encoding, positions)
+        let positions = self.coordinates(&encoding).reshape([batch, time, -1]);
+        (encoding, coordinates::continuous(self.task.cell.coordinates, positions))
     }
 
-    /// The state at the last of the input positions `[batch, L, 2 * objects]`: encoded position, estimated velocity,
-    /// both refined under the physics if the options say so.
-    pub fn initial_state(&self, input_positions: &Tensor) -> State {
+    /// Positions of single frames in the equation's coordinates, `[frames, coordinates * objects]`.
+    pub fn coordinates(&self, encoding: &Encoding) -> Tensor {
+        coordinates::of(self.task.cell.coordinates, &encoding.positions, self.task.side)
+    }
+
+    /// The state at the last of the input positions `[batch, L, coordinates * objects]`: encoded position, estimated
+    /// velocity, both refined under the physics if the options say so. `actions` begin at the first frame.
+    pub fn initial_state(&self, input_positions: &Tensor, actions: &Actions) -> State {
         let last = input_positions.select(1, input_positions.size()[1] - 1);
         let estimate = State { pos: last, vel: self.velocity.forward(input_positions) };
-        refinement::refine(self.cell.as_ref(), self.task.dt, input_positions, estimate, self.options.refinement_steps)
+        let steps = self.options.refinement_steps;
+        refinement::refine(self.cell.as_ref(), self.task.dt, input_positions, actions, estimate, steps)
     }
 
-    /// Decodes the positions `[batch, 2 * objects]` of states and of encoded frames in one call.
+    /// Decodes the positions `[batch, coordinates * objects]` of states and of encoded frames in one call.
     fn decode(&self, reconstructed: &Tensor, states: &[State]) -> (Tensor, Tensor) {
         let (batch, encoded_frames) = (reconstructed.size()[0], reconstructed.size()[1]);
         let predicted: Vec<_> = states.iter().map(|state| state.pos.shallow_clone()).collect();
@@ -176,18 +215,18 @@ impl PhysicsNet {
         (frames.narrow(1, 0, encoded_frames), frames.narrow(1, encoded_frames, total - encoded_frames))
     }
 
-    /// The whole model on clips `[batch, time, channels, S, S]`: the first L + T_pred frames are encoded, and all frames
-    /// after the first L are predicted.
+    /// The whole model on clips `[batch, time, channels, S, S]` and what acts during them: the first L + T_pred frames are
+    /// encoded, and all frames after the first L are predicted.
     ///
     /// # Errors
     /// A clip that is shorter than L + T_pred.
-    pub fn forward(&self, clips: &Tensor) -> Result<ForwardPass> {
+    pub fn forward(&self, clips: &Tensor, actions: &Actions) -> Result<ForwardPass> {
         let (input, encoded) = (self.task.input_steps, self.task.input_steps + self.task.pred_steps);
         let time = clips.size()[1] as usize;
         anyhow::ensure!(time >= encoded, "a clip has {time} frames; task {} needs at least {encoded}", self.task.key);
         let (encoding, positions) = self.encode(&clips.narrow(1, 0, encoded as i64));
-        let initial = self.initial_state(&positions.narrow(1, 0, input as i64));
-        let states = self.cell.roll_out(&initial, self.task.dt, time - input);
+        let initial = self.initial_state(&positions.narrow(1, 0, input as i64), actions);
+        let states = self.cell.roll_out(&initial, &actions.since(input - 1), self.task.dt, time - input);
         let (reconstructions, predictions) = self.decode(&positions, &states);
         Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions })
     }

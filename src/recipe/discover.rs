@@ -105,7 +105,7 @@ impl GradientPhase for Discovery<'_> {
     fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
         let frames = self.train.random_frames(self.config.frames, self.seed, step);
         let encoding = model.encoder.forward(&frames);
-        let rendering = model.decoder.forward(&encoding.positions);
+        let rendering = model.decoder.forward(&model.coordinates(&encoding));
         let reconstruction = frame_error(&rendering.frames.unsqueeze(1), &frames.unsqueeze(1));
         let fade = guide::fade(&self.config.guide, step);
         let mut total = reconstruction.shallow_clone();
@@ -127,7 +127,7 @@ impl GradientPhase for Discovery<'_> {
         let _guard = tch::no_grad_guard();
         let mut mean = Mean::default();
         for frames in self.validation.split(VALIDATION_BATCH, 0) {
-            let rendering = model.decoder.forward(&model.encoder.forward(&frames).positions);
+            let rendering = model.decoder.forward(&model.coordinates(&model.encoder.forward(&frames)));
             mean.add(&frame_error(&rendering.frames.unsqueeze(1), &frames.unsqueeze(1)), frames.size()[0] as f64);
         }
         mean.value()

@@ -12,10 +12,11 @@
 use anyhow::{Result, ensure};
 use tch::{Kind, Tensor};
 
-use crate::cells::{CellKind, State};
+use crate::cells::{Actions, State};
 use crate::config::Identify;
+use crate::tasks::Task;
 
-/// Half the span of the difference quotients, pixels, pixels per time unit, or natural logarithm. In float64 roll-outs
+/// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or natural logarithm. In float64 roll-outs
 /// of positions up to 64 px it leaves nine digits.
 const PROBE: f64 = 1e-4;
 /// Weight of a squared offset, clip by clip: holds those in place that the physics does not see (a common shift).
@@ -33,12 +34,12 @@ const CONVERGED: f64 = 1e-5;
 /// The result of a fit.
 #[derive(Debug, Clone)]
 pub struct Fit {
-    /// Log-parameters in the cell's order.
+    /// Log-parameters in the cell's order, those that are held included.
     pub logs: Vec<f64>,
-    /// Encoded minus true position of each object, `(x0, y0, ..)`, pixels; a common shift is taken as 0 where the
-    /// physics does not depend on it.
+    /// Encoded minus true position of each object in the cell's coordinates; a common shift is taken as 0 where the physics
+    /// does not depend on it.
     pub offsets: Vec<f64>,
-    /// Root mean square of the residuals at the longest horizon, pixels.
+    /// Root mean square of the residuals at the longest horizon, pixels or radians.
     pub residual: f64,
     pub iterations: usize,
 }
@@ -48,19 +49,20 @@ pub struct Fit {
 struct Unknowns {
     /// `[parameters]`.
     logs: Tensor,
-    /// `[2 * objects]`.
+    /// `[coordinates]` of all objects.
     offsets: Tensor,
-    /// Positions and velocities at the first frame, `[clips, 4 * objects]`.
+    /// Positions and velocities at the first frame, `[clips, 2 * coordinates]`.
     states: Tensor,
 }
 
 struct Problem<'a> {
-    cell: CellKind,
-    side: usize,
-    dt: f64,
+    task: &'a Task,
+    /// Whether each of the cell's parameters is learned.
+    learned: &'a [bool],
     huber: f64,
-    /// `[clips, frames, 2 * objects]`, float64.
+    /// `[clips, frames, coordinates]`, float64.
     positions: &'a Tensor,
+    actions: &'a Actions,
     horizon: usize,
 }
 
@@ -68,17 +70,24 @@ struct Problem<'a> {
 struct Linearised {
     /// `[clips, residuals]`.
     residual: Tensor,
-    /// `[clips, residuals, 4 * objects]`.
+    /// `[clips, residuals, 2 * coordinates]`.
     by_state: Tensor,
-    /// `[clips, residuals, parameters + 2 * objects]`.
+    /// `[clips, residuals, parameters + coordinates]`.
     by_shared: Tensor,
 }
 
-/// Fits a cell to encoded positions `[clips, frames, 2 * objects]`, starting from `start` (log-parameters).
+/// Where a fit begins: each of the cell's log-parameters, and whether it is learned.
+#[derive(Debug, Clone, Copy)]
+pub struct Start<'a> {
+    pub logs: &'a [f64],
+    pub learned: &'a [bool],
+}
+
+/// Fits a task's equation to encoded positions `[clips, frames, coordinates]`; `actions` begin at the first frame.
 ///
 /// # Errors
 /// Positions that are not finite.
-pub fn fit(config: &Identify, cell: CellKind, side: usize, dt: f64, positions: &Tensor, start: &[f64]) -> Result<Fit> {
+pub fn fit(config: &Identify, task: &Task, positions: &Tensor, actions: &Actions, start: Start<'_>) -> Result<Fit> {
     let _guard = tch::no_grad_guard();
     let positions = positions.to_device(tch::Device::Cpu).to_kind(Kind::Double);
     ensure!(
@@ -86,17 +95,18 @@ pub fn fit(config: &Identify, cell: CellKind, side: usize, dt: f64, positions: &
         "identify: encoded positions are not finite; the encoder has diverged"
     );
     let first = positions.select(1, 0);
-    let velocity = (positions.select(1, 1) - &first) / dt;
+    let velocity = (positions.select(1, 1) - &first) / task.dt;
     let coordinates = first.size()[1];
     let mut unknowns = Unknowns {
-        logs: Tensor::from_slice(start),
+        logs: Tensor::from_slice(start.logs),
         offsets: Tensor::zeros([coordinates], (Kind::Double, positions.device())),
         states: Tensor::cat(&[first, velocity], 1),
     };
     let mut iterations = 0;
     let mut residual = f64::NAN;
     for &horizon in &config.horizons {
-        let problem = Problem { cell, side, dt, huber: config.huber, positions: &positions, horizon };
+        let huber = config.huber;
+        let problem = Problem { task, learned: start.learned, huber, positions: &positions, actions, horizon };
         iterations += problem.minimise(&mut unknowns, config.max_iterations);
         residual = problem.residual(&unknowns).square().mean(Kind::Double).sqrt().double_value(&[]);
     }
@@ -108,19 +118,20 @@ fn values(x: &Tensor) -> Vec<f64> {
 }
 
 impl Problem<'_> {
-    /// Roll-out positions minus encoded ones, `[clips * copies, horizon * 2 * objects]`, without offsets.
-    fn roll_out(&self, logs: &Tensor, states: &Tensor) -> Tensor {
+    /// Positions of the roll-outs, `[clips * copies, horizon * coordinates]`.
+    fn roll_out(&self, logs: &Tensor, states: &Tensor, actions: &Actions) -> Tensor {
         let logs: Vec<_> = (0..logs.size()[0]).map(|i| logs.get(i)).collect();
         let first = State::from_joined(states);
-        let rolled = self.cell.build(&logs, self.side).roll_out(&first, self.dt, self.horizon - 1);
+        let rolled = self.task.build_cell(&logs).roll_out(&first, actions, self.task.dt, self.horizon - 1);
         let frames: Vec<_> = std::iter::once(&first.pos).chain(rolled.iter().map(|state| &state.pos)).collect();
         Tensor::cat(&frames, 1)
     }
 
-    /// `[clips, horizon * 2 * objects]`.
+    /// Roll-out and offsets minus encoded positions, `[clips, horizon * coordinates]`.
     fn residual(&self, unknowns: &Unknowns) -> Tensor {
         let seen = self.positions.narrow(1, 0, self.horizon as i64).flatten(1, 2);
-        self.roll_out(&unknowns.logs, &unknowns.states) + unknowns.offsets.repeat([self.horizon as i64]) - seen
+        self.roll_out(&unknowns.logs, &unknowns.states, self.actions) + unknowns.offsets.repeat([self.horizon as i64])
+            - seen
     }
 
     /// Huber loss of all residuals and the ridge on the offsets.
@@ -138,19 +149,23 @@ impl Problem<'_> {
 
     fn linearise(&self, unknowns: &Unknowns) -> Linearised {
         let Unknowns { logs, offsets, states } = unknowns;
-        let (clips, state_size) = states.size2().expect("states [clips, 4 * objects]");
+        let (clips, state_size) = states.size2().expect("states [clips, state]");
         let parameters = logs.size()[0];
         let quotient = |up: Tensor, down: Tensor| (up - down) / (2.0 * PROBE);
         let probe = Tensor::eye(state_size, (Kind::Double, states.device())) * PROBE;
         let probes = Tensor::cat(&[&probe, &(-&probe)], 0);
         let copies = (states.unsqueeze(1) + probes).reshape([-1, state_size]);
-        let ends = self.roll_out(logs, &copies).reshape([clips, 2, state_size, -1]);
+        let actions = self.actions.each_repeated(2 * state_size);
+        let ends = self.roll_out(logs, &copies, &actions).reshape([clips, 2, state_size, -1]);
         let by_state = quotient(ends.select(1, 0), ends.select(1, 1)).transpose(1, 2);
         let steps = Tensor::eye(parameters, (Kind::Double, states.device())) * PROBE;
         let mut shared: Vec<Tensor> = (0..parameters)
             .map(|p| {
                 let step = steps.get(p);
-                quotient(self.roll_out(&(logs + &step), states), self.roll_out(&(logs - &step), states)).unsqueeze(-1)
+                let shifted = |logs: Tensor| self.roll_out(&logs, states, self.actions);
+                // Without a derivative a parameter stays where it is.
+                let learned = f64::from(self.learned[p as usize]);
+                (quotient(shifted(logs + &step), shifted(logs - &step)) * learned).unsqueeze(-1)
             })
             .collect();
         let coordinates = offsets.size()[0];

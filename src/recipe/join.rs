@@ -64,8 +64,9 @@ impl GradientPhase for Joint<'_> {
 
     fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
         let task = &model.task;
-        let clips = self.train.batch(self.batches.clips_of_step(step), task.input_steps + task.pred_steps);
-        let pass = model.forward(&clips)?;
+        let chosen = self.batches.clips_of_step(step);
+        let clips = self.train.batch(chosen, task.input_steps + task.pred_steps);
+        let pass = model.forward(&clips, &self.train.actions(chosen))?;
         let losses = Losses::new(&pass, &clips, task);
         let mut total = losses.train(self.config.alpha);
         if let Some(latent) = self.latent_terms(model, &pass) {

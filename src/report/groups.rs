@@ -27,7 +27,7 @@ impl Group {
 
     /// Names of the learned parameters.
     pub(super) fn parameters(&self) -> Vec<&'static str> {
-        self.task.cell.parameters().iter().map(|parameter| parameter.name).collect()
+        self.task.cell.parameters.iter().map(|parameter| parameter.name).collect()
     }
 
     /// The truth that the runs' summaries state.

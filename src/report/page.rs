@@ -98,7 +98,7 @@ fn parameters(page: &mut String, groups: &[Group]) -> Result<()> {
     writeln!(page, "## Physical parameters (the paper's table 1)\n")?;
     let mut rows = Vec::new();
     for task in TASKS {
-        for parameter in task.cell.parameters() {
+        for parameter in task.cell.parameters {
             let published = published::parameter(task.key, parameter.name);
             let paper = published.map_or((NONE.into(), NONE.into()), |row| (row.learned.to_string(), row.error()));
             let truth = task.truth.iter().find(|truth| truth.name == parameter.name).map(|truth| truth.value);
@@ -119,7 +119,7 @@ fn parameters(page: &mut String, groups: &[Group]) -> Result<()> {
         }
         // What the paper reports and this model cannot learn.
         for other in published::PARAMETERS.iter().filter(|row| row.task == task.key) {
-            if task.cell.parameters().iter().all(|parameter| parameter.name != other.name) {
+            if task.cell.parameters.iter().all(|parameter| parameter.name != other.name) {
                 let (truth, learned) = (other.truth.to_string(), other.learned.to_string());
                 rows.push(row(&[
                     task.key,

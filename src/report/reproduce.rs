@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use toml::{Table, Value};
 
 use super::runs::Run;
-use crate::config::{Config, Overrides};
+use crate::config::{Config, Overrides, leaves};
 use crate::tasks::{self, Task};
 
 /// The config of a run, of whatever version of the program: only what the report needs is asked for.
@@ -80,17 +80,7 @@ pub(super) fn command(run: &Run, changes: &[String]) -> Result<String> {
 
 /// A config's values without seed, machine and what is written down. Where the data lie counts: other data, other runs.
 fn choices(table: &Table) -> BTreeMap<String, String> {
-    fn walk(table: &Table, prefix: &str, leaves: &mut BTreeMap<String, String>) {
-        for (key, value) in table {
-            let key = format!("{prefix}{key}");
-            match value {
-                Value::Table(below) => walk(below, &format!("{key}."), leaves),
-                value => drop(leaves.insert(key, value.to_string())),
-            }
-        }
-    }
-    let mut all = BTreeMap::new();
-    walk(table, "", &mut all);
+    let mut all = leaves(table);
     let circumstances = ["task", "recipe", "seed", "threads", "device"];
     all.retain(|key, _| !circumstances.contains(&key.as_str()) && !key.starts_with("output."));
     all

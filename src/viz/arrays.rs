@@ -34,7 +34,7 @@ pub(super) fn write_extra_outputs(path: &Path, model: &PhysicsNet, test: &Clips)
     let frames = test.batch(&clips, model.task.input_steps + model.task.pred_steps);
     let encoding = model.encoder.forward(&frames.flatten(0, 1));
     let sprites = model.decoder.sprites();
-    let rendering = model.decoder.forward(&encoding.positions);
+    let rendering = model.decoder.forward(&model.coordinates(&encoding));
     let background = sprites.background.unsqueeze(0).expand_as(&rendering.contents.narrow(0, 0, 1));
     write(
         path,

@@ -57,7 +57,7 @@ pub fn write_curves(folder: &Path, task: &Task) -> Result<()> {
     let panel = Panel { title, axis: "step", phases: &phases, lines, log: Some(true), legend };
     write(&folder.join("losses.png"), LOSSES_HEIGHT, vec![panel])?;
     let mut panels = Vec::new();
-    for parameter in task.cell.parameters() {
+    for parameter in task.cell.parameters {
         let learned = points(&records, None, parameter.name);
         let Some(&(last, value)) = learned.last() else { continue };
         let mut title = format!("{}: {} = {value:.3}", task.key, parameter.name);

@@ -18,9 +18,9 @@ pub(super) struct Outputs {
     pub predictions: Tensor,
     /// `[clips, L + T_pred, C, S, S]`.
     pub reconstructions: Tensor,
-    /// Encoded positions, `[clips, L + T_pred, 2 * objects]`.
+    /// Encoded positions, `[clips, L + T_pred, coordinates * objects]`.
     pub positions: Tensor,
-    /// Positions, then velocities, from the last input frame on, `[clips, 1 + T - L, 4 * objects]`.
+    /// Positions, then velocities, from the last input frame on, `[clips, 1 + T - L, 2 * coordinates * objects]`.
     pub states: Tensor,
 }
 
@@ -31,7 +31,7 @@ impl Outputs {
         let mut parts: [Vec<Tensor>; 5] = Default::default();
         for chosen in all.chunks(BATCH) {
             let frames = clips.batch(chosen, clips.time());
-            let pass = model.forward(&frames)?;
+            let pass = model.forward(&frames, &clips.actions(chosen))?;
             let states: Vec<_> = std::iter::once(&pass.initial).chain(&pass.states).map(State::joined).collect();
             let results = [frames, pass.predictions, pass.reconstructions, pass.positions, Tensor::stack(&states, 1)];
             for (part, result) in parts.iter_mut().zip(results) {

@@ -100,7 +100,7 @@ pub fn write_parameters(path: &Path, task: &Task, traces: &[(Outcome, &Trace)]) 
             legend: SeriesLabelPosition::MiddleLeft,
         }
     };
-    let panels: Vec<_> = task.cell.parameters().iter().map(|parameter| panel(parameter.name)).collect();
+    let panels: Vec<_> = task.cell.parameters.iter().map(|parameter| panel(parameter.name)).collect();
     write(path, &panels, traces)
 }
 

@@ -1,0 +1,41 @@
+//! What acts on a system from outside, frame by frame.
+
+use tch::Tensor;
+
+/// One number for each frame of each clip, `[batch, frames]`, held until the next frame; or nothing at all.
+#[derive(Debug, Default)]
+pub struct Actions(Option<Tensor>);
+
+impl Actions {
+    pub fn none() -> Self {
+        Actions(None)
+    }
+
+    /// `[batch, frames]`; number t acts from frame t to frame t + 1.
+    pub fn new(values: Option<Tensor>) -> Self {
+        Actions(values)
+    }
+
+    /// What acts from a frame to the next, `[batch, 1]`; nothing after the last.
+    pub fn at(&self, frame: usize) -> Option<Tensor> {
+        self.0
+            .as_ref()
+            .filter(|values| (frame as i64) < values.size()[1])
+            .map(|values| values.narrow(1, frame as i64, 1))
+    }
+
+    /// Those from a frame on.
+    pub fn since(&self, frame: usize) -> Self {
+        Actions(self.0.as_ref().map(|values| values.narrow(1, frame as i64, values.size()[1] - frame as i64)))
+    }
+
+    /// For a batch in which each clip stands `copies` times, its copies one after the other.
+    pub fn each_repeated(&self, copies: i64) -> Self {
+        Actions(self.0.as_ref().map(|values| values.repeat_interleave_self_int(copies, 0, None)))
+    }
+
+    /// For a batch that stands as a whole `copies` times.
+    pub fn all_repeated(&self, copies: i64) -> Self {
+        Actions(self.0.as_ref().map(|values| values.repeat([copies, 1])))
+    }
+}

@@ -1,0 +1,37 @@
+//! The spring in a medium that resists: `v0' = -F - c v0`, `v1' = F - c v1`, with the spring's F.
+//!
+//! Not in the original; the worked example of `src/cells/README.md`.
+
+use tch::Tensor;
+
+use super::spring::Spring;
+use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
+
+pub static DAMPED_SPRING: CellKind = CellKind {
+    scope: "damped_spring_ode_cell",
+    coordinates: Coordinates::Position,
+    actions: false,
+    parameters: &[
+        PhysicalParameter::learned("k", "log_k", 0),
+        PhysicalParameter::learned("l", "log_l", 1),
+        PhysicalParameter::learned("c", "log_c", 0),
+    ],
+    build: |logs, _walls| {
+        let [log_k, log_l, log_c] = scalars(logs);
+        Box::new(DampedSpring { spring: Spring { log_k, log_l }, log_c })
+    },
+};
+
+#[derive(Debug)]
+struct DampedSpring {
+    spring: Spring,
+    log_c: Tensor,
+}
+
+impl Cell for DampedSpring {
+    fn substep(&self, state: &State, _action: Option<&Tensor>, h: f64) -> State {
+        let acceleration = self.spring.acceleration(state) - self.log_c.exp() * &state.vel;
+        let vel = &state.vel + acceleration * h;
+        State { pos: &state.pos + &vel * h, vel }
+    }
+}

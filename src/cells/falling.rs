@@ -1,0 +1,53 @@
+//! Balls in a uniform field of gravity g, pixels per squared time unit, downwards; with or without walls.
+//!
+//! The systems of the original's grayscale datasets; its release has no cell for them.
+
+use tch::Tensor;
+
+use super::bouncing::reflected;
+use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
+
+const PARAMETERS: &[PhysicalParameter] = &[PhysicalParameter::learned("g", "log_g", 1)];
+
+/// Free fall.
+pub static FALLING: CellKind = CellKind {
+    scope: "falling_ode_cell",
+    coordinates: Coordinates::Position,
+    actions: false,
+    parameters: PARAMETERS,
+    build: |logs, _walls| {
+        let [log_g] = scalars(logs);
+        Box::new(Falling { log_g, walls: None })
+    },
+};
+
+/// The same, bouncing off all four walls without loss.
+pub static FALLING_BOUNCING: CellKind = CellKind {
+    scope: "falling_bouncing_ode_cell",
+    coordinates: Coordinates::Position,
+    actions: false,
+    parameters: PARAMETERS,
+    build: |logs, walls| {
+        let [log_g] = scalars(logs);
+        Box::new(Falling { log_g, walls: Some(walls) })
+    },
+};
+
+#[derive(Debug)]
+struct Falling {
+    log_g: Tensor,
+    walls: Option<Walls>,
+}
+
+impl Cell for Falling {
+    fn substep(&self, state: &State, _action: Option<&Tensor>, h: f64) -> State {
+        // (0, 1) for each object: y points down.
+        let down = Tensor::arange(state.vel.size()[1], (state.vel.kind(), state.vel.device())).remainder(2.0);
+        let vel = &state.vel + self.log_g.exp() * down * h;
+        let pos = &state.pos + &vel * h;
+        match self.walls {
+            Some(walls) => reflected(pos, &vel, walls),
+            None => State { pos, vel },
+        }
+    }
+}

@@ -3,12 +3,11 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Parser;
-use paig::datasets::files::Split;
-use paig::evaluation::{self, ScoredClips, TestLosses};
-use paig::run::{self, exit_code};
-use paig::{device, durable, viz};
+use paig::evaluation::{self, ClipsOfRun, ScoredClips, ScoredRun, TestLosses};
+use paig::run::exit_code;
+use paig::{durable, viz};
 use serde_json::json;
 
 /// Scores the last checkpoint of a run on any dataset file of its task.
@@ -18,43 +17,26 @@ use serde_json::json;
 #[derive(Parser)]
 #[command(version, after_help = "Example:\n  evaluate runs/spring_color/fast/seed=0 --json scores.json")]
 struct Arguments {
-    /// Run folder
-    run: PathBuf,
-    /// Dataset file [default: the run's test file]
-    #[arg(long)]
-    file: Option<PathBuf>,
-    /// Part of the file
-    #[arg(long, default_value = "test", value_parser = Split::ALL.map(Split::name))]
-    split: String,
+    #[command(flatten)]
+    run: ScoredRun,
     /// Write the numbers to this file, too
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Plot SSIM and squared error over the predicted frames to this PNG
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
-    /// cpu, cuda or cuda:n
-    #[arg(long, default_value = "cpu")]
-    device: String,
-    /// Threads to compute with; 0 for one a core
-    #[arg(long, default_value_t = 0)]
-    threads: usize,
 }
 
 fn main() -> ExitCode {
-    device::wait_passively();
     exit_code(execute(&Arguments::parse()))
 }
 
 fn execute(arguments: &Arguments) -> Result<ExitCode> {
-    let device = device::parse(&arguments.device)?;
-    device::set_threads(arguments.threads);
-    let (config, model) = run::load_model(&arguments.run, device)?;
-    let own = || config.data.folder.join(&config.data.test_file);
-    let file = arguments.file.clone().unwrap_or_else(own);
-    let split = Split::ALL.into_iter().find(|split| split.name() == arguments.split).context("unknown split")?;
+    let ClipsOfRun { config, model, file, split, device } = arguments.run.open()?;
     let clips = ScoredClips::read(&file, &model.task, split, device)?;
+    let run = &arguments.run.run;
     let scores = evaluation::evaluate(&model, &clips)?;
-    println!("{} on the {} clips of {} ({})\n", arguments.run.display(), scores.clips, file.display(), split.name());
+    println!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
     print_losses(&scores.losses);
     evaluation::print_frames_and_states(&model.task, &scores);
     if let Some(path) = &arguments.picture {
@@ -62,7 +44,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     }
     if let Some(path) = &arguments.json {
         let all = json!({
-            "task": config.task, "run": arguments.run, "file": file, "split": split.name(),
+            "task": config.task, "run": run, "file": file, "split": split.name(),
             "parameters": model.parameter_values().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
             "scores": scores,
         });

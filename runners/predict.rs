@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Parser;
-use paig::datasets::files::Split;
 use paig::datasets::iterators::Clips;
-use paig::run::{self, exit_code};
-use paig::{device, evaluation, rollout};
+use paig::evaluation::{self, ClipsOfRun, ScoredRun};
+use paig::rollout;
+use paig::run::exit_code;
 
 /// Predicts frames, positions and velocities from the first frames of a clip, as far as asked.
 ///
@@ -19,14 +19,8 @@ use paig::{device, evaluation, rollout};
     after_help = "Example:\n  predict runs/spring_color/fast/seed=0 --clip 3 --frames 60 --out prediction"
 )]
 struct Arguments {
-    /// Run folder
-    run: PathBuf,
-    /// Dataset file [default: the run's test file]
-    #[arg(long)]
-    file: Option<PathBuf>,
-    /// Part of the file
-    #[arg(long, default_value = "test", value_parser = Split::ALL.map(Split::name))]
-    split: String,
+    #[command(flatten)]
+    run: ScoredRun,
     /// The clip, counted from 0
     #[arg(long, default_value_t = 0)]
     clip: usize,
@@ -36,12 +30,6 @@ struct Arguments {
     /// Folder for the results; files of an earlier prediction are replaced
     #[arg(long, default_value = "prediction")]
     out: PathBuf,
-    /// cpu, cuda or cuda:n
-    #[arg(long, default_value = "cpu")]
-    device: String,
-    /// Threads to compute with; 0 for one a core
-    #[arg(long, default_value_t = 0)]
-    threads: usize,
 }
 
 fn main() -> ExitCode {
@@ -49,11 +37,7 @@ fn main() -> ExitCode {
 }
 
 fn execute(arguments: &Arguments) -> Result<ExitCode> {
-    let device = device::parse(&arguments.device)?;
-    device::set_threads(arguments.threads);
-    let (config, model) = run::load_model(&arguments.run, device)?;
-    let file = arguments.file.clone().unwrap_or_else(|| config.data.folder.join(&config.data.test_file));
-    let split = Split::ALL.into_iter().find(|split| split.name() == arguments.split).context("unknown split")?;
+    let ClipsOfRun { model, file, split, device, .. } = arguments.run.open()?;
     let dataset = evaluation::read_dataset(&file, &model.task)?;
     let clips = Clips::new(dataset.split(split), dataset.actions(split), device);
     ensure!(

@@ -27,11 +27,15 @@ const INTERRUPTED: u8 = 130;
 #[derive(Debug, Parser)]
 #[command(version, about, long_about = None)]
 pub struct AnyTask {
-    /// The system to learn: bouncing_balls, spring_color, spring_color_half, mnist_spring_color or 3bp_color
-    #[arg(long)]
+    #[arg(long, help = task_help())]
     task: Option<String>,
     #[command(flatten)]
     run: RunArgs,
+}
+
+fn task_help() -> String {
+    let keys: Vec<_> = tasks::TASKS.iter().map(|task| task.key).collect();
+    format!("The system to learn: {}", keys.join(", "))
 }
 
 /// The same for the task of a per-task runner.

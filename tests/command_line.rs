@@ -33,6 +33,11 @@ fn unknown_keys_and_values_are_refused() {
     assert_says(&said("join.batch"), &["key=value"]);
     assert_says(&said("start.g=3"), &["start.g", "\"k\", \"l\""]);
     assert_says(&said("start.k=-1"), &["start.k", "positive"]);
+    assert_says(&said("model.hold={g=1.0}"), &["model.hold.g", "\"k\", \"l\""]);
+    assert_says(
+        &refused(spring(&run).args(["--set", "start.k=2", "--set", "model.hold={k=4.0}"])),
+        &["start.k", "held"],
+    );
     assert_says(&said("identify.horizons=[3,99]"), &["horizons", "12"]);
     assert_says(&refused(spring(&run).args(["--recipe", "slow"])), &["slow", "fast, paper"]);
     let config = write_config(folder.path(), "[join]\nlearning_rate = 1e-3\nlerning_rate = 1e-3\n");

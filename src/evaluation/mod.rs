@@ -1,12 +1,13 @@
 //! Scoring a model on a dataset: losses, every predicted frame, and positions where the truth is known.
 
+mod arguments;
 mod states;
 mod table;
 
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
 use crate::cells::State;
@@ -18,6 +19,7 @@ use crate::physics_models::losses::{Losses, Mean};
 use crate::ssim::ssim;
 use crate::tasks::Task;
 
+pub use arguments::{ClipsOfRun, ScoredRun};
 pub use states::StateErrors;
 pub use table::print_frames_and_states;
 
@@ -45,7 +47,7 @@ pub struct TestLosses {
 }
 
 /// The scores of one predicted frame, averaged over the clips.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PredictedFrame {
     /// Place in the clip, from 0.
     pub frame: usize,

@@ -6,7 +6,7 @@
 use std::f64::consts::TAU;
 
 use anyhow::{Result, ensure};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor};
 
 use crate::cells::Coordinates;
@@ -15,7 +15,7 @@ use crate::tasks::Task;
 
 /// Root mean squares of distances over clips, frames and objects; pixels, and pixels per time unit (radians where the
 /// equation is written in angles).
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StateErrors {
     /// The model's object for each true one: the order with the least error of the encoded positions.
     pub objects: Vec<usize>,
@@ -168,5 +168,15 @@ mod tests {
         assert!(near(found.encoded_without_offset, 0.0) && near(found.predicted_without_offset, 0.0));
         assert!(near(found.predicted_velocity, (0.25f64 / 2.0).sqrt()));
         assert_eq!(permutations(3).len(), 6);
+    }
+
+    #[test]
+    fn angles_differ_by_the_shorter_way_round() {
+        let angle = |values: &[f64]| Tensor::from_slice(values).reshape([1, 2, 1, 1]);
+        let apart = difference(&angle(&[6.4, -3.1]), &angle(&[0.0, 3.1]), Coordinates::Angle);
+        let found: Vec<f64> = apart.flatten(0, 3).try_into().unwrap();
+        let expected = [6.4 - TAU, TAU - 6.2];
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+        assert!((rms(&angle(&[3.0, -4.0])) - 12.5f64.sqrt()).abs() < 1e-12);
     }
 }

@@ -2,6 +2,8 @@
 
 use super::runs::{Loss, Run, Summary};
 use super::statistics::Spread;
+use crate::cells::PhysicalParameter;
+use crate::evaluation::StateErrors;
 use crate::tasks::{TASKS, Task};
 use crate::viz::seeds::Outcome;
 
@@ -9,12 +11,29 @@ use crate::viz::seeds::Outcome;
 #[derive(Debug)]
 pub(super) struct Group {
     pub task: &'static Task,
-    /// The recipe, or what its run folders call a changed one.
+    pub recipe: String,
+    /// The recipe and what differs from it; no other group of the task has the same.
     pub label: String,
     /// What differs from the recipe, as `key=value`.
     pub changes: Vec<String>,
     pub runs: Vec<Run>,
 }
+
+/// What a group is there for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// The recipe as it is.
+    Plain,
+    /// Other parameters at the start.
+    Start,
+    /// Other parameters are learned, the usual ones held.
+    Hold,
+    /// Anything else.
+    Ablation,
+}
+
+/// Changes that a label spells out.
+const SPELT_OUT: usize = 3;
 
 impl Group {
     pub(super) fn finished(&self) -> impl Iterator<Item = (&Run, &Summary)> {
@@ -25,9 +44,29 @@ impl Group {
         self.runs.iter().filter(|run| run.outcome() == outcome).count()
     }
 
+    pub(super) fn purpose(&self) -> Purpose {
+        let all = |section: &str| self.changes.iter().all(|change| change.starts_with(section));
+        match () {
+            () if self.changes.is_empty() => Purpose::Plain,
+            () if all("start.") => Purpose::Start,
+            () if all("model.hold.") => Purpose::Hold,
+            () => Purpose::Ablation,
+        }
+    }
+
+    /// `3 / 5`.
+    pub(super) fn successes(&self) -> String {
+        format!("{} / {}", self.count(Outcome::Succeeded), self.runs.len())
+    }
+
+    /// The learned parameters.
+    pub(super) fn learned(&self) -> impl Iterator<Item = &'static PhysicalParameter> {
+        self.task.cell.parameters.iter().filter(|parameter| self.runs[0].config.learns(parameter))
+    }
+
     /// Names of the learned parameters.
     pub(super) fn parameters(&self) -> Vec<&'static str> {
-        self.task.cell.parameters.iter().map(|parameter| parameter.name).collect()
+        self.learned().map(|parameter| parameter.name).collect()
     }
 
     /// The truth that the runs' summaries state.
@@ -35,18 +74,37 @@ impl Group {
         self.finished().find_map(|(_, summary)| summary.parameters.get(name)?.truth)
     }
 
-    /// Of all finished runs, successes or not.
-    pub(super) fn parameter(&self, name: &str) -> Option<Spread> {
-        Spread::of(self.finished().filter_map(|(_, summary)| Some(summary.parameters.get(name)?.learned)))
+    /// A number of all finished runs, successes or not.
+    pub(super) fn spread(&self, number: impl Fn(&Summary) -> Option<f64>) -> Option<Spread> {
+        Spread::of(self.finished().filter_map(|(_, summary)| number(summary)))
     }
 
-    /// Of all finished runs, successes or not.
+    pub(super) fn parameter(&self, name: &str) -> Option<Spread> {
+        self.spread(|summary| Some(summary.parameters.get(name)?.learned))
+    }
+
+    /// Errors of a parameter in per cent, with their signs.
+    pub(super) fn error_percent(&self, name: &str) -> Option<Spread> {
+        self.spread(|summary| summary.parameters.get(name)?.error_percent())
+    }
+
     pub(super) fn loss(&self, loss: Loss) -> Option<Spread> {
-        Spread::of(self.finished().filter_map(|(_, summary)| summary.test.loss(loss)))
+        self.spread(|summary| summary.test.loss(loss))
+    }
+
+    /// An error of positions or velocities; none of runs whose summaries do not have it.
+    pub(super) fn state_error(&self, error: impl Fn(&StateErrors) -> Option<f64>) -> Option<Spread> {
+        self.spread(|summary| error(summary.test.states.as_ref()?))
     }
 
     pub(super) fn wall_seconds(&self) -> Option<Spread> {
-        Spread::of(self.finished().map(|(_, summary)| summary.wall_seconds))
+        self.spread(|summary| Some(summary.wall_seconds))
+    }
+
+    /// `NAME` of run folders `RECIPE-NAME/seed=n`.
+    pub(super) fn folder_name(&self) -> Option<String> {
+        let above = self.runs[0].folder.parent()?.file_name()?.to_str()?;
+        Some(above.strip_prefix(&self.recipe)?.strip_prefix('-')?.into())
     }
 }
 
@@ -64,26 +122,30 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
             continue;
         }
         let changes = run.config.changes();
-        let mut label = label(&run, &changes);
-        let known = |label: &str| groups.iter().any(|group| group.task == run.config.task && group.label == label);
-        if let Some(number) = known(&label).then(|| (2..).find(|n| !known(&format!("{label} {n}")))).flatten() {
-            label = format!("{label} {number}");
-        }
-        groups.push(Group { task: run.config.task, label, changes, runs: vec![run] });
+        let recipe = run.config.recipe.clone();
+        let mut group = Group { task: run.config.task, label: recipe.clone(), recipe, changes, runs: vec![run] };
+        let label = label(&group);
+        // Two versions of a recipe may differ in as many values.
+        let known = |label: &str| groups.iter().any(|other| other.task == group.task && other.label == label);
+        let numbered = || (2..).map(|number| format!("{label} ({number})")).find(|label| !known(label));
+        group.label = if known(&label) { numbered().expect("there is always one more") } else { label };
+        groups.push(group);
     }
+    // The recipe as it is before what differs from it.
     let place = |group: &Group| TASKS.iter().position(|row| row.key == group.task.key);
-    groups.sort_by(|a, b| (place(a), &a.label).cmp(&(place(b), &b.label)));
+    groups.sort_by(|a, b| (place(a), &a.recipe, &a.label).cmp(&(place(b), &b.recipe, &b.label)));
     for group in &mut groups {
         group.runs.sort_by(|a, b| (a.config.seed, &a.folder).cmp(&(b.config.seed, &b.folder)));
     }
     groups
 }
 
-fn label(run: &Run, changes: &[String]) -> String {
-    let recipe = &run.config.recipe;
-    if changes.is_empty() {
-        return recipe.clone();
+fn label(group: &Group) -> String {
+    let Group { recipe, changes, .. } = group;
+    match (changes.len(), group.folder_name()) {
+        (0, _) => recipe.clone(),
+        (1..=SPELT_OUT, _) => format!("{recipe}, {}", changes.join(", ")),
+        (_, Some(name)) => format!("{recipe}, changed: {name}"),
+        (count, None) => format!("{recipe}, {count} changes"),
     }
-    let above = run.folder.parent().and_then(|folder| folder.file_name()).unwrap_or_default().to_string_lossy();
-    if above.starts_with(&format!("{recipe}-")) { above.into() } else { format!("{recipe}, changed") }
 }

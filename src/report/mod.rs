@@ -3,16 +3,24 @@
 //! Every run found under the given folders is counted; nothing is selected. The numbers come from each run's
 //! `summary.json` and `metrics.jsonl`, the published ones from one table, `published.rs`.
 
+mod ablations;
 mod criteria;
+mod frames;
 mod groups;
 mod html;
+mod markdown;
 mod page;
 mod pictures;
 mod published;
 mod reproduce;
+mod reproducible;
 mod results;
+mod run_config;
 mod runs;
+mod section;
+mod states;
 mod statistics;
+mod verdicts;
 
 use std::fs;
 use std::io::Write;

@@ -6,7 +6,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use super::groups::Group;
+use super::frames;
+use super::groups::{Group, Purpose};
 use super::runs::Run;
 use crate::durable;
 use crate::viz::seeds::{self, Outcome, Trace};
@@ -21,11 +22,11 @@ pub(super) struct Picture {
     pub path: String,
 }
 
-/// The pictures of a group.
+/// The pictures of a group. One that differs from the recipe shows its parameters alone, or its losses if it has none.
 #[derive(Debug, Default)]
 pub(super) struct Pictures {
-    pub losses: Option<Picture>,
-    pub parameters: Option<Picture>,
+    /// Over all seeds: losses, parameters, scores of the predicted frames.
+    pub seeds: Vec<Picture>,
     /// Of the shown runs, each with its pictures in the order of the paper's figures.
     pub runs: Vec<(String, Vec<Picture>)>,
 }
@@ -45,14 +46,25 @@ fn of_group(out: &Path, prefix: &str, group: &Group) -> Result<Pictures> {
     let traces: Vec<(Outcome, &Trace)> =
         group.runs.iter().filter_map(|run| Some((run.outcome(), run.trace.as_ref().ok()?))).collect();
     let mut pictures = Pictures::default();
-    let path = format!("{prefix}-losses.png");
-    if seeds::write_losses(&out.join(&path), group.task, &traces)? {
-        pictures.losses = Some(Picture { caption: "validation losses of all seeds".into(), path });
+    let mut add = |name: &str, caption: &str, draw: &dyn Fn(&Path) -> Result<bool>| -> Result<()> {
+        let path = format!("{prefix}-{name}.png");
+        if draw(&out.join(&path))? {
+            pictures.seeds.push(Picture { caption: caption.into(), path });
+        }
+        Ok(())
+    };
+    let plain = group.purpose() == Purpose::Plain;
+    if plain || group.parameters().is_empty() {
+        add("losses", "validation losses of all seeds", &|path| seeds::write_losses(path, group.task, &traces))?;
     }
-    let path = format!("{prefix}-parameters.png");
-    if seeds::write_parameters(&out.join(&path), group.task, &traces)? {
-        pictures.parameters = Some(Picture { caption: "physical parameters of all seeds".into(), path });
+    add("parameters", "physical parameters of all seeds", &|path| seeds::write_parameters(path, group.task, &traces))?;
+    if !plain {
+        return Ok(pictures);
     }
+    let caption =
+        "SSIM and squared error of every predicted test frame, input | T_pred | T_ext, over all finished seeds";
+    let scores = frames::of(group);
+    add("frames", caption, &|path| frames::draw(path, group.task, &scores))?;
     // The first of each kind in the order of the seeds: no choice by looks.
     for (outcome, word) in [(Outcome::Succeeded, "that succeeded"), (Outcome::Missed, "that missed the criterion")] {
         if let Some(run) = group.runs.iter().find(|run| run.outcome() == outcome) {
@@ -72,7 +84,6 @@ fn of_run(out: &Path, prefix: &str, run: &Run) -> Result<Vec<Picture>> {
         (format!("example{clip}.png"), format!("test clip {clip}: input and prediction, truth, reconstruction"))
     });
     let others = [
-        ("animation.gif", "test clips in motion, truth above the model"),
         ("templates.png", "learned contents and masks of the decoder, and the background"),
         ("encoder_masks.png", "the encoder's masks"),
     ];

@@ -1,5 +1,7 @@
 //! Numbers that others have published, the only place where they stand (with [`crate::tasks::paper_losses`]).
 
+use crate::tasks::{TASKS, Task};
+
 /// A learned parameter in the paper.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Parameter {
@@ -20,7 +22,7 @@ pub(super) const PARAMETERS: &[Parameter] = &[
     Parameter { task: "3bp_color", name: "m", learned: 0.95, truth: 1.0 },
 ];
 
-/// Test losses on spring_color by others than the paper's authors.
+/// Test losses on spring_color by others than the paper's authors, and the parameters where they are known.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Losses {
     pub who: &'static str,
@@ -30,7 +32,6 @@ pub(super) struct Losses {
 }
 
 /// Source: published results of a student's port to PyTorch and of reruns of the authors' TensorFlow code beside it.
-/// The TensorFlow rerun learned k = 0.15 and l = 1.02 (4 and 6 are true).
 pub(super) const RERUNS: &[Losses] = &[
     Losses { who: "TF original, rerun, 200 epochs", recons: 1.2, pred: 14.3, extrap: 25.1 },
     Losses { who: "TF original, rerun, 500 epochs", recons: 0.7, pred: 13.8, extrap: 23.1 },
@@ -40,6 +41,19 @@ pub(super) const RERUNS: &[Losses] = &[
 
 /// The task of [`RERUNS`].
 pub(super) const RERUN_TASK: &str = "spring_color";
+
+/// What the TensorFlow rerun learned on [`RERUN_TASK`] (4 and 6 are true).
+pub(super) const RERUN_PARAMETERS: [(&str, f64); 2] = [("k", 0.15), ("l", 1.02)];
+
+/// Passes over the training clips in the paper's protocol.
+pub(super) const EPOCHS: f64 = 500.0;
+
+/// Tasks for which the paper reports learned parameters or losses.
+pub(super) fn tasks() -> impl Iterator<Item = &'static Task> {
+    TASKS.iter().filter(|task| {
+        PARAMETERS.iter().any(|row| row.task == task.key) || crate::tasks::paper_losses(task.key).is_some()
+    })
+}
 
 /// Where the numbers come from, for the report's readers.
 pub(super) const SOURCES: &str = "Paper: Jaques, Burke, Hospedales, Physics-as-Inverse-Graphics, ICLR 2020 \
@@ -54,7 +68,7 @@ pub(super) fn parameter(task: &str, name: &str) -> Option<&'static Parameter> {
 
 impl Parameter {
     /// The paper's error in per cent, with its sign.
-    pub(super) fn error(&self) -> String {
-        super::page::percent(self.learned, self.truth)
+    pub(super) fn error_percent(&self) -> f64 {
+        100.0 * (self.learned / self.truth - 1.0)
     }
 }

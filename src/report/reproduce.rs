@@ -1,65 +1,99 @@
-//! What a run's config says, and the command that makes the run again.
-
-use std::collections::BTreeMap;
-use std::path::Path;
+//! The commands that make the data and the runs again.
 
 use anyhow::{Context, Result};
-use toml::{Table, Value};
 
+use super::groups::Group;
 use super::runs::Run;
-use crate::config::{Config, Overrides, leaves};
-use crate::tasks::{self, Task};
 
-/// The config of a run, of whatever version of the program: only what the report needs is asked for.
-#[derive(Debug)]
-pub(super) struct RunConfig {
-    pub task: &'static Task,
-    pub recipe: String,
-    pub seed: u64,
-    pub threads: usize,
-    pub device: String,
-    /// The values that decide what is learned, by their full key in TOML's notation.
-    pub choices: BTreeMap<String, String>,
+/// Where data lie if the config says nothing else, in TOML's notation.
+const DATA_FOLDER: &str = "\"data/datasets\"";
+
+/// All commands of a group in a shell's notation, one a line: the data, all runs at once, and each run by itself.
+pub(super) fn commands(group: &Group) -> Result<Vec<String>> {
+    let mut lines = data(group)?;
+    if let Some(sweep) = sweep(group)? {
+        lines.extend(["# all runs:".into(), sweep, "# or one by one:".into()]);
+    }
+    for run in &group.runs {
+        lines.push(one(run, &group.changes)?);
+    }
+    Ok(lines)
 }
 
-impl RunConfig {
-    /// Reads a run folder's config.
-    pub(super) fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).with_context(|| format!("config {}", path.display()))?;
-        let parse = || {
-            let table: Table = text.parse()?;
-            let text = |key: &str| table.get(key).and_then(Value::as_str).with_context(|| format!("no {key}"));
-            let number = |key: &str| table.get(key).and_then(Value::as_integer).with_context(|| format!("no {key}"));
-            Ok::<_, anyhow::Error>(RunConfig {
-                task: tasks::find(text("task")?)?,
-                recipe: text("recipe")?.into(),
-                seed: number("seed")?.try_into()?,
-                threads: number("threads")?.try_into()?,
-                device: text("device")?.into(),
-                choices: choices(&table),
-            })
-        };
-        parse().with_context(|| format!("config {}", path.display()))
+/// The data of all runs: mostly one command.
+fn data(group: &Group) -> Result<Vec<String>> {
+    let mut lines: Vec<String> = Vec::new();
+    for run in &group.runs {
+        for line in generate(run)? {
+            if !lines.contains(&line) {
+                lines.push(line);
+            }
+        }
     }
-
-    /// What differs from the recipe as this version has it, as `section.key=value`.
-    pub(super) fn changes(&self) -> Vec<String> {
-        // A recipe of another version may be unknown here: then everything is stated.
-        let recipe = self.said(&[]).unwrap_or_default();
-        let changed = self.choices.iter().filter(|(key, value)| recipe.get(*key) != Some(value));
-        changed.map(|(key, value)| format!("{key}={value}")).collect()
-    }
-
-    /// The choices that task, recipe and assignments make in this version.
-    fn said(&self, set: &[String]) -> Option<BTreeMap<String, String>> {
-        let (task, recipe) = (Some(self.task.key.to_string()), Some(self.recipe.clone()));
-        let config = Config::load(None, &Overrides { task, recipe, set: set.to_vec(), ..Overrides::default() }).ok()?;
-        Some(choices(&Table::try_from(&config).expect("a config is plain data")))
-    }
+    Ok(lines)
 }
 
-/// The command for one run, in a shell's notation. With its own config file where `--set` cannot say what differs.
-pub(super) fn command(run: &Run, changes: &[String]) -> Result<String> {
+fn generate(run: &Run) -> Result<Vec<String>> {
+    let task = run.config.task;
+    let mut words = vec!["generate".to_string(), "--task".into(), task.key.into()];
+    let mut option = |name: &str, value: String| words.extend([format!("--{name}"), value]);
+    if let Some(folder) = run.config.choices.get("data.folder").filter(|folder| *folder != DATA_FOLDER) {
+        option("out", folder.trim_matches('"').into());
+    }
+    let made_with = run.data.as_ref().and_then(|data| data.made_with.as_deref());
+    let seed = made_with.and_then(seed);
+    if let Some(data) = &run.data {
+        option("train", data.training_clips.to_string());
+        option("valid", data.validation_clips.to_string());
+        option("test", data.test_clips.to_string());
+    }
+    if let Some(seed) = seed {
+        option("seed", seed.to_string());
+    }
+    let mut lines = Vec::new();
+    match made_with {
+        None => lines.push("# no run says how these data were made:".into()),
+        Some(text) if seed.is_none() || !text.contains(&format!("{:?}", task.scene)) => {
+            lines.push(format!("# to be completed, the test file is made with: {}", text.replace('\n', " ")));
+        }
+        Some(_) => {}
+    }
+    lines.push(join(&words)?);
+    Ok(lines)
+}
+
+/// The seed in a dataset's settings: `.., seed 0, ..`.
+fn seed(made_with: &str) -> Option<u64> {
+    made_with.split(", ").find_map(|part| part.strip_prefix("seed ")?.parse().ok())
+}
+
+/// The command for all runs of a group; none where `--set` cannot say what differs, or the runs' machines differ.
+fn sweep(group: &Group) -> Result<Option<String>> {
+    let first = &group.runs[0];
+    let alike = |run: &Run| threads(run) == threads(first) && run.config.device == first.config.device;
+    if !group.runs.iter().all(alike) || first.config.said(&group.changes).as_ref() != Some(&first.config.choices) {
+        return Ok(None);
+    }
+    let seeds: Vec<_> = group.runs.iter().map(|run| run.config.seed.to_string()).collect();
+    let mut words = vec!["sweep".to_string()];
+    let mut option = |name: &str, value: String| words.extend([format!("--{name}"), value]);
+    option("task", group.task.key.into());
+    option("recipe", group.recipe.clone());
+    option("seeds", seeds.join(","));
+    group.changes.iter().for_each(|change| option("set", change.clone()));
+    if !group.changes.is_empty() {
+        option("name", group.folder_name().unwrap_or_else(|| "changed".into()));
+    }
+    // 0 is what a run had that left the number to the machine and did not finish.
+    if threads(first) > 0 {
+        option("threads-per-run", threads(first).to_string());
+    }
+    option("device", first.config.device.clone());
+    join(&words).map(Some)
+}
+
+/// The command for one run. With its own config file where `--set` cannot say what differs.
+fn one(run: &Run, changes: &[String]) -> Result<String> {
     let config = &run.config;
     let mut words = vec!["run_physics".to_string()];
     let mut option = |name: &str, value: String| words.extend([format!("--{name}"), value]);
@@ -71,17 +105,27 @@ pub(super) fn command(run: &Run, changes: &[String]) -> Result<String> {
         option("config", run.folder.join("config.toml").display().to_string());
     }
     option("seed", config.seed.to_string());
-    // What the run had, where the config leaves it to the machine.
-    let threads = run.summary.as_ref().map_or(config.threads, |summary| summary.threads);
-    option("threads", threads.to_string());
+    option("threads", threads(run).to_string());
     option("device", config.device.clone());
+    join(&words)
+}
+
+/// What the run had, where the config leaves it to the machine.
+fn threads(run: &Run) -> usize {
+    run.summary.as_ref().map_or(run.config.threads, |summary| summary.threads)
+}
+
+fn join(words: &[String]) -> Result<String> {
     shlex::try_join(words.iter().map(String::as_str)).context("a command line")
 }
 
-/// A config's values without seed, machine and what is written down. Where the data lie counts: other data, other runs.
-fn choices(table: &Table) -> BTreeMap<String, String> {
-    let mut all = leaves(table);
-    let circumstances = ["task", "recipe", "seed", "threads", "device"];
-    all.retain(|key, _| !circumstances.contains(&key.as_str()) && !key.starts_with("output."));
-    all
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_seed_of_the_data_is_read_from_their_settings() {
+        assert_eq!(seed("generator 1, task spring_color, seed 7, clips 10+10+500 of 30 frames, side 32"), Some(7));
+        assert_eq!(seed("made by hand"), None);
+    }
 }

@@ -8,7 +8,8 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use super::criteria;
-use super::reproduce::RunConfig;
+use super::run_config::RunConfig;
+use crate::evaluation::{PredictedFrame, StateErrors};
 use crate::viz::seeds::{Outcome, Trace};
 
 /// One run folder.
@@ -20,9 +21,21 @@ pub(super) struct Run {
     pub summary: Option<Summary>,
     /// The course of the training, or why it cannot be read.
     pub trace: Result<Trace>,
+    /// What the run learned from; of a run that has not finished, as others on the same files say.
+    pub data: Option<Data>,
 }
 
-/// What a finished run says of itself.
+/// The clips of a run's files, and how they were made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Data {
+    pub training_clips: u64,
+    pub validation_clips: u64,
+    pub test_clips: u64,
+    /// None of files that were not generated here.
+    pub made_with: Option<String>,
+}
+
+/// What a finished run says of itself. What may be missing was not written by earlier versions.
 #[derive(Debug, Clone, Deserialize)]
 pub(super) struct Summary {
     pub task: String,
@@ -34,6 +47,15 @@ pub(super) struct Summary {
     pub device: String,
     pub threads: usize,
     pub versions: BTreeMap<String, String>,
+    training_clips: Option<u64>,
+    validation_clips: Option<u64>,
+    pub hardware: Option<Hardware>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+pub(super) struct Hardware {
+    pub processor: Option<String>,
+    pub cores: usize,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
@@ -42,13 +64,17 @@ pub(super) struct Parameter {
     pub truth: Option<f64>,
 }
 
-/// Test losses; null in the file where a clip has no such frames.
-#[derive(Debug, Clone, Copy, Deserialize)]
+/// Test scores; a loss is null in the file where a clip has no such frames.
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Test {
     recons_loss: Option<f64>,
     pred_loss: Option<f64>,
     extrap_loss: Option<f64>,
-    pub clips: usize,
+    clips: u64,
+    #[serde(default)]
+    pub predicted_frames: Vec<PredictedFrame>,
+    pub states: Option<StateErrors>,
+    made_with: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -89,25 +115,59 @@ impl Parameter {
     }
 }
 
+impl Summary {
+    fn data(&self) -> Option<Data> {
+        Some(Data {
+            training_clips: self.training_clips?,
+            validation_clips: self.validation_clips?,
+            test_clips: self.test.clips,
+            made_with: self.test.made_with.clone(),
+        })
+    }
+}
+
 impl Run {
     fn read(folder: &Path) -> Result<Self> {
         let config = RunConfig::read(&folder.join("config.toml"))?;
         let path = folder.join("summary.json");
-        let summary = match path.exists() {
+        let summary: Option<Summary> = match path.exists() {
             true => {
                 let text = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
                 Some(serde_json::from_slice(&text).with_context(|| format!("{} is damaged", path.display()))?)
             }
             false => None,
         };
-        Ok(Run { folder: folder.into(), config, summary, trace: Trace::read(folder) })
+        let data = summary.as_ref().and_then(Summary::data);
+        Ok(Run { folder: folder.into(), config, summary, trace: Trace::read(folder), data })
     }
 
     pub(super) fn outcome(&self) -> Outcome {
         match &self.summary {
             None => Outcome::Unfinished,
-            Some(summary) if criteria::succeeded(summary) => Outcome::Succeeded,
+            Some(summary) if criteria::succeeded(&self.config, summary) => Outcome::Succeeded,
             Some(_) => Outcome::Missed,
+        }
+    }
+
+    /// Steps until the end, or until the last record of a run that has not finished.
+    pub(super) fn steps(&self) -> Option<u64> {
+        let traced = || self.trace.as_ref().ok().map(Trace::steps);
+        self.summary.as_ref().map(|summary| summary.steps).or_else(traced)
+    }
+
+    /// Passes over the training clips that `join`'s batches make in these steps.
+    pub(super) fn epochs(&self) -> Option<f64> {
+        let steps_per_epoch = (self.data.as_ref()?.training_clips as f64 / self.config.number("join.batch")?).floor();
+        (steps_per_epoch >= 1.0).then_some(self.steps()? as f64 / steps_per_epoch)
+    }
+
+    /// `1750 steps`; of a recipe that counts epochs, `1750 steps (35 epochs)`.
+    pub(super) fn length(&self) -> String {
+        let Some(steps) = self.steps() else { return "an unknown number of steps".into() };
+        let in_epochs = self.config.choices.contains_key("join.epochs");
+        match self.epochs().filter(|_| in_epochs) {
+            Some(epochs) => format!("{steps} steps ({} epochs)", (10.0 * epochs).round() / 10.0),
+            None => format!("{steps} steps"),
         }
     }
 }
@@ -134,6 +194,13 @@ pub(super) fn find(folders: &[PathBuf]) -> Result<Found> {
             Ok(run) => found.runs.push(run),
             Err(error) => found.unreadable.push((place, error)),
         }
+    }
+    for place in 0..found.runs.len() {
+        let files = |run: &Run| (run.config.task.key, run.config.data_files().map(Option::<&String>::cloned));
+        let here = files(&found.runs[place]);
+        let known = found.runs.iter().filter(|run| files(run) == here).find_map(|run| run.data.clone());
+        let run = &mut found.runs[place];
+        run.data = run.data.take().or(known);
     }
     Ok(found)
 }

@@ -20,6 +20,11 @@ impl Spread {
         Some(Spread { median, min, max })
     }
 
+    /// All values times a positive factor.
+    pub(super) fn times(&self, factor: f64) -> Self {
+        Spread { median: factor * self.median, min: factor * self.min, max: factor * self.max }
+    }
+
     /// `median [min, max]`, each written by `digits`; one number where all are the same.
     pub(super) fn text(&self, digits: impl Fn(f64) -> String) -> String {
         if self.min == self.max {

@@ -4,8 +4,9 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use anyhow::{Result, anyhow, ensure};
+use image::codecs::png::{CompressionType, FilterType as PngFilter, PngEncoder};
 use image::imageops::{self, FilterType};
-use image::{ImageFormat, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 use plotters::backend::BitMapBackend;
 use plotters::coord::Shift;
 use plotters::drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea};
@@ -68,7 +69,10 @@ impl Canvas {
     }
 
     pub(super) fn write_png(&self, path: &Path) -> Result<()> {
-        durable::write_file(path, |file| Ok(self.pixels.write_to(file, ImageFormat::Png)?))
+        durable::write_file(path, |file| {
+            let encoder = PngEncoder::new_with_quality(file, CompressionType::Best, PngFilter::Adaptive);
+            Ok(self.pixels.write_with_encoder(encoder)?)
+        })
     }
 }
 

@@ -7,7 +7,7 @@ use plotters::chart::{ChartBuilder, SeriesLabelPosition};
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::drawing::DrawingArea;
-use plotters::element::{Circle, DashedPathElement, IntoDynElement, PathElement, Rectangle, Text};
+use plotters::element::{Circle, DashedPathElement, IntoDynElement, PathElement, Polygon, Rectangle, Text};
 use plotters::prelude::{BitMapBackend, IntoLogRange};
 use plotters::series::{DashedLineSeries, LineSeries};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -33,6 +33,8 @@ pub(super) enum Stroke {
     Dotted,
     Plain,
     Dashed,
+    /// The pale area within a closed line.
+    Filled,
 }
 
 /// A line of a panel; points are (step, value).
@@ -150,17 +152,19 @@ impl Panel<'_> {
             for piece in line.pieces.iter().filter(|piece| !piece.is_empty()) {
                 let points = piece.iter().copied();
                 let series = match line.stroke {
+                    Stroke::Filled => drawn(chart.draw_series([Polygon::new(piece.clone(), stroke)]))?,
                     Stroke::Dashed => drawn(chart.draw_series(DashedLineSeries::new(points, DASH, DASH, stroke)))?,
                     _ => drawn(chart.draw_series(LineSeries::new(points, stroke)))?,
                 };
                 if !labelled {
-                    let dashed = line.stroke == Stroke::Dashed;
+                    let kind = line.stroke;
                     series.label(line.label).legend(move |(x, y)| {
-                        let ends = [(x, y), (x + 3 * DASH as i32, y)];
-                        if dashed {
-                            DashedPathElement::new(ends, DASH, DASH, stroke).into_dyn()
-                        } else {
-                            PathElement::new(ends, stroke).into_dyn()
+                        let (end, half) = (x + 3 * DASH as i32, DASH as i32 / 2);
+                        let ends = [(x, y), (end, y)];
+                        match kind {
+                            Stroke::Filled => Rectangle::new([(x, y - half), (end, y + half)], stroke).into_dyn(),
+                            Stroke::Dashed => DashedPathElement::new(ends, DASH, DASH, stroke).into_dyn(),
+                            _ => PathElement::new(ends, stroke).into_dyn(),
                         }
                     });
                     labelled = true;
@@ -192,6 +196,7 @@ impl Line {
             Stroke::Pale => self.colour.mix(0.4).stroke_width(2),
             Stroke::Dotted | Stroke::Plain => self.colour.stroke_width(3),
             Stroke::Dashed => self.colour.stroke_width(2),
+            Stroke::Filled => self.colour.mix(0.25).filled(),
         }
     }
 }

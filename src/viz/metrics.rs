@@ -37,18 +37,24 @@ impl Record {
     }
 }
 
-/// All records, in the order in which they were written.
+/// All records, in the order in which they were written. A damaged last line without its end is being written, or was
+/// when the run was killed: it is left out.
 ///
 /// # Errors
 /// A missing file, or the number of a line that is no record.
 pub(super) fn read(path: &Path) -> Result<Vec<Record>> {
     let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    lines
-        .map(|(number, line)| {
-            serde_json::from_str(line).with_context(|| format!("{}: line {} is damaged", path.display(), number + 1))
-        })
-        .collect()
+    let mut records = Vec::new();
+    for (number, line) in text.split_inclusive('\n').enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+        match serde_json::from_str(line) {
+            Ok(record) => records.push(record),
+            Err(_) if !line.ends_with('\n') => {}
+            Err(error) => {
+                return Err(error).with_context(|| format!("{}: line {} is damaged", path.display(), number + 1));
+            }
+        }
+    }
+    Ok(records)
 }
 
 /// One uninterrupted stretch of a phase.

@@ -29,7 +29,7 @@ use crate::physics_models::PhysicsNet;
 use crate::tasks::Task;
 
 pub use curves::write_curves;
-pub use frame_scores::write_frame_scores;
+pub use frame_scores::{ScoreAt, write_frame_bands, write_frame_scores};
 
 /// Test clips whose arrays are saved, as in the original.
 const SAVED_CLIPS: usize = 100;

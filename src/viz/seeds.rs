@@ -52,6 +52,24 @@ impl Trace {
         self.records.last().map_or(0, |record| record.step)
     }
 
+    /// Seconds of training until the last record that states them.
+    pub fn seconds(&self) -> Option<f64> {
+        self.records.iter().rev().find_map(|record| record.value("seconds"))
+    }
+
+    /// The first value of this name, the one half-way to the last step, and the last one.
+    pub fn course(&self, name: &str) -> Option<[f64; 3]> {
+        let points = self.points(None, name);
+        let half = self.steps() as f64 / 2.0;
+        let middle = points.iter().rfind(|(step, _)| *step <= half).or(points.first())?;
+        Some([points.first()?.1, middle.1, points.last()?.1])
+    }
+
+    /// The last validation's value of this name.
+    pub fn last_validation(&self, name: &str) -> Option<f64> {
+        self.points(Some(Kind::Valid), name).last().map(|(_, value)| *value)
+    }
+
     /// (step, value) of the records of a kind (of any, if none is given) that hold a value.
     fn points(&self, kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
         let chosen = self.records.iter().filter(|record| kind.is_none_or(|kind| kind == record.kind));

@@ -1,0 +1,5 @@
+//! A pendulum driven by a known torque.
+
+fn main() -> std::process::ExitCode {
+    paig::run::one_task("pendulum")
+}

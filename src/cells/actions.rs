@@ -1,6 +1,6 @@
 //! What acts on a system from outside, frame by frame.
 
-use tch::Tensor;
+use tch::{Device, Kind, Tensor};
 
 /// One number for each frame of each clip, `[batch, frames]`, held until the next frame; or nothing at all.
 #[derive(Debug, Default)]
@@ -27,6 +27,11 @@ impl Actions {
     /// Those from a frame on.
     pub fn since(&self, frame: usize) -> Self {
         Actions(self.0.as_ref().map(|values| values.narrow(1, frame as i64, values.size()[1] - frame as i64)))
+    }
+
+    /// Moved to a device and turned into a kind of number.
+    pub fn to(&self, device: Device, kind: Kind) -> Self {
+        Actions(self.0.as_ref().map(|values| values.to_device(device).to_kind(kind)))
     }
 
     /// For a batch in which each clip stands `copies` times, its copies one after the other.

@@ -10,7 +10,7 @@
 //! differences of batched roll-outs: any cell will do.
 
 use anyhow::{Result, ensure};
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use crate::cells::{Actions, State};
 use crate::config::Identify;
@@ -89,7 +89,8 @@ pub struct Start<'a> {
 /// Positions that are not finite.
 pub fn fit(config: &Identify, task: &Task, positions: &Tensor, actions: &Actions, start: Start<'_>) -> Result<Fit> {
     let _guard = tch::no_grad_guard();
-    let positions = positions.to_device(tch::Device::Cpu).to_kind(Kind::Double);
+    let positions = positions.to_device(Device::Cpu).to_kind(Kind::Double);
+    let actions = &actions.to(Device::Cpu, Kind::Double);
     ensure!(
         positions.isfinite().all().int64_value(&[]) == 1,
         "identify: encoded positions are not finite; the encoder has diverged"

@@ -2,7 +2,7 @@
 # make test      set up, check format, lints and docs, run the tests
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
-# make compare-defects   what each known defect of earlier ports does
+# make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
 
 CARGO ?= cargo
 PYTHON ?= python3

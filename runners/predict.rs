@@ -24,7 +24,7 @@ struct Arguments {
     /// The clip, counted from 0
     #[arg(long, default_value_t = 0)]
     clip: usize,
-    /// Frames to predict [default: as many as the clip has after its input]
+    /// Frames to predict [default: as many as the clip has after its input]; beyond the clip nothing acts from outside
     #[arg(long)]
     frames: Option<usize>,
     /// Folder for the results; files of an earlier prediction are replaced

@@ -315,7 +315,7 @@ impl<'a> Trainer<'a> {
             }
         }
         let largest = fit.offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
-        // An angle is tied to where the rod is seen; what is left of an offset the joint training takes off.
+        // An angle is tied to where the rod is seen, which leaves little of an offset.
         let recentred = model.task.cell.coordinates == Coordinates::Position
             && config.recentre_above > 0.0
             && largest > config.recentre_above;

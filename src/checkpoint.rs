@@ -144,7 +144,7 @@ pub fn load_weights(path: &Path, model: &PhysicsNet) -> Result<()> {
     for (name, _) in &saved {
         ensure!(
             variables.iter().any(|(known, _)| known == name),
-            "{}: variable {name} is unknown to a model of task {}",
+            "{}: variable {name} is unknown to a model of task {} (or held there, see model.hold)",
             path.display(),
             model.task.key
         );

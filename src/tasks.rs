@@ -1,7 +1,8 @@
-//! The task table: one row for each system of the paper, and the only place where a system's numbers stand.
+//! The task table: one row for each system, and the only place where a system's numbers stand.
 //!
-//! Lengths are in pixels, times in the paper's time unit (one frame is `dt` of it), positions are `(x, y)` with x to
-//! the right and y down. Keys and file names are the original's, so its files and ours are interchangeable.
+//! Lengths are in pixels (the pendulum's in rods), times in the paper's time unit (one frame is `dt` of it), positions are
+//! `(x, y)` with x to the right and y down, or angles. Where the original has the system, key and file names are its own,
+//! so its files and ours are interchangeable.
 //! Original: the `datasets` and `--task` tables of `run_physics.py`, README; paper: section 4.1.
 
 use std::f64::consts::FRAC_PI_2;
@@ -15,7 +16,7 @@ use crate::datasets::scene::{Look, Motion, Scene};
 /// A physical parameter with the value the data were made with. The value scores a run; training never sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrueParameter {
-    /// Symbol of the paper: `k`, `l`, `g`, `m`.
+    /// Symbol of the paper: `k`, `l`, `g`, `m`, `a`.
     pub name: &'static str,
     pub value: f64,
 }
@@ -82,7 +83,7 @@ impl Task {
 const SPRING_K4_L6: &[TrueParameter] =
     &[TrueParameter { name: "k", value: 4.0 }, TrueParameter { name: "l", value: 6.0 }];
 
-/// All tasks, in the paper's order.
+/// All tasks.
 pub const TASKS: &[Task] = &[
     Task {
         key: "bouncing_balls",

@@ -30,11 +30,12 @@ def resize_bilinear(x, half_pixel=False):
     """[B, C, H, W] to twice the size as TensorFlow 1 does it: out[2i] = in[i], out[2i+1] = (in[i] + in[i+1]) / 2."""
     if half_pixel:
         return F.interpolate(x, scale_factor=2, mode="bilinear", antialias=True)
-    for axis in (2, 3):
+    x = x.permute(0, 2, 3, 1)  # channels last, in which the convolutions are fastest
+    for axis in (1, 2):
         n = x.shape[axis]
         following = torch.cat([x.narrow(axis, 1, n - 1), x.narrow(axis, n - 1, 1)], axis)
         x = torch.stack([x, (x + following) / 2], axis + 1).flatten(axis, axis + 1)
-    return x
+    return x.permute(0, 3, 1, 2)
 
 
 def shallow_unet_layers(scope, objects, b=8):

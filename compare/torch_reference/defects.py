@@ -1,88 +1,78 @@
-"""What each known defect of earlier ports does: the first tensor that departs from the golden, and by how much.
+"""What each known defect of earlier ports does: the tensor at which it shows, and what the fast recipe reaches with it.
 
-    python -m torch_reference.defects goldens
-
-Tensors are looked at in the order in which the data flow. Two defects need more than a golden file holds: initial values
-(4) are compared with Glorot's bound, and the annealed rate (7) with this reference without the defect.
+Trains the faithful port and each defect once (minutes each, on one core). A finished training is kept in
+defect_runs/; a command that was stopped goes on with the next one when it is given again. The table shows what is
+trained so far; once complete it is written to defects.md.
 """
 import argparse
-from dataclasses import fields
+import hashlib
+import json
+import sys
 from pathlib import Path
 
-import numpy as np
 import torch
 
-from shared.checks import errors, load
-from shared.given import Given
-from shared.tasks import TASKS
+from .defects_report import report
+from .training.data import MissingData
+from .training.loop import train
+from .training.recipe import Training, fast_recipe
 
-from .evaluate import evaluate
-from .evaluate import load as load_weights
-from .optimizers import optimizer
-from .physics_models import PhysicsNet
-from .switches import Defects
-
-FLOW = ("out/y", "out/enc_masks", "out/masked_objs", "out/enc_pos", "out/recons_out", "out/pos_vel_seq", "out/output",
-        "out/recons_loss", "out/pred_loss", "out/extrap_loss", "out/train_loss", "grad/net/decoder", "grad",
-        "train/loss_before_each_step", "train")
-# A tensor departs beyond this; the correct reference stays well below it in these files.
-DEPARTS = 2e-3
-DEFAULT_FILE, THREE_BODIES = "spring_color_spread_train", "3bp_color_spread_train"
+HERE = Path(__file__).resolve().parents[1]
+RUNS = HERE / "defect_runs"
+STEPS = 1500
+# By the name under which --only takes them, in the order in which they are trained.
+TRAININGS = {"faithful": Training()} | {str(n): Training(n) for n in (1, 2, 3, 4, 8, 10, 9, 11)} | {
+    "rmsprop": Training(rmsprop=True)} | {str(n): Training(n, rmsprop=True) for n in (5, 6, 7)} | {
+    "3bp": Training(task_key="3bp_color"), "12": Training(12, task_key="3bp_color")}
 
 
-def first_departure(given, arrays, defects):
-    """(tensor, error relative to its largest element) of the first tensor that departs."""
-    computed = evaluate(given, defects)
-    for part in FLOW:
-        for name in sorted(computed):
-            if name == part or name.startswith(part + "/"):
-                error = float(errors(arrays[name], computed[name]).max())
-                if not error <= DEPARTS:
-                    return name, error
-    return "none", 0.0
+def key(*what):
+    """Changes with the recipe, the seed, the steps and what is trained."""
+    return hashlib.sha256(json.dumps(what, sort_keys=True, default=vars).encode()).hexdigest()[:12]
 
 
-def initial_values(defects):
-    """Largest bias, where the original's are zero, and first kernel over Glorot's bound."""
-    torch.manual_seed(0)
-    layer = PhysicsNet(TASKS["spring_color"], defects).encoder.conv2d
-    bound = (6 / (9 * (3 + 8))) ** 0.5
-    return f"kernel up to {layer.weight.abs().max() / bound:.2f} of Glorot's bound, bias up to {layer.bias.abs().max():.2f}"
+def place(name, seed, steps):
+    training = TRAININGS[name]
+    return RUNS / f"{name}-{key(fast_recipe(training.task_key), seed, steps, training)}.json"
 
 
-def annealing(given, defects):
-    """How far a variable's second step, the first after annealing, departs from the one without the defect."""
-    task, steps = given.meta()[0], []
-    for each in (Defects(), defects):
-        net = PhysicsNet(task, each)
-        load_weights(net, given.weights())
-        rule = optimizer(task, net.parameters(), each)
-        for _ in range(2):
-            before = net.decoder.logsigma.item()
-            net(torch.tensor(given.clips())).train_loss.backward()
-            rule.step()
-            rule.anneal()
-        steps.append(net.decoder.logsigma.item() - before)
-    return f"a step {steps[1] / steps[0]:.2f} times as long"
+def run(name, path, seed, steps):
+    """Trains and keeps the record."""
+    RUNS.mkdir(exist_ok=True)
+    training = TRAININGS[name]
+    recipe = fast_recipe(training.task_key)
+    first_phase = key(recipe["model"], recipe["discover"], seed, steps, training.discovery())
+    discovered = RUNS / f"discovered-{first_phase}.pt"
+    record = train(training, recipe, seed, steps, discovered, lambda line: print(f"{name:>8} {line}", flush=True))
+    record |= {"seed": seed, "steps": steps, "torch": torch.__version__}
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(json.dumps(record, indent=1) + "\n")
+    partial.replace(path)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("goldens", type=Path)
-    goldens = parser.parse_args().goldens
-    print(f"{'':3}{'defect':18}{'golden':28}{'first tensor that departs':36} by (of its largest element)")
-    for number, field in enumerate(fields(Defects), 1):
-        defects = Defects.number(number)
-        stem = THREE_BODIES if defects.strength_once else DEFAULT_FILE
-        arrays = load(goldens / f"{stem}.npz")
-        if number == 4:
-            stem, name, by = "-", "initial values of encoder.conv2d", initial_values(defects)
-        elif number == 7:
-            name, by = "a variable after an annealed step", annealing(Given(stem, arrays), defects)
-        else:
-            name, error = first_departure(Given(stem, arrays), arrays, defects)
-            by = f"{error:.1e}" if np.isfinite(error) else "not a number"
-        print(f"{number:2} {field.name:18}{stem:28}{name:36} {by}", flush=True)
+    parser.add_argument("--only", metavar="N", choices=TRAININGS, action="append",
+                        help=f"train this alone; may be repeated; one of {', '.join(TRAININGS)}")
+    parser.add_argument("--steps", type=int, default=STEPS, help=f"gradient steps at most [default: {STEPS}]")
+    parser.add_argument("--seed", type=int, default=0, help="[default: 0]")
+    arguments = parser.parse_args()
+    seed, steps = arguments.seed, arguments.steps
+    paths = {name: place(name, seed, steps) for name in TRAININGS}
+    missing = [name for name in arguments.only or TRAININGS if not paths[name].exists()]
+    try:
+        for count, name in enumerate(missing, 1):
+            print(f"training {name}, {count} of {len(missing)}", flush=True)
+            run(name, paths[name], seed, steps)
+    except MissingData as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    records = {name: json.loads(path.read_text()) for name, path in paths.items() if path.exists()}
+    text = report(records, TRAININGS, arguments.goldens, seed, steps)
+    print(text)
+    if len(records) == len(TRAININGS):
+        (HERE / "defects.md").write_text(text)
 
 
 if __name__ == "__main__":

@@ -77,6 +77,7 @@ class Decoder(blocks.Scope):
         self.template_net = blocks.VariableFromNetwork(self, [task.objects, t, t, 1])
         self.contents_net = blocks.VariableFromNetwork(self, [task.objects, t, t, 3])
         self.background_net = blocks.VariableFromNetwork(self, [1, task.side, task.side, 3])
+        self.stn = stn
 
     def sprites(self):
         """Templates [N, 1, t, t], contents [N, 3, t, t] (before the sigmoid), background [1, 3, S, S] (after it)."""
@@ -95,7 +96,7 @@ class Decoder(blocks.Scope):
             x, y = object_pos.unbind(1)
             theta = torch.stack([sigma, zero, (s / 2 - x) / t * sigma, zero, sigma, (s / 2 - y) / t * sigma], 1)
             sprite = torch.cat([template[i] + 5, torch.sigmoid(contents[i])]).expand(batch, -1, -1, -1)
-            moved = stn(sprite, theta, s, self.defects.grid_sample)
+            moved = self.stn(sprite, theta, s, self.defects.grid_sample)
             logits.append(moved[:, :1] - 5)
             colours.append(moved[:, 1:])
         masks = torch.softmax(torch.stack([*logits, torch.ones_like(logits[0])]), 0)

@@ -23,6 +23,7 @@ use super::sprites::Sprites;
 use super::states::{SplitStates, States};
 use super::variant::Variant;
 use crate::progress::Progress;
+use crate::tasks::Task;
 
 /// Clips in the training and validation arrays of a long test file; only its test array is used.
 const TOKEN_CLIPS: usize = 10;
@@ -124,6 +125,15 @@ fn keep(plan: &Plan, path: &Path, frames: usize, settings: &str) -> Result<()> {
     Ok(())
 }
 
+/// The settings of a task's test file as it is made with no option but counts (of the training file) and seed.
+///
+/// # Errors
+/// The source images that come with the program are damaged.
+pub fn plain_test_settings(task: &'static Task, counts: Counts, seed: u64) -> Result<String> {
+    let sprites = Sprites::original()?;
+    Ok(settings(&Variant::new(task, seed), &sprites, task.test_frames, counts.of_test_file()))
+}
+
 /// All that decides a file's content, as text.
 fn settings(variant: &Variant, sprites: &Sprites, frames: usize, counts: Counts) -> String {
     let Variant { task, scene, side, dt, substeps, background, seed } = variant;
@@ -132,7 +142,7 @@ fn settings(variant: &Variant, sprites: &Sprites, frames: usize, counts: Counts)
          substeps {substeps}, {scene:?}",
         task.key, counts.train, counts.valid, counts.test
     );
-    // Files made before there was any damping do not speak of it, and hold the same clips.
+    // A spring without damping does not speak of it.
     text = text.replace(", damping: 0.0 }", " }");
     if *background != scene.look.background() {
         text += &format!(", background {background:?}");

@@ -62,7 +62,7 @@ impl Clips {
         to_float(&self.pixels.flatten(0, 1).index_select(0, &index)).permute([0, 3, 1, 2])
     }
 
-    /// `count` frames drawn at random from all clips for a step, with their places as in [`Clips::frames`].
+    /// `count` frames drawn at random from all clips for a step.
     pub fn random_frames(&self, count: usize, seed: u64, step: u64) -> Tensor {
         let all = (self.len() * self.time()) as i64;
         let mut random = named_generator(seed, &format!("frames of step {step}"));

@@ -37,7 +37,7 @@ pub struct StateErrors {
     pub predicted_velocity: f64,
 }
 
-/// What a model makes of clips, double, in pixels.
+/// What a model makes of clips, double, in pixels or radians.
 pub(super) struct Seen {
     /// `[clips, L + T_pred, coordinates * objects]`.
     pub encoded: Tensor,

@@ -46,7 +46,8 @@ impl Losses {
     }
 }
 
-/// Smooth L1 (quadratic within 1 pixel) between rolled-out and encoded positions, both `[.., 2 * objects]`.
+/// Smooth L1 (quadratic within 1, in the coordinates' unit) between rolled-out and encoded positions or velocities, both
+/// `[.., coordinates * objects]`.
 ///
 /// The encoded side is detached: it teaches the physics and the initial state, not the encoder.
 pub fn latent_error(rolled_out: &Tensor, encoded: &Tensor) -> Tensor {

@@ -38,7 +38,7 @@ pub struct ModelOptions {
     /// lengths come out S/(S-1) too large.
     pub exact_shift: bool,
     /// Physical parameters that are held at a value instead of being learned, by symbol. Where none is named, those that
-    /// the cell holds by itself: `m = 1` of gravity.
+    /// the cell holds by itself: `m = 1` of gravity. In the model's unit of length: true pixels with `exact_shift`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub hold: BTreeMap<String, f64>,
     /// Improve the estimated state before the roll-out by this many Gauss-Newton steps on all input positions under the
@@ -69,8 +69,6 @@ impl ModelOptions {
 pub struct LearnedParameter {
     /// Symbol of the paper.
     pub name: &'static str,
-    /// Name in the variable store.
-    pub variable: String,
     /// The logarithm, a scalar.
     pub log: Tensor,
     pub length_power: i32,
@@ -126,7 +124,6 @@ impl PhysicsNet {
             if options.held(parameter).is_none() {
                 parameters.push(LearnedParameter {
                     name: parameter.name,
-                    variable: format!("{}.{}", task.cell.scope, parameter.variable),
                     log: log.shallow_clone(),
                     length_power: parameter.length_power,
                 });
@@ -162,7 +159,7 @@ impl PhysicsNet {
 
     /// The physical parameters as `(symbol, value)`, lengths in true pixels whatever the decoder's scale.
     pub fn parameter_values(&self) -> Vec<(&'static str, f64)> {
-        let pixels = self.pixels_per_unit();
+        let pixels = self.length_per_unit();
         self.parameters.iter().map(|p| (p.name, p.log.double_value(&[]).exp() * pixels.powi(p.length_power))).collect()
     }
 

@@ -79,7 +79,9 @@ impl<'a> Discovery<'a> {
         if template_bump != 0.0 {
             model.decoder.start_templates(template_bump, BUMP_WIDTH);
         }
-        model.encoder.scale_localiser(localiser_scale);
+        if localiser_scale != 0.0 {
+            model.encoder.scale_localiser(localiser_scale);
+        }
         if mask_spread != 0.0 {
             let frames = self.train.random_frames(self.config.frames, self.seed, 0);
             let moving = guide::moving(&frames, &self.median, self.config.guide.temperature);

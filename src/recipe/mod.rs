@@ -1,7 +1,7 @@
 //! Recipes: the phases of a training and their order.
 //!
 //! The original trains everything together from the first step (`join` alone, the `paper` recipe). The `fast` recipe
-//! finds the objects first, then the parameters, then joins; each phase can be switched off in the config.
+//! finds the objects first, then the parameters, then joins.
 
 pub mod anchors;
 pub mod discover;

@@ -47,7 +47,10 @@ pub(super) fn succeeded(config: &RunConfig, summary: &Summary) -> bool {
     let learned = |name: &str| config.task.cell.parameters.iter().any(|p| p.name == name && config.learns(p));
     let error = |name: &str| summary.parameters.get(name).and_then(|parameter| parameter.error_percent());
     let parameters = criterion.parameters.iter().filter(|(name, _)| learned(name));
-    parameters.clone().all(|(name, limit)| error(name).is_some_and(|error| error.abs() <= *limit))
+    // Nothing learned is no success.
+    let judged = parameters.clone().count() + criterion.losses.len() > 0;
+    judged
+        && parameters.clone().all(|(name, limit)| error(name).is_some_and(|error| error.abs() <= *limit))
         && criterion.losses.iter().all(|(loss, limit)| summary.test.loss(*loss).is_some_and(|value| value <= *limit))
 }
 
@@ -56,7 +59,8 @@ pub(super) fn text(task: &str) -> String {
     let Some(criterion) = of(task) else { return "none".into() };
     let parameters = criterion.parameters.iter().map(|(name, limit)| format!("{name} within {limit} %"));
     let losses = criterion.losses.iter().map(|(loss, limit)| format!("{} ≤ {limit}", loss.symbol()));
-    parameters.chain(losses).collect::<Vec<_>>().join(", ")
+    let of_learned = if criterion.parameters.is_empty() { "" } else { " (of the parameters, those that are learned)" };
+    parameters.chain(losses).collect::<Vec<_>>().join(", ") + of_learned
 }
 
 fn of(task: &str) -> Option<&'static Criterion> {

@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 
 use super::groups::Group;
 use super::runs::Run;
+use crate::datasets::generators::{Counts, plain_test_settings};
 
 /// Where data lie if the config says nothing else, in TOML's notation.
 const DATA_FOLDER: &str = "\"data/datasets\"";
@@ -50,10 +51,18 @@ fn generate(run: &Run) -> Result<Vec<String>> {
     if let Some(seed) = seed {
         option("seed", seed.to_string());
     }
+    let plain = match (&run.data, seed) {
+        (Some(data), Some(seed)) => {
+            let [train, valid, test] =
+                [data.training_clips, data.validation_clips, data.test_clips].map(|clips| clips as usize);
+            Some(plain_test_settings(task, Counts { train, valid, test }, seed)?)
+        }
+        _ => None,
+    };
     let mut lines = Vec::new();
     match made_with {
         None => lines.push("# no run says how these data were made:".into()),
-        Some(text) if seed.is_none() || !text.contains(&format!("{:?}", task.scene)) => {
+        Some(text) if plain.as_deref() != Some(text) => {
             lines.push(format!("# to be completed, the test file is made with: {}", text.replace('\n', " ")));
         }
         Some(_) => {}

@@ -42,7 +42,7 @@ const SAVED_CLIPS: usize = 100;
 /// * `encoder_masks.png`: how the encoder segments a few frames;
 /// * `outputs.npz`: float32, channels last, of the first 100 clips: `input` `[clips, T, S, S, C]`, `output`
 ///   (the predictions) `[clips, T - L, S, S, C]`, `recons` `[clips, L + T_pred, S, S, C]`, `enc_pos`
-///   `[clips, L + T_pred, 2 N]`, `pos_vel_seq` `[clips, 1 + T - L, 4 N]` (positions, then velocities, from
+///   `[clips, L + T_pred, n]` (n coordinates of all objects), `pos_vel_seq` `[clips, 1 + T - L, 2 n]` (positions, then velocities, from
 ///   the state at the last input frame on);
 /// * `extra_outputs.npz`: float32, channels last: `contents` `[N, S/2, S/2, C]` and `templates` `[N, S/2, S/2, 1]`
 ///   (logits), `background_content` `[1, S, S, C]` (colours), and for the F frames that one batch of clips

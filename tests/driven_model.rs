@@ -1,0 +1,90 @@
+//! The model of a turning object that is driven from outside, and which parameters a model learns.
+
+use std::collections::BTreeMap;
+
+use paig::cells::Actions;
+use paig::initial_values::named_generator;
+use paig::physics_models::{ModelOptions, PhysicsNet};
+use paig::stn;
+use paig::tasks::find;
+use rand::Rng;
+use tch::{Device, Kind, Tensor};
+
+/// Uniform in \[0, 1).
+fn uniform(purpose: &str, shape: &[i64]) -> Tensor {
+    let mut random = named_generator(5, purpose);
+    let values: Vec<f32> = (0..shape.iter().product::<i64>()).map(|_| random.random()).collect();
+    Tensor::from_slice(&values).reshape(shape)
+}
+
+/// The roll-out begins at the last input frame, so it takes the torques from that frame on.
+#[test]
+fn each_frame_is_predicted_with_its_own_torque() {
+    let task = find("pendulum").unwrap();
+    let options = ModelOptions { refinement_steps: 2, ..ModelOptions::original() };
+    let model = PhysicsNet::new(task, &options, Device::Cpu, 1);
+    let _guard = tch::no_grad_guard();
+    let (time, input) = (task.train_frames as i64, task.input_steps as i64);
+    let torques = uniform("torques", &[2, time]) * 4.0 - 2.0;
+    let clips = uniform("clips", &[2, time, 3, 64, 64]);
+    let pass = model.forward(&clips, &Actions::new(Some(torques.shallow_clone()))).unwrap();
+    let mut state = &pass.initial;
+    assert_eq!(pass.states.len() as i64, time - input);
+    for (frame, next) in (input - 1..).zip(&pass.states) {
+        let expected = model.cell.step(state, Some(&torques.narrow(1, frame, 1)), task.dt);
+        assert_eq!(next.joined(), expected.joined(), "frame {frame}");
+        state = next;
+    }
+}
+
+#[test]
+fn what_is_held_is_no_variable() {
+    let task = find("3bp_color").unwrap();
+    let variables = |hold: &[(&str, f64)]| {
+        let hold: BTreeMap<String, f64> = hold.iter().map(|(name, value)| (name.to_string(), *value)).collect();
+        let model = PhysicsNet::new(task, &ModelOptions { hold, ..ModelOptions::original() }, Device::Cpu, 1);
+        let names = model.named_variables().into_iter().map(|(name, _)| name);
+        names.filter_map(|name| name.strip_prefix("gravity_ode_cell.").map(String::from)).collect::<Vec<_>>()
+    };
+    assert_eq!(variables(&[]), ["log_g"]);
+    assert_eq!(variables(&[("g", 60.0)]), ["log_m"]);
+}
+
+/// So that a diverged model ends with a message and not in an index out of bounds.
+#[test]
+fn a_theta_that_is_not_a_number_shows_in_the_frame() {
+    let sampled = stn::transform(
+        &Tensor::ones([1, 1, 4, 4], (Kind::Float, Device::Cpu)),
+        &Tensor::full([1, 6], f64::NAN, (Kind::Float, Device::Cpu)),
+        8,
+    );
+    assert_eq!(sampled.isnan().all().int64_value(&[]), 1);
+}
+
+#[test]
+fn sprites_turn_clockwise_about_the_middle() {
+    let model = PhysicsNet::new(find("pendulum").unwrap(), &ModelOptions::original(), Device::Cpu, 3);
+    let _guard = tch::no_grad_guard();
+    // A bump makes the sprite visible; its colours vary smoothly from the top left to the bottom right.
+    model.decoder.start_templates(3.0, 0.3);
+    let slope = Tensor::linspace(-1.0, 1.0, 32, (Kind::Float, Device::Cpu));
+    let colours = (slope.unsqueeze(1) + slope.unsqueeze(0) * 2.0).unsqueeze(-1).repeat([1, 1, 3]).flatten(0, -1);
+    for (name, mut variable) in model.named_variables() {
+        if name.ends_with("bias") && variable.size() == colours.size() {
+            variable.copy_(&colours);
+        }
+    }
+    let quarter = std::f32::consts::FRAC_PI_2;
+    let drawn = model.decoder.forward(&Tensor::from_slice(&[0.0, quarter, 2.0 * quarter, -quarter]).unsqueeze(1));
+    let objects = (drawn.masks.select(0, 0).unsqueeze(1) * drawn.contents.select(0, 0)).to_kind(Kind::Double);
+    let upright = objects.narrow(0, 0, 1);
+    let spread = (&upright - upright.rot90(2, [2, 3])).abs().max().double_value(&[]);
+    assert!(spread > 0.1, "the sprite looks the same upside down: the test would show nothing");
+    for (place, turns) in [(1, -1), (2, 2), (3, 1)] {
+        // rot90 turns anticlockwise on the screen. The transformer's grid is half a hundredth of a pixel off its middle
+        // (size - 1.01), which moves colours by some thousandths.
+        let expected = upright.rot90(turns, [2, 3]);
+        let error = (objects.narrow(0, place, 1) - expected).abs().max().double_value(&[]);
+        assert!(error < 0.02, "turned by {turns} quarters: off by {error}");
+    }
+}

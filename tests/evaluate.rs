@@ -120,3 +120,36 @@ fn a_run_is_scored_and_rolled_out() {
         assert!(said.starts_with("error: ") && said.lines().count() == 1, "{said}");
     }
 }
+
+/// What differs most from the springs: an angle with a torque at 64 px, and frames of one channel; from the data to a
+/// prediction beyond the clip.
+#[test]
+fn angles_actions_and_gray_frames_go_all_the_way() {
+    for (task, columns) in [("pendulum", "angle0,rate0"), ("falling", "x0,y0,vx0,vy0")] {
+        let folder = tempfile::tempdir().unwrap();
+        let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+        let called = |program: &str, arguments: &[&str], path: &Path| {
+            let done = Command::new(program).args(arguments).arg(path).output().unwrap();
+            assert!(done.status.success(), "{task}: {}", text(&done));
+            text(&done)
+        };
+        let counts = ["--task", task, "--train", "12", "--valid", "4", "--test", "3", "--out"];
+        called(env!("CARGO_BIN_EXE_generate"), &counts, &data);
+        let config = write_config(folder.path(), TINY);
+        let [config, data, out] = [&config, &data, &run].map(|path| path.to_str().unwrap());
+        let training = ["--task", task, "--config", config, "--data", data, "--threads", "1", "--out"];
+        let said = called(env!("CARGO_BIN_EXE_run_physics"), &training, &run);
+        let unit = if task == "pendulum" { "radians" } else { "pixels" };
+        assert!(said.contains(&format!("root mean square error, {unit}")), "{said}");
+        let summary = read(&run.join("summary.json"));
+        assert_eq!(summary["test"]["predicted_frames"].as_array().unwrap().len(), 26);
+        assert!(summary["test"]["states"]["predicted"].is_number(), "{summary}");
+
+        // The test clips have 30 frames and torques for as many.
+        let prediction = folder.path().join("prediction");
+        called(env!("CARGO_BIN_EXE_predict"), &[out, "--frames", "40", "--threads", "1", "--out"], &prediction);
+        let states = fs::read_to_string(prediction.join("states.csv")).unwrap();
+        assert_eq!(states.lines().next().unwrap(), format!("frame,time,{columns}"));
+        assert_eq!(states.lines().count(), 1 + 41, "{states}");
+    }
+}

@@ -326,10 +326,7 @@ impl<'a> Trainer<'a> {
             println!("{line}");
             self.folder.log(&line)?;
         }
-        let unit = match model.task.cell.coordinates {
-            Coordinates::Position => "px",
-            Coordinates::Angle => "rad",
-        };
+        let unit = model.task.cell.coordinates.unit();
         let line = format!(
             "identify - residual={:.4} {unit} iterations={} offsets={:.3?} {}",
             fit.residual,

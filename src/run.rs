@@ -27,15 +27,10 @@ const INTERRUPTED: u8 = 130;
 #[derive(Debug, Parser)]
 #[command(version, about, long_about = None)]
 pub struct AnyTask {
-    #[arg(long, help = task_help())]
+    #[arg(long, help = format!("The system to learn: {}", tasks::keys()))]
     task: Option<String>,
     #[command(flatten)]
     run: RunArgs,
-}
-
-fn task_help() -> String {
-    let keys: Vec<_> = tasks::TASKS.iter().map(|task| task.key).collect();
-    format!("The system to learn: {}", keys.join(", "))
 }
 
 /// The same for the task of a per-task runner.

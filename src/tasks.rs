@@ -302,15 +302,17 @@ pub const TASKS: &[Task] = &[
     },
 ];
 
+/// All keys, for people to read.
+pub fn keys() -> String {
+    TASKS.iter().map(|task| task.key).collect::<Vec<_>>().join(", ")
+}
+
 /// The row with this key.
 ///
 /// # Errors
 /// An unknown key, with the list of those there are.
 pub fn find(key: &str) -> Result<&'static Task> {
-    TASKS.iter().find(|task| task.key == key).ok_or_else(|| {
-        let keys: Vec<_> = TASKS.iter().map(|task| task.key).collect();
-        anyhow!("unknown task {key:?}; the tasks are {}", keys.join(", "))
-    })
+    TASKS.iter().find(|task| task.key == key).ok_or_else(|| anyhow!("unknown task {key:?}; the tasks are {}", keys()))
 }
 
 /// Test losses of the paper (its ablation table, row "joint training").

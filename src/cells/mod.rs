@@ -47,6 +47,14 @@ impl Coordinates {
             Coordinates::Angle => 1,
         }
     }
+
+    /// Short name of the unit they are measured in.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Coordinates::Position => "px",
+            Coordinates::Angle => "rad",
+        }
+    }
 }
 
 /// Positions and velocities of all objects, each `[batch, coordinates * objects]`.

@@ -46,11 +46,14 @@ impl Group {
 
     pub(super) fn purpose(&self) -> Purpose {
         let all = |section: &str| self.changes.iter().all(|change| change.starts_with(section));
-        match () {
-            () if self.changes.is_empty() => Purpose::Plain,
-            () if all("start.") => Purpose::Start,
-            () if all("model.hold.") => Purpose::Hold,
-            () => Purpose::Ablation,
+        if self.changes.is_empty() {
+            Purpose::Plain
+        } else if all("start.") {
+            Purpose::Start
+        } else if all("model.hold.") {
+            Purpose::Hold
+        } else {
+            Purpose::Ablation
         }
     }
 

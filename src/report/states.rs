@@ -6,7 +6,6 @@ use anyhow::Result;
 
 use super::groups::Group;
 use super::markdown::{row, spread, table, text};
-use crate::cells::Coordinates;
 use crate::evaluation::StateErrors;
 
 /// One of a run's errors.
@@ -27,10 +26,7 @@ pub(super) const INITIAL_VELOCITY: StateError = ERRORS[3].2;
 
 /// The unit of a group's positions; that of its velocities is one of them per time unit.
 pub(super) fn unit(group: &Group) -> &'static str {
-    match group.task.cell.coordinates {
-        Coordinates::Position => "px",
-        Coordinates::Angle => "rad",
-    }
+    group.task.cell.coordinates.unit()
 }
 
 /// A row for each group.

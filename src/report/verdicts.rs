@@ -30,10 +30,12 @@ pub(super) const SHIFT_RULE: &str = "confirmed if the raw value over the truth l
 /// original's shift; `expected`: what the scale alone would make of it; `exact`: value over truth with the exact shift.
 pub(super) fn shift(raw: f64, expected: f64, exact: f64) -> Verdict {
     let near = |ratio: f64, to: f64| (ratio - to).abs() <= TOLERANCE * (expected - 1.0).abs();
-    match () {
-        () if near(raw, expected) && near(exact, 1.0) => Verdict::Confirmed,
-        () if near(raw, 1.0) => Verdict::Refuted,
-        () => Verdict::Undecided,
+    if near(raw, expected) && near(exact, 1.0) {
+        Verdict::Confirmed
+    } else if near(raw, 1.0) {
+        Verdict::Refuted
+    } else {
+        Verdict::Undecided
     }
 }
 
@@ -57,10 +59,12 @@ pub(super) fn refinement(with: &Effect, without: &Effect, paper: f64) -> Verdict
     let all_larger = |without: &Spread, with: &Spread| without.min > with.max;
     let worse = all_larger(&without.error_size, &with.error_size);
     let same_sign = without.error.median.signum() == paper.signum();
-    match () {
-        () if without.error_size.median <= with.error_size.median || worse && !same_sign => Verdict::Refuted,
-        () if worse && all_larger(&without.velocity, &with.velocity) => Verdict::Confirmed,
-        () => Verdict::Undecided,
+    if without.error_size.median <= with.error_size.median || worse && !same_sign {
+        Verdict::Refuted
+    } else if worse && all_larger(&without.velocity, &with.velocity) {
+        Verdict::Confirmed
+    } else {
+        Verdict::Undecided
     }
 }
 

@@ -76,42 +76,45 @@ impl Optimizer {
             if !gradient.defined() {
                 continue;
             }
-            let clipped = match self.clip {
-                Some(limit) => gradient.clamp(-limit, limit),
-                None => gradient.shallow_clone(),
-            };
-            let change = self.change(name, &clipped) * learning_rate(name);
-            let _ = variable.shallow_clone().f_sub_(&change).expect("a step has its variable's shape");
+            if let Some(limit) = self.clip {
+                let _ = gradient.clamp_(-limit, limit);
+            }
+            self.update(name, variable.shallow_clone(), gradient.shallow_clone(), learning_rate(name));
             let _ = gradient.zero_();
         }
     }
 
-    /// The step for a learning rate of 1; updates the slots.
-    fn change(&mut self, name: &str, g: &Tensor) -> Tensor {
+    /// Changes a variable and its slots. The arithmetic is done in place as far as it goes, the gradient's memory used up:
+    /// half of the parameters are background and templates, and every pass over them costs.
+    fn update(&mut self, name: &str, mut variable: Tensor, mut g: Tensor, rate: f64) {
         let slot = |slot: &str| {
             let key = format!("{name}/{slot}");
             self.slots.get(&key).unwrap_or_else(|| panic!("no slot {key}")).shallow_clone()
         };
         match self.rule {
-            Rule::Sgd => g.shallow_clone(),
+            Rule::Sgd => {
+                let _ = variable.g_sub_(&g.g_mul_scalar_(rate));
+            }
             Rule::Momentum => {
                 let mut a = slot("momentum");
-                let _ = a.g_mul_scalar_(MOMENTUM).g_add_(g);
-                a
+                let _ = a.g_mul_scalar_(MOMENTUM).g_add_(&g);
+                let _ = variable.g_sub_(&(a * rate));
             }
             Rule::RmsProp => {
                 let mut ms = slot("ms");
-                let _ = ms.g_mul_scalar_(RMSPROP_DECAY).g_add_(&(g.square() * (1.0 - RMSPROP_DECAY)));
-                g / (ms + RMSPROP_EPSILON).sqrt()
+                let _ = ms.lerp_(&g.square(), 1.0 - RMSPROP_DECAY);
+                let root = (ms + RMSPROP_EPSILON).sqrt_();
+                let _ = variable.addcdiv_(&g.g_mul_scalar_(-rate), &root);
             }
             Rule::Adam => {
                 let (b1, b2) = ADAM_BETAS;
                 let (mut m, mut v) = (slot("m"), slot("v"));
-                let _ = m.g_mul_scalar_(b1).g_add_(&(g * (1.0 - b1)));
-                let _ = v.g_mul_scalar_(b2).g_add_(&(g.square() * (1.0 - b2)));
+                let _ = m.lerp_(&g, 1.0 - b1);
+                let _ = v.lerp_(&g.square_(), 1.0 - b2);
                 let t = self.steps as f64;
                 let correction = (1.0 - b2.powf(t)).sqrt() / (1.0 - b1.powf(t));
-                m * correction / (v.sqrt() + ADAM_EPSILON)
+                let root = v.sqrt().g_add_scalar_(ADAM_EPSILON);
+                let _ = variable.addcdiv_(&(m * (-rate * correction)), &root);
             }
         }
     }

@@ -102,7 +102,7 @@ pub fn exit_code(result: Result<ExitCode>) -> ExitCode {
 impl RunArgs {
     fn execute(self, task: Option<String>) -> Result<ExitCode> {
         // Before anything is opened: it starts the program over.
-        device::wait_passively();
+        device::set_environment();
         let (mut folder, config) = self.open(task)?;
         let Some(folder) = folder.as_mut() else {
             print!("{}", config.to_toml());

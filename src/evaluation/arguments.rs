@@ -48,7 +48,7 @@ impl ScoredRun {
     /// # Errors
     /// A GPU that is not there, a folder that holds no run or no checkpoint.
     pub fn open(&self) -> Result<ClipsOfRun> {
-        device::wait_passively();
+        device::set_environment();
         let device = device::parse(&self.device)?;
         device::set_threads(self.threads);
         let (config, model) = run::load_model(&self.run, device)?;

@@ -9,12 +9,12 @@ use paig::report;
 use paig::run::exit_code;
 
 /// Writes a report of all runs in and under the given folders: report.md, report.html (one file, with its pictures),
-/// results.json.
+/// results.json, and the runs' records (config, course, summary), which `report` reads as it reads runs.
 ///
 /// Every run counts, also those that failed or have not finished; the tables say how many seeds were tried and how
 /// many succeeded, beside the published numbers.
 #[derive(Parser)]
-#[command(version, after_help = "Example:\n  report runs --out report")]
+#[command(version, after_help = "Examples:\n  report runs --out report\n  report report/records runs --out newer")]
 struct Arguments {
     /// Run folders, or folders that hold some
     #[arg(required = true)]

@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Value, json};
 use tch::Tensor;
 
-use crate::cells::{Actions, Coordinates, PhysicalParameter};
+use crate::cells::{Actions, Coordinates};
 use crate::checkpoint::{self, RunState};
 use crate::config::Config;
 use crate::datasets::iterators::Clips;
@@ -88,9 +88,9 @@ impl<'a> Trainer<'a> {
         folder: &'a mut RunFolder,
     ) -> Result<Self> {
         for (symbol, value) in &config.start {
-            let parameter = model.parameters.iter().find(|p| p.name == symbol);
-            let parameter = parameter.with_context(|| format!("start.{symbol}: the model has no such parameter"))?;
-            model.set_parameter(parameter, *value);
+            let parameter = model.learned().find(|p| p.kind.name == symbol);
+            let parameter = parameter.with_context(|| format!("start.{symbol}: the model learns no such parameter"))?;
+            model.set_log(parameter, (value / model.true_unit(parameter.kind)).ln());
         }
         let state = RunState::new(model.task.key);
         Ok(Trainer { config, model, train, valid, folder, state, clock: Instant::now() })
@@ -293,49 +293,26 @@ impl<'a> Trainer<'a> {
         format!("{culprit} is not finite at step {step}; the last checkpoint is sound: lower the learning rate, resume")
     }
 
-    /// Fits the physical parameters to encoded trajectories.
+    /// Fits the physical parameters to encoded trajectories, and re-centres the templates.
     fn identify(&mut self) -> Result<Outcome> {
         let config = self.config.identify.as_ref().expect("the phase is in the recipe");
-        let model = self.model;
-        if model.parameters.is_empty() {
+        if self.model.learned().next().is_none() {
             return Ok(Outcome::Finished);
         }
         let (positions, actions) = self.encode_clips(config.clips)?;
-        let kinds = model.task.cell.parameters;
-        let learned = |kind: &PhysicalParameter| model.parameters.iter().find(|p| p.name == kind.name);
-        let held = |kind: &PhysicalParameter| model.options.held(kind).expect("a parameter is held or learned").ln();
-        let logs: Vec<f64> =
-            kinds.iter().map(|kind| learned(kind).map_or_else(|| held(kind), |p| p.log.double_value(&[]))).collect();
-        let is_learned: Vec<bool> = kinds.iter().map(|kind| learned(kind).is_some()).collect();
-        let start = identify::Start { logs: &logs, learned: &is_learned };
-        let fit = identify::fit(config, &model.task, &positions, &actions, start)?;
-        for (kind, log) in kinds.iter().zip(&fit.logs) {
-            if let Some(parameter) = learned(kind) {
-                model.set_parameter(parameter, log.exp());
-            }
+        let fit = identify::fit(config, &self.model.task, &positions, &actions, &self.model.parameters)?;
+        for (parameter, log) in self.model.parameters.iter().zip(&fit.logs).filter(|(parameter, _)| parameter.learned) {
+            self.model.set_log(parameter, *log);
         }
-        let largest = fit.offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
-        // An angle is tied to where the rod is seen, which leaves little of an offset.
-        let recentred = model.task.cell.coordinates == Coordinates::Position
-            && config.recentre_above > 0.0
-            && largest > config.recentre_above;
-        if recentred {
-            let frames = self.train.random_frames(RECENTRE_FRAMES, self.config.seed, self.state.steps);
-            let left = recentre::recentre(model, &frames, &fit.offsets)?;
-            let line = format!("recentre - largest offset {largest:.3} px, {left:.4} px left");
-            println!("{line}");
-            self.folder.log(&line)?;
-        }
-        let unit = model.task.cell.coordinates.unit();
-        let line = format!(
-            "identify - residual={:.4} {unit} iterations={} offsets={:.3?} {}",
+        let recentred = self.recentre(config.recentre_above, &fit.offsets)?;
+        self.say(&format!(
+            "identify - residual={:.4} {} iterations={} offsets={:.3?} {}",
             fit.residual,
+            self.model.task.cell.coordinates.unit(),
             fit.iterations,
             fit.offsets,
             self.parameters_text()
-        );
-        println!("{line}");
-        self.folder.log(&line)?;
+        ))?;
         let mut record = json!({
             "kind": "identify", "phase": "identify", "step": self.state.steps, "residual": fit.residual,
             "iterations": fit.iterations, "offsets": fit.offsets, "recentred": recentred, "seconds": self.elapsed(),
@@ -343,6 +320,26 @@ impl<'a> Trainer<'a> {
         self.add_parameters(&mut record);
         self.folder.record(&record)?;
         Ok(Outcome::Finished)
+    }
+
+    /// Takes the offsets off templates and positions if the largest is above `least` pixels (0: never); whether it did.
+    fn recentre(&mut self, least: f64, offsets: &[f64]) -> Result<bool> {
+        let largest = offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
+        // An angle is tied to where the rod is seen, which leaves little of an offset.
+        let positions = self.model.task.cell.coordinates == Coordinates::Position;
+        if !positions || least == 0.0 || largest <= least {
+            return Ok(false);
+        }
+        let frames = self.train.random_frames(RECENTRE_FRAMES, self.config.seed, self.state.steps);
+        let left = recentre::recentre(self.model, &frames, offsets)?;
+        self.say(&format!("recentre - largest offset {largest:.3} px, {left:.4} px left"))?;
+        Ok(true)
+    }
+
+    /// Prints a line and logs it.
+    fn say(&mut self, line: &str) -> Result<()> {
+        println!("{line}");
+        self.folder.log(line)
     }
 
     /// Encoded positions of the first `count` training clips, `[clips, time, coordinates * objects]`, and what acts on them.

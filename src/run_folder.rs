@@ -15,6 +15,8 @@ const CONFIG: &str = "config.toml";
 const LOG: &str = "log.txt";
 const METRICS: &str = "metrics.jsonl";
 const SUMMARY: &str = "summary.json";
+/// What says all of a run in few bytes: what was asked for, how it went, what came out.
+pub const RECORDS: [&str; 3] = [CONFIG, METRICS, SUMMARY];
 
 /// An opened and locked run folder.
 #[derive(Debug)]

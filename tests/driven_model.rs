@@ -50,6 +50,19 @@ fn what_is_held_is_no_variable() {
     assert_eq!(variables(&[("g", 60.0)]), ["log_m"]);
 }
 
+/// The original's decoder moves a template by (S-1)/S pixels for one unit of position.
+#[test]
+fn a_length_is_held_in_true_pixels_whatever_the_decoders_scale() {
+    let task = find("spring_color").unwrap();
+    for (exact_shift, units) in [(true, 6.0), (false, 6.0 * 32.0 / 31.0)] {
+        let hold = BTreeMap::from([("l".to_string(), 6.0)]);
+        let options = ModelOptions { hold, exact_shift, ..ModelOptions::original() };
+        let model = PhysicsNet::new(task, &options, Device::Cpu, 1);
+        let l = model.parameters.iter().find(|parameter| parameter.kind.name == "l").unwrap();
+        assert!((l.log.double_value(&[]).exp() / units - 1.0).abs() < 1e-6, "exact_shift {exact_shift}");
+    }
+}
+
 /// So that a diverged model ends with a message and not in an index out of bounds.
 #[test]
 fn a_theta_that_is_not_a_number_shows_in_the_frame() {

@@ -6,7 +6,8 @@ use paig::datasets::generators::{Counts, generate_clips};
 use paig::datasets::sprites::Sprites;
 use paig::datasets::variant::Variant;
 use paig::initial_values::named_generator;
-use paig::recipe::identify::{Fit, Start, fit};
+use paig::physics_models::Parameter;
+use paig::recipe::identify::{Fit, fit};
 use paig::tasks::{Task, find};
 use rand::Rng;
 use tch::{Kind, Tensor};
@@ -31,8 +32,16 @@ const NOISE: f64 = 0.1;
 
 /// The fit of all of a task's parameters, or of those that are `learned`, from `start`.
 fn fitted(task: &Task, positions: &Tensor, actions: &Actions, start: &[f64], learned: &[bool]) -> Fit {
-    let logs: Vec<f64> = start.iter().map(|value| value.ln()).collect();
-    fit(&settings(), task, positions, actions, Start { logs: &logs, learned }).unwrap()
+    fit(&settings(), task, positions, actions, &parameters(task, start, learned)).unwrap()
+}
+
+fn parameters(task: &Task, start: &[f64], learned: &[bool]) -> Vec<Parameter> {
+    let rows = task.cell.parameters.iter().zip(start).zip(learned);
+    rows.map(|((kind, value), &learned)| Parameter { kind, log: log(*value), learned }).collect()
+}
+
+fn log(value: f64) -> Tensor {
+    Tensor::from(value.ln()).to_kind(Kind::Double)
 }
 
 /// Trajectories `[clips, frames, coordinates]` of a task from scattered states around `pos` and `vel`, seen with offsets
@@ -51,7 +60,7 @@ fn observed(
         pos: Tensor::from_slice(pos.0) + normal("positions", n) * pos.1,
         vel: Tensor::from_slice(vel.0) + normal("velocities", n) * vel.1,
     };
-    let logs: Vec<_> = parameters.iter().map(|value| Tensor::from(value.ln()).to_kind(Kind::Double)).collect();
+    let logs: Vec<_> = parameters.iter().map(|value| log(*value)).collect();
     let rolled = task.build_cell(&logs).roll_out(&first, actions, task.dt, FRAMES - 1);
     let seen: Vec<_> = std::iter::once(&first).chain(&rolled).map(|state| &state.pos).collect();
     let noise = normal("noise", FRAMES * n).reshape([CLIPS, FRAMES as i64, n as i64]) * noise;
@@ -132,8 +141,8 @@ fn a_driven_pendulum_is_found_through_an_offset() {
 fn positions_that_are_not_numbers_are_refused() {
     let task = find("spring_color").unwrap();
     let seen = Tensor::full([4, 12, 4], f64::NAN, (Kind::Double, tch::Device::Cpu));
-    let start = Start { logs: &[0.0; 2], learned: &[true; 2] };
-    let error = fit(&settings(), task, &seen, &Actions::none(), start).unwrap_err();
+    let start = parameters(task, &[1.0; 2], &[true; 2]);
+    let error = fit(&settings(), task, &seen, &Actions::none(), &start).unwrap_err();
     assert!(error.to_string().contains("not finite"), "{error}");
 }
 

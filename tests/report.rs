@@ -144,6 +144,39 @@ fn all_runs_are_counted_and_nothing_is_selected() {
 }
 
 #[test]
+fn a_report_can_be_made_again_from_its_records_and_counts_no_run_twice() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let spring = runs.join("spring_color");
+    finished(&spring.join("fast/seed=0"), 0, &[], (4.0, 6.0), 0.3);
+    unfinished(&spring.join("fast/seed=1"), "spring_color", 1, &[]);
+    let many = ["join.batch=50", "join.max_steps=9", "join.clip=1", "discover.frames=7"];
+    finished(&spring.join("fast-mine/seed=0"), 0, &many, (4.0, 6.0), 0.1);
+    // Two runs of one seed keep apart.
+    finished(&runs.join("again"), 0, &[], (4.01, 6.0), 0.2);
+    // A report within the folder of the runs: the second time its records are met on the way.
+    let first = runs.join("report");
+    for _ in 0..2 {
+        let done = report(std::slice::from_ref(&runs), &first);
+        assert!(String::from_utf8(done.stdout).unwrap().contains("3 finished, 1 unfinished, 0 unreadable"));
+    }
+    for place in ["fast/seed=0", "fast/seed=0-2", "fast/seed=1", "fast-mine/seed=0"] {
+        assert!(first.join("records/spring_color").join(place).join("config.toml").exists(), "{place}");
+    }
+    let second = folder.path().join("second");
+    assert!(report(std::slice::from_ref(&first), &second).status.success());
+    assert_eq!(read(&first.join("results.json")), read(&second.join("results.json")));
+    for out in [&first, &second] {
+        let page = fs::read_to_string(out.join("report.md")).unwrap();
+        assert!(page.contains("](records/spring_color/fast/seed=0/example0.png)"), "{page}");
+    }
+    // Its own records are not replaced while they are read.
+    let done = report(std::slice::from_ref(&second), &second);
+    assert!(!done.status.success() && String::from_utf8(done.stderr).unwrap().contains("another folder with --out"));
+    assert!(second.join("records/spring_color/fast/seed=0/summary.json").exists());
+}
+
+#[test]
 fn changed_recipes_stand_beside_the_plain_one_with_a_verdict() {
     let folder = tempfile::tempdir().unwrap();
     let runs = folder.path().join("runs/spring_color");

@@ -1,7 +1,6 @@
 //! The scores of predicted frames and of states, printed.
 
 use super::Evaluation;
-use crate::cells::Coordinates;
 use crate::tasks::Task;
 
 /// Prints squared error and SSIM of every predicted frame, and the errors of positions and velocities where known.
@@ -17,10 +16,7 @@ pub fn print_frames_and_states(task: &Task, scores: &Evaluation) {
         println!("{:>5}  {part:<6}{:>14.4}{:>10.4}", frame.frame, frame.squared_error, frame.ssim);
     }
     let Some(states) = &scores.states else { return };
-    let unit = match task.cell.coordinates {
-        Coordinates::Position => "pixels",
-        Coordinates::Angle => "radians",
-    };
+    let unit = task.cell.coordinates.unit();
     println!("\n{:<38}{:>10}{:>22}", format!("root mean square error, {unit}"), "", "without the offset");
     let row = |name: &str, error: f64, without: f64| println!("{name:<38}{error:>10.4}{without:>22.4}");
     row("encoded positions", states.encoded, states.encoded_without_offset);

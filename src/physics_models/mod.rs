@@ -38,7 +38,7 @@ pub struct ModelOptions {
     /// lengths come out S/(S-1) too large.
     pub exact_shift: bool,
     /// Physical parameters that are held at a value instead of being learned, by symbol. Where none is named, those that
-    /// the cell holds by itself: `m = 1` of gravity. In the model's unit of length: true pixels with `exact_shift`.
+    /// the cell holds by itself: `m = 1` of gravity. Lengths are in true pixels.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub hold: BTreeMap<String, f64>,
     /// Improve the estimated state before the roll-out by this many Gauss-Newton steps on all input positions under the
@@ -62,16 +62,29 @@ impl ModelOptions {
     pub fn held(&self, parameter: &PhysicalParameter) -> Option<f64> {
         if self.hold.is_empty() { parameter.held } else { self.hold.get(parameter.name).copied() }
     }
+
+    /// True pixels for one unit of position: (S-1)/S in the original's decoder, 1 with `exact_shift`.
+    fn pixels_per_unit(&self, task: &Task) -> f64 {
+        if self.exact_shift { 1.0 } else { (task.side - 1) as f64 / task.side as f64 }
+    }
+
+    /// True pixels for one unit of a coordinate that is a length; 1 for angles.
+    fn length_per_unit(&self, task: &Task) -> f64 {
+        match task.cell.coordinates {
+            Coordinates::Position => self.pixels_per_unit(task),
+            Coordinates::Angle => 1.0,
+        }
+    }
 }
 
-/// A physical parameter that a model learns.
+/// A parameter of a model's equation.
 #[derive(Debug)]
-pub struct LearnedParameter {
-    /// Symbol of the paper.
-    pub name: &'static str,
-    /// The logarithm, a scalar.
+pub struct Parameter {
+    pub kind: &'static PhysicalParameter,
+    /// The logarithm, a scalar; lengths are in the model's unit of position.
     pub log: Tensor,
-    pub length_power: i32,
+    /// Otherwise it is held.
+    pub learned: bool,
 }
 
 /// Encoder, velocity estimator, physics cell and decoder of one task, with their variables.
@@ -83,8 +96,8 @@ pub struct PhysicsNet {
     pub encoder: Encoder,
     pub velocity: VelocityEstimator,
     pub cell: Box<dyn Cell>,
-    /// Those that are learned, in the cell's order.
-    pub parameters: Vec<LearnedParameter>,
+    /// In the cell's order.
+    pub parameters: Vec<Parameter>,
     pub decoder: Decoder,
 }
 
@@ -114,22 +127,14 @@ impl PhysicsNet {
         let decoder = Decoder::new(&root / "decoder", task, options.exact_shift);
         let velocity = VelocityEstimator::new(&root / "init_vel", task, options);
         let scope = &root / task.cell.scope;
-        let mut logs = Vec::new();
-        let mut parameters = Vec::new();
-        for parameter in task.cell.parameters {
-            let log = match options.held(parameter) {
-                Some(value) => Tensor::from(value.ln() as f32).to_device(device),
-                None => scope.zeros(parameter.variable, &[]),
-            };
-            if options.held(parameter).is_none() {
-                parameters.push(LearnedParameter {
-                    name: parameter.name,
-                    log: log.shallow_clone(),
-                    length_power: parameter.length_power,
-                });
-            }
-            logs.push(log);
-        }
+        let length = options.length_per_unit(task);
+        let parameter = |kind: &'static PhysicalParameter| {
+            let held = options.held(kind).map(|value| (value / length.powi(kind.length_power)).ln() as f32);
+            let log = held.map_or_else(|| scope.zeros(kind.variable, &[]), |log| Tensor::from(log).to_device(device));
+            Parameter { kind, log, learned: held.is_none() }
+        };
+        let parameters: Vec<_> = task.cell.parameters.iter().map(parameter).collect();
+        let logs: Vec<_> = parameters.iter().map(|parameter| parameter.log.shallow_clone()).collect();
         let cell = task.build_cell(&logs);
         initial_values::glorot_uniform(&variables, seed);
         PhysicsNet {
@@ -151,29 +156,35 @@ impl PhysicsNet {
         named
     }
 
-    /// Sets a physical parameter (not its logarithm).
-    pub fn set_parameter(&self, parameter: &LearnedParameter, value: f64) {
+    /// The parameters that are learned.
+    pub fn learned(&self) -> impl Iterator<Item = &Parameter> {
+        self.parameters.iter().filter(|parameter| parameter.learned)
+    }
+
+    /// Sets the logarithm of a parameter that is learned.
+    pub fn set_log(&self, parameter: &Parameter, log: f64) {
         let _guard = tch::no_grad_guard();
-        let _ = parameter.log.shallow_clone().fill_(value.ln());
+        let _ = parameter.log.shallow_clone().fill_(log);
     }
 
-    /// The physical parameters as `(symbol, value)`, lengths in true pixels whatever the decoder's scale.
+    /// The learned parameters as `(symbol, value)`, lengths in true pixels whatever the decoder's scale.
     pub fn parameter_values(&self) -> Vec<(&'static str, f64)> {
-        let pixels = self.length_per_unit();
-        self.parameters.iter().map(|p| (p.name, p.log.double_value(&[]).exp() * pixels.powi(p.length_power))).collect()
+        self.learned().map(|p| (p.kind.name, p.log.double_value(&[]).exp() * self.true_unit(p.kind))).collect()
     }
 
-    /// True pixels for one unit of position: (S-1)/S in the original's decoder, 1 with `exact_shift`.
+    /// What one model unit of a parameter is in true pixels.
+    pub fn true_unit(&self, kind: &PhysicalParameter) -> f64 {
+        self.options.length_per_unit(&self.task).powi(kind.length_power)
+    }
+
+    /// True pixels for one unit of position.
     pub fn pixels_per_unit(&self) -> f64 {
-        if self.options.exact_shift { 1.0 } else { (self.task.side - 1) as f64 / self.task.side as f64 }
+        self.options.pixels_per_unit(&self.task)
     }
 
     /// True pixels for one unit of a coordinate that is a length; 1 for angles.
     pub fn length_per_unit(&self) -> f64 {
-        match self.task.cell.coordinates {
-            Coordinates::Position => self.pixels_per_unit(),
-            Coordinates::Angle => 1.0,
-        }
+        self.options.length_per_unit(&self.task)
     }
 
     /// Positions of frames `[batch, time, channels, S, S]` in the equation's coordinates, `[batch, time, coordinates *

@@ -14,6 +14,7 @@ use tch::{Device, Kind, Tensor};
 
 use crate::cells::{Actions, State};
 use crate::config::Identify;
+use crate::physics_models::Parameter;
 use crate::tasks::Task;
 
 /// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or natural logarithm. In float64 roll-outs
@@ -76,18 +77,18 @@ struct Linearised {
     by_shared: Tensor,
 }
 
-/// Where a fit begins: each of the cell's log-parameters, and whether it is learned.
-#[derive(Debug, Clone, Copy)]
-pub struct Start<'a> {
-    pub logs: &'a [f64],
-    pub learned: &'a [bool],
-}
-
-/// Fits a task's equation to encoded positions `[clips, frames, coordinates]`; `actions` begin at the first frame.
+/// Fits a task's equation to encoded positions `[clips, frames, coordinates]`, beginning at the parameters' present
+/// values; `actions` begin at the first frame.
 ///
 /// # Errors
 /// Positions that are not finite.
-pub fn fit(config: &Identify, task: &Task, positions: &Tensor, actions: &Actions, start: Start<'_>) -> Result<Fit> {
+pub fn fit(
+    config: &Identify,
+    task: &Task,
+    positions: &Tensor,
+    actions: &Actions,
+    parameters: &[Parameter],
+) -> Result<Fit> {
     let _guard = tch::no_grad_guard();
     let positions = positions.to_device(Device::Cpu).to_kind(Kind::Double);
     let actions = &actions.to(Device::Cpu, Kind::Double);
@@ -98,8 +99,10 @@ pub fn fit(config: &Identify, task: &Task, positions: &Tensor, actions: &Actions
     let first = positions.select(1, 0);
     let velocity = (positions.select(1, 1) - &first) / task.dt;
     let coordinates = first.size()[1];
+    let logs: Vec<f64> = parameters.iter().map(|parameter| parameter.log.double_value(&[])).collect();
+    let learned: Vec<bool> = parameters.iter().map(|parameter| parameter.learned).collect();
     let mut unknowns = Unknowns {
-        logs: Tensor::from_slice(start.logs),
+        logs: Tensor::from_slice(&logs),
         offsets: Tensor::zeros([coordinates], (Kind::Double, positions.device())),
         states: Tensor::cat(&[first, velocity], 1),
     };
@@ -107,7 +110,7 @@ pub fn fit(config: &Identify, task: &Task, positions: &Tensor, actions: &Actions
     let mut residual = f64::NAN;
     for &horizon in &config.horizons {
         let huber = config.huber;
-        let problem = Problem { task, learned: start.learned, huber, positions: &positions, actions, horizon };
+        let problem = Problem { task, learned: &learned, huber, positions: &positions, actions, horizon };
         iterations += problem.minimise(&mut unknowns, config.max_iterations);
         residual = problem.residual(&unknowns).square().mean(Kind::Double).sqrt().double_value(&[]);
     }

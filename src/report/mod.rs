@@ -1,4 +1,5 @@
-//! A report of many runs: report.md, report.html (one file, nothing loaded from anywhere) and results.json.
+//! A report of many runs: report.md, report.html (one file, nothing loaded from anywhere), results.json, and the runs'
+//! records, from which it can be made again.
 //!
 //! Every run found under the given folders is counted; nothing is selected. The numbers come from each run's
 //! `summary.json` and `metrics.jsonl`, the published ones from one table, `published.rs`.
@@ -12,6 +13,7 @@ mod markdown;
 mod page;
 mod pictures;
 mod published;
+mod records;
 mod reproduce;
 mod reproducible;
 mod results;
@@ -42,9 +44,11 @@ pub struct Found {
 /// Reads all run folders in and under `folders` and writes the report of them into `out`.
 ///
 /// # Errors
-/// A folder that cannot be listed, no run at all, an output folder that cannot be written. A run that is damaged is
+/// A folder that cannot be listed or that the report would replace, no run at all, an output folder that cannot be
+/// written. A run that is damaged is
 /// no error: the report says so.
 pub fn write(folders: &[PathBuf], out: &Path) -> Result<Found> {
+    records::check(out, folders)?;
     let found = runs::find(folders)?;
     let places: Vec<_> = folders.iter().map(|folder| folder.display().to_string()).collect();
     ensure!(
@@ -54,10 +58,11 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<Found> {
     );
     let groups = groups::group(found.runs);
     fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
-    let pictures = pictures::write(out, &groups)?;
+    let places_of_records = records::write(out, &groups)?;
+    let pictures = pictures::write(out, &groups, &places_of_records)?;
     let markdown = page::write(&groups, &found.unreadable, &pictures, &places)?;
     let results = results::of(&groups);
-    durable::write_file(&out.join("results.json"), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
+    durable::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
     durable::write_file(&out.join("report.md"), |file| Ok(file.write_all(markdown.as_bytes())?))?;
     let html = html::render(&markdown, out)?;
     durable::write_file(&out.join("report.html"), |file| Ok(file.write_all(html.as_bytes())?))?;

@@ -1,15 +1,14 @@
 //! The report's pictures: plots over all seeds, and those that single runs made.
 
 use std::fs;
-use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
 use super::frames;
 use super::groups::{Group, Purpose};
+use super::records;
 use super::runs::Run;
-use crate::durable;
 use crate::viz::seeds::{self, Outcome, Trace};
 
 /// Examples shown of a run.
@@ -31,18 +30,17 @@ pub(super) struct Pictures {
     pub runs: Vec<(String, Vec<Picture>)>,
 }
 
-/// Draws and copies the pictures of each group into `out/pictures`.
-pub(super) fn write(out: &Path, groups: &[Group]) -> Result<Vec<Pictures>> {
+/// Draws the pictures of each group into `out/pictures` and copies those of single runs to their records (`places`).
+pub(super) fn write(out: &Path, groups: &[Group], places: &[Vec<PathBuf>]) -> Result<Vec<Pictures>> {
     let folder = out.join("pictures");
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    let groups = groups.iter().zip(places).enumerate();
     groups
-        .iter()
-        .enumerate()
-        .map(|(place, group)| of_group(out, &format!("pictures/{place}-{}", group.task.key), group))
+        .map(|(number, (group, places))| of_group(out, &format!("pictures/{number}-{}", group.task.key), group, places))
         .collect()
 }
 
-fn of_group(out: &Path, prefix: &str, group: &Group) -> Result<Pictures> {
+fn of_group(out: &Path, prefix: &str, group: &Group, places: &[PathBuf]) -> Result<Pictures> {
     let traces: Vec<(Outcome, &Trace)> =
         group.runs.iter().filter_map(|run| Some((run.outcome(), run.trace.as_ref().ok()?))).collect();
     let mut pictures = Pictures::default();
@@ -67,9 +65,9 @@ fn of_group(out: &Path, prefix: &str, group: &Group) -> Result<Pictures> {
     add("frames", caption, &|path| frames::draw(path, group.task, &scores))?;
     // The first of each kind in the order of the seeds: no choice by looks.
     for (outcome, word) in [(Outcome::Succeeded, "that succeeded"), (Outcome::Missed, "that missed the criterion")] {
-        if let Some(run) = group.runs.iter().find(|run| run.outcome() == outcome) {
+        if let Some((run, place)) = group.runs.iter().zip(places).find(|(run, _)| run.outcome() == outcome) {
             let title = format!("Seed {}, the first one {word}", run.config.seed);
-            let copied = of_run(out, &format!("{prefix}-seed{}", run.config.seed), run)?;
+            let copied = of_run(out, place, run)?;
             if !copied.is_empty() {
                 pictures.runs.push((title, copied));
             }
@@ -78,8 +76,8 @@ fn of_group(out: &Path, prefix: &str, group: &Group) -> Result<Pictures> {
     Ok(pictures)
 }
 
-/// Copies what a run left; pictures that it did not make are left out.
-fn of_run(out: &Path, prefix: &str, run: &Run) -> Result<Vec<Picture>> {
+/// Copies what a run left into `out/place`; pictures that it did not make are left out.
+fn of_run(out: &Path, place: &Path, run: &Run) -> Result<Vec<Picture>> {
     let examples = (0..EXAMPLES).map(|clip| {
         (format!("example{clip}.png"), format!("test clip {clip}: input and prediction, truth, reconstruction"))
     });
@@ -90,14 +88,10 @@ fn of_run(out: &Path, prefix: &str, run: &Run) -> Result<Vec<Picture>> {
     let others = others.map(|(name, caption)| (name.to_string(), caption.to_string()));
     let mut copied = Vec::new();
     for (name, caption) in examples.chain(others) {
-        let from = run.folder.join(&name);
-        if !from.exists() {
-            continue;
+        let path = place.join(&name);
+        if records::copy(&run.folder.join(&name), &out.join(&path))? {
+            copied.push(Picture { caption, path: path.display().to_string() });
         }
-        let bytes = fs::read(&from).with_context(|| format!("cannot read {}", from.display()))?;
-        let path = format!("{prefix}-{name}");
-        durable::write_file(&out.join(&path), |file| Ok(file.write_all(&bytes)?))?;
-        copied.push(Picture { caption, path });
     }
     Ok(copied)
 }

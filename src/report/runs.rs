@@ -8,6 +8,7 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use super::criteria;
+use super::records;
 use super::run_config::RunConfig;
 use crate::evaluation::{PredictedFrame, StateErrors};
 use crate::viz::seeds::{Outcome, Trace};
@@ -180,12 +181,14 @@ pub(super) struct Found {
     pub unreadable: Vec<(PathBuf, anyhow::Error)>,
 }
 
-/// Searches folders and what lies under them, in the order of their names.
+/// Searches folders and what lies under them, in the order of their names. Of a report's folder its records count;
+/// those of a report met on the way do not, the runs being somewhere else.
 pub(super) fn find(folders: &[PathBuf]) -> Result<Found> {
     let mut places = Vec::new();
     for folder in folders {
         let context = || format!("cannot list {}", folder.display());
         // Overlapping arguments must not count a run twice.
+        let folder = &records::of_report(folder).unwrap_or_else(|| folder.clone());
         search(folder, &fs::canonicalize(folder).with_context(context)?, &mut places).with_context(context)?;
     }
     let mut found = Found::default();
@@ -221,6 +224,8 @@ fn search(folder: &Path, canonical: &Path, places: &mut Vec<(PathBuf, PathBuf)>)
             below.push(entry.file_name());
         }
     }
+    let of_report = records::of_report(folder);
+    below.retain(|name| of_report.as_ref() != Some(&folder.join(name)));
     below.sort();
     below.iter().try_for_each(|name| search(&folder.join(name), &canonical.join(name), places))
 }

@@ -2,6 +2,7 @@
 # make test      set up, check format, lints and docs, run the tests
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
+# make compare-speed   a training step of each of the three beside the others
 # make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
 
 CARGO ?= cargo
@@ -12,7 +13,7 @@ DATA := data/datasets
 SEED ?= 0
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data compare compare-defects clean
+.PHONY: demo test lint libtorch build data compare compare-speed compare-defects clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -42,6 +43,9 @@ $(COMPARE_PYTHON): compare/requirements.txt
 
 compare: build $(COMPARE_PYTHON)
 	cd compare && OMP_NUM_THREADS=1 .venv/bin/python live.py --seed $(SEED)
+
+compare-speed: build $(COMPARE_PYTHON)
+	cd compare && OMP_NUM_THREADS=1 .venv/bin/python speed.py
 
 compare-defects: $(COMPARE_PYTHON)
 	cd compare && OMP_NUM_THREADS=1 .venv/bin/python -m torch_reference.defects goldens

@@ -35,7 +35,7 @@ pub struct Config {
     pub threads: usize,
     pub data: Data,
     pub model: ModelOptions,
-    /// Physical parameters at the start, by symbol and in the model's unit of length; 1 where none is given.
+    /// Physical parameters at the start, by symbol, lengths in true pixels; 1 in the model's unit where none is given.
     #[serde(default)]
     pub start: BTreeMap<String, f64>,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -1,0 +1,61 @@
+//! Times training steps of the port, for `speed.py`, which puts the references' beside them.
+
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::Result;
+use clap::Parser;
+use paig::cells::Actions;
+use paig::device;
+use paig::optimizers::{Optimizer, Rule};
+use paig::physics_models::losses::Losses;
+use paig::physics_models::{ModelOptions, PhysicsNet};
+use paig::run::exit_code;
+use paig::tasks;
+use tch::{Device, Kind, Tensor};
+
+/// Steps before the clock starts: libraries choose and compile their kernels in the first.
+const WARM_UP: usize = 2;
+/// The original clips every element of a gradient to +- this.
+const GRADIENT_CLIP: f64 = 1.0;
+
+/// Times training steps of the original's protocol (all losses, RMSProp) on one thread; prints the seconds of each as a JSON
+/// list.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Arguments {
+    #[arg(long, help = format!("One of {}", tasks::keys()))]
+    task: String,
+    /// Clips in a step
+    #[arg(long, default_value_t = 25)]
+    batch: usize,
+    /// Steps that are timed
+    #[arg(long, default_value_t = 5)]
+    steps: usize,
+}
+
+fn main() -> ExitCode {
+    exit_code(run(&Arguments::parse()))
+}
+
+fn run(arguments: &Arguments) -> Result<ExitCode> {
+    device::set_environment();
+    device::set_threads(1);
+    let task = tasks::find(&arguments.task)?;
+    let model = PhysicsNet::new(task, &ModelOptions::original(), Device::Cpu, 0);
+    let variables = model.named_variables();
+    let mut optimizer = Optimizer::new(Rule::RmsProp, Some(GRADIENT_CLIP), &variables);
+    let [batch, frames, channels, side] =
+        [arguments.batch, task.train_frames, task.channels, task.side].map(|n| n as i64);
+    // What the frames show costs nothing.
+    let clips = Tensor::rand([batch, frames, channels, side, side], (Kind::Float, Device::Cpu));
+    let mut seconds = Vec::new();
+    for _ in 0..WARM_UP + arguments.steps {
+        let began = Instant::now();
+        Losses::new(&model.forward(&clips, &Actions::none())?, &clips, task).train(task.alpha).backward();
+        optimizer.step(&variables, |_| task.base_lr);
+        seconds.push(began.elapsed().as_secs_f64());
+    }
+    println!("{}", serde_json::to_string(&seconds[WARM_UP..])?);
+    Ok(ExitCode::SUCCESS)
+}

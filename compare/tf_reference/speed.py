@@ -1,0 +1,31 @@
+"""Times training steps in TensorFlow, as a graph like the original's: python -m tf_reference.speed --task spring_color"""
+import tensorflow as tf
+
+from shared.speed import main
+
+from .blocks import Variables
+from .optimizers import optimizer, step
+from .physics_models import physics_net
+
+tf.config.threading.set_intra_op_parallelism_threads(1)
+tf.config.threading.set_inter_op_parallelism_threads(1)
+
+
+def new_step(task, batch):
+    variables, rule = Variables(), optimizer(task, "float32")
+
+    def eager(clips):
+        with tf.GradientTape() as tape:
+            loss = physics_net(variables, task, clips).train_loss
+        step(rule, tape.gradient(loss, list(variables.values())), variables.values())
+        return loss
+
+    clips = tf.random.uniform([batch, task.seq_len, task.side, task.side, 3])
+    physics_net(variables, task, clips[:1])  # makes the variables
+    eager(clips[:1])  # and the optimizer's
+    graph = tf.function(eager)
+    return lambda: graph(clips).numpy()
+
+
+if __name__ == "__main__":
+    main(new_step)

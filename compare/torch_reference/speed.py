@@ -1,0 +1,25 @@
+"""Times training steps in PyTorch: python -m torch_reference.speed --task spring_color"""
+import torch
+
+from shared.speed import main
+
+from .optimizers import optimizer
+from .physics_models import PhysicsNet
+from .switches import Defects
+
+
+def new_step(task, batch):
+    torch.set_num_threads(1)
+    net = PhysicsNet(task)
+    rule = optimizer(task, net.parameters(), Defects())
+    clips = torch.rand(batch, task.seq_len, task.side, task.side, 3)
+
+    def step():
+        net(clips).train_loss.backward()
+        rule.step()
+
+    return step
+
+
+if __name__ == "__main__":
+    main(new_step)

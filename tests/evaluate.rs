@@ -139,7 +139,7 @@ fn angles_actions_and_gray_frames_go_all_the_way() {
         let [config, data, out] = [&config, &data, &run].map(|path| path.to_str().unwrap());
         let training = ["--task", task, "--config", config, "--data", data, "--threads", "1", "--out"];
         let said = called(env!("CARGO_BIN_EXE_run_physics"), &training, &run);
-        let unit = if task == "pendulum" { "radians" } else { "pixels" };
+        let unit = if task == "pendulum" { "rad" } else { "px" };
         assert!(said.contains(&format!("root mean square error, {unit}")), "{said}");
         let summary = read(&run.join("summary.json"));
         assert_eq!(summary["test"]["predicted_frames"].as_array().unwrap().len(), 26);

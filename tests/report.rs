@@ -159,6 +159,9 @@ fn a_report_can_be_made_again_from_its_records_and_counts_no_run_twice() {
     for _ in 0..2 {
         let done = report(std::slice::from_ref(&runs), &first);
         assert!(String::from_utf8(done.stdout).unwrap().contains("3 finished, 1 unfinished, 0 unreadable"));
+        // The second time this is gone.
+        assert!(!first.join("pictures/left.png").exists());
+        fs::write(first.join("pictures/left.png"), []).unwrap();
     }
     for place in ["fast/seed=0", "fast/seed=0-2", "fast/seed=1", "fast-mine/seed=0"] {
         assert!(first.join("records/spring_color").join(place).join("config.toml").exists(), "{place}");

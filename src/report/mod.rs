@@ -58,6 +58,7 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<Found> {
     );
     let groups = groups::group(found.runs);
     fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+    clear(out)?;
     let places_of_records = records::write(out, &groups)?;
     let pictures = pictures::write(out, &groups, &places_of_records)?;
     let markdown = page::write(&groups, &found.unreadable, &pictures, &places)?;
@@ -69,4 +70,18 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<Found> {
     let runs = || groups.iter().flat_map(|group| &group.runs);
     let finished = runs().filter(|run| run.summary.is_some()).count();
     Ok(Found { finished, unfinished: runs().count() - finished, unreadable: found.unreadable.len() })
+}
+
+/// Removes what an earlier report would leave among the files of the new one. Folders of these names that no report made
+/// stay.
+fn clear(out: &Path) -> Result<()> {
+    if !out.join(records::RESULTS).exists() {
+        return Ok(());
+    }
+    for folder in [records::FOLDER, pictures::FOLDER].map(|name| out.join(name)) {
+        if folder.exists() {
+            fs::remove_dir_all(&folder).with_context(|| format!("cannot replace {}", folder.display()))?;
+        }
+    }
+    Ok(())
 }

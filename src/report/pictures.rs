@@ -11,6 +11,8 @@ use super::records;
 use super::runs::Run;
 use crate::viz::seeds::{self, Outcome, Trace};
 
+/// The folder of what is drawn here, in that of the report.
+pub(super) const FOLDER: &str = "pictures";
 /// Examples shown of a run.
 const EXAMPLES: usize = 2;
 
@@ -30,13 +32,13 @@ pub(super) struct Pictures {
     pub runs: Vec<(String, Vec<Picture>)>,
 }
 
-/// Draws the pictures of each group into `out/pictures` and copies those of single runs to their records (`places`).
+/// Draws the pictures of each group into their folder in `out` and copies those of single runs to their records (`places`).
 pub(super) fn write(out: &Path, groups: &[Group], places: &[Vec<PathBuf>]) -> Result<Vec<Pictures>> {
-    let folder = out.join("pictures");
+    let folder = out.join(FOLDER);
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let groups = groups.iter().zip(places).enumerate();
     groups
-        .map(|(number, (group, places))| of_group(out, &format!("pictures/{number}-{}", group.task.key), group, places))
+        .map(|(number, (group, places))| of_group(out, &format!("{FOLDER}/{number}-{}", group.task.key), group, places))
         .collect()
 }
 

@@ -13,7 +13,7 @@ use crate::durable;
 use crate::run_folder::RECORDS;
 
 /// The folder of all records, in that of the report.
-const FOLDER: &str = "records";
+pub(super) const FOLDER: &str = "records";
 
 /// The results in the folder of the report, by which it is known.
 pub(super) const RESULTS: &str = "results.json";
@@ -41,10 +41,6 @@ pub(super) fn check(out: &Path, folders: &[PathBuf]) -> Result<()> {
 /// Copies the records of all runs into `out/records`, in the folders that `sweep` would give them: one for each run, in
 /// the order of the groups and of their runs.
 pub(super) fn write(out: &Path, groups: &[Group]) -> Result<Vec<Vec<PathBuf>>> {
-    let all = out.join(FOLDER);
-    if all.exists() {
-        fs::remove_dir_all(&all).with_context(|| format!("cannot replace {}", all.display()))?;
-    }
     let mut taken = BTreeSet::new();
     let places = groups.iter().map(|group| {
         let group_folder = unused(&mut taken, Path::new(FOLDER).join(group.task.key).join(group_name(group)));

@@ -6,18 +6,17 @@ use std::time::Instant;
 use anyhow::Result;
 use clap::Parser;
 use paig::cells::Actions;
+use paig::config::{Config, Overrides};
 use paig::device;
-use paig::optimizers::{Optimizer, Rule};
+use paig::optimizers::Optimizer;
+use paig::physics_models::PhysicsNet;
 use paig::physics_models::losses::Losses;
-use paig::physics_models::{ModelOptions, PhysicsNet};
 use paig::run::exit_code;
 use paig::tasks;
 use tch::{Device, Kind, Tensor};
 
 /// Steps before the clock starts: libraries choose and compile their kernels in the first.
 const WARM_UP: usize = 2;
-/// The original clips every element of a gradient to +- this.
-const GRADIENT_CLIP: f64 = 1.0;
 
 /// Times training steps of the original's protocol (all losses, RMSProp) on one thread; prints the seconds of each as a JSON
 /// list.
@@ -41,10 +40,12 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<ExitCode> {
     device::set_environment();
     device::set_threads(1);
-    let task = tasks::find(&arguments.task)?;
-    let model = PhysicsNet::new(task, &ModelOptions::original(), Device::Cpu, 0);
+    let (task, recipe) = (Some(arguments.task.clone()), Some("paper".into()));
+    let config = Config::load(None, &Overrides { task, recipe, ..Overrides::default() })?;
+    let (task, join) = (config.task()?, &config.join);
+    let model = PhysicsNet::new(task, &config.model, Device::Cpu, 0);
     let variables = model.named_variables();
-    let mut optimizer = Optimizer::new(Rule::RmsProp, Some(GRADIENT_CLIP), &variables);
+    let mut optimizer = Optimizer::new(join.optimizer, Some(join.clip), &variables);
     let [batch, frames, channels, side] =
         [arguments.batch, task.train_frames, task.channels, task.side].map(|n| n as i64);
     // What the frames show costs nothing.
@@ -52,8 +53,8 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
     let mut seconds = Vec::new();
     for _ in 0..WARM_UP + arguments.steps {
         let began = Instant::now();
-        Losses::new(&model.forward(&clips, &Actions::none())?, &clips, task).train(task.alpha).backward();
-        optimizer.step(&variables, |_| task.base_lr);
+        Losses::new(&model.forward(&clips, &Actions::none())?, &clips, task).train(join.alpha).backward();
+        optimizer.step(&variables, |_| join.learning_rate);
         seconds.push(began.elapsed().as_secs_f64());
     }
     println!("{}", serde_json::to_string(&seconds[WARM_UP..])?);

@@ -327,7 +327,7 @@ impl<'a> Trainer<'a> {
         let largest = offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
         // An angle is tied to where the rod is seen, which leaves little of an offset.
         let positions = self.model.task.cell.coordinates == Coordinates::Position;
-        if !positions || least == 0.0 || largest <= least {
+        if !positions || least <= 0.0 || largest <= least {
             return Ok(false);
         }
         let frames = self.train.random_frames(RECENTRE_FRAMES, self.config.seed, self.state.steps);

@@ -7,6 +7,8 @@ use anyhow::Result;
 use tch::nn::Path;
 use tch::{Kind, Tensor};
 
+use crate::stn::hat_matrix;
+
 /// What follows a layer's affine map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activation {
@@ -142,10 +144,8 @@ pub fn resize_bilinear_x2(x: &Tensor) -> Tensor {
 
 /// `[2n, n]`: row r holds the bilinear weights at r / 2, the last element repeated.
 fn doubling_matrix(n: i64, like: &Tensor) -> Tensor {
-    let options = (like.kind(), like.device());
-    let place = (Tensor::arange(2 * n, options) * 0.5).clamp_max((n - 1) as f64);
-    let distance: Tensor = (place.unsqueeze(1) - Tensor::arange(n, options)).abs();
-    (-distance + 1.0).relu()
+    let halves = Tensor::arange(2 * n, (like.kind(), like.device())) * 0.5;
+    hat_matrix(&halves.clamp_max((n - 1) as f64), n)
 }
 
 /// A U-Net: `levels` times two convolutions and a 2x2 max pooling with the width doubling, and the way back up with

@@ -26,8 +26,13 @@ pub fn pixel_scale(size: i64) -> f64 {
 /// edge pixels repeated.
 pub fn shift_matrices(shifts: &Tensor, size: i64) -> Tensor {
     let index = Tensor::arange(size, (shifts.kind(), shifts.device()));
-    let from = (&index - shifts.unsqueeze(1)).clamp(0.0, (size - 1) as f64);
-    let distance: Tensor = (from.unsqueeze(2) - &index).abs();
+    hat_matrix(&(index - shifts.unsqueeze(1)).clamp(0.0, (size - 1) as f64), size)
+}
+
+/// The matrix `[.., outputs, size]` of linear interpolation: row r holds the weights of the pixels of an axis at `places`
+/// (`[.., outputs]`, within the axis).
+pub fn hat_matrix(places: &Tensor, size: i64) -> Tensor {
+    let distance: Tensor = (places.unsqueeze(-1) - Tensor::arange(size, (places.kind(), places.device()))).abs();
     (-distance + 1.0).relu()
 }
 

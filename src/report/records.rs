@@ -24,6 +24,11 @@ pub(super) fn of_report(folder: &Path) -> Option<PathBuf> {
     (folder.join(RESULTS).exists() && records.exists()).then_some(records)
 }
 
+/// Where the runs of a given folder are searched: of an earlier report in its records.
+pub(super) fn searched(folder: &Path) -> PathBuf {
+    of_report(folder).unwrap_or_else(|| folder.into())
+}
+
 /// Refuses to replace records that are themselves among the runs.
 ///
 /// # Errors
@@ -31,8 +36,7 @@ pub(super) fn of_report(folder: &Path) -> Option<PathBuf> {
 pub(super) fn check(out: &Path, folders: &[PathBuf]) -> Result<()> {
     let Ok(records) = fs::canonicalize(out.join(FOLDER)) else { return Ok(()) };
     for folder in folders {
-        let read = of_report(folder).unwrap_or_else(|| folder.clone());
-        let inside = fs::canonicalize(read).is_ok_and(|read| read.starts_with(&records));
+        let inside = fs::canonicalize(searched(folder)).is_ok_and(|searched| searched.starts_with(&records));
         ensure!(!inside, "{} would be replaced by the new report; choose another folder with --out", folder.display());
     }
     Ok(())

@@ -188,7 +188,7 @@ pub(super) fn find(folders: &[PathBuf]) -> Result<Found> {
     for folder in folders {
         let context = || format!("cannot list {}", folder.display());
         // Overlapping arguments must not count a run twice.
-        let folder = &records::of_report(folder).unwrap_or_else(|| folder.clone());
+        let folder = &records::searched(folder);
         search(folder, &fs::canonicalize(folder).with_context(context)?, &mut places).with_context(context)?;
     }
     let mut found = Found::default();

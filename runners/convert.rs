@@ -3,10 +3,14 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Parser;
+use paig::config::Config;
 use paig::convert::convert;
-use paig::tasks;
+use paig::physics_models::ModelOptions;
+use paig::run_folder::CONFIG;
+use paig::say;
+use paig::tasks::{self, Task};
 
 /// Exit code for bad input.
 const BAD_INPUT: u8 = 2;
@@ -23,9 +27,13 @@ struct Arguments {
     /// System that the model was made for
     #[arg(long, value_parser = tasks::TASKS.iter().map(|task| task.key).collect::<Vec<_>>())]
     task: String,
-    /// The model has the velocity estimator of --alt_vel
+    /// The model has the original's other velocity estimator (its --alt_vel)
     #[arg(long)]
     alt_vel: bool,
+    /// The model holds this parameter and learns the others (model.hold), for example g=60; may be repeated. A run
+    /// folder says by itself what its model is like
+    #[arg(long, value_name = "SYMBOL=VALUE", value_parser = held)]
+    hold: Vec<(String, f64)>,
     /// Replace the file to write if it is there
     #[arg(long)]
     force: bool,
@@ -48,7 +56,36 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { from, to, .. } = arguments;
     ensure!(arguments.force || !to.exists(), "{} is there already; --force replaces it", to.display());
-    let count = convert(tasks::find(&arguments.task)?, arguments.alt_vel, from, to)?;
-    println!("{count} variables from {} to {}", from.display(), to.display());
+    let task = tasks::find(&arguments.task)?;
+    let count = convert(task, &options(arguments, task)?, from, to)?;
+    say!("{count} variables from {} to {}", from.display(), to.display());
     Ok(())
+}
+
+/// What the model is like: as a run folder's config says, else as the command line does.
+fn options(arguments: &Arguments, task: &Task) -> Result<ModelOptions> {
+    let config = arguments.from.join(CONFIG);
+    if !config.exists() {
+        let known: Vec<_> = task.cell.parameters.iter().map(|parameter| parameter.name).collect();
+        for (symbol, value) in &arguments.hold {
+            let sound = known.contains(&symbol.as_str()) && value.is_finite() && *value > 0.0;
+            ensure!(sound, "--hold {symbol}={value}: task {} has the parameters {known:?}, all positive", task.key);
+        }
+        let hold = arguments.hold.iter().cloned().collect();
+        return Ok(ModelOptions { alt_vel: arguments.alt_vel, hold, ..ModelOptions::original() });
+    }
+    let config = Config::read(&config)?;
+    ensure!(config.task == task.key, "{} holds a run of task {}", arguments.from.display(), config.task);
+    ensure!(
+        !arguments.alt_vel && arguments.hold.is_empty(),
+        "{} says by itself what its model is like; leave out --alt-vel and --hold",
+        arguments.from.display()
+    );
+    Ok(config.model)
+}
+
+/// `g=60`.
+fn held(text: &str) -> Result<(String, f64)> {
+    let (symbol, value) = text.split_once('=').context("expected SYMBOL=VALUE, for example g=60")?;
+    Ok((symbol.into(), value.parse()?))
 }

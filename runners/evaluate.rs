@@ -1,12 +1,14 @@
 //! Scores a run on a dataset file. See `evaluate --help`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::Parser;
-use paig::evaluation::{self, ClipsOfRun, ScoredClips, ScoredRun, TestLosses};
+use paig::evaluation::{self, ClipsOfRun, ScoredClips, ScoredRun};
+use paig::physics_models::losses::MeanLosses;
 use paig::run::exit_code;
+use paig::say;
 use paig::{durable, viz};
 use serde_json::json;
 
@@ -15,7 +17,11 @@ use serde_json::json;
 /// Prints L_rec, L_pred and L_extrap, squared error and SSIM of every predicted frame, and, where the true states lie
 /// beside the file, the errors of positions and velocities.
 #[derive(Parser)]
-#[command(version, after_help = "Example:\n  evaluate runs/spring_color/fast/seed=0 --json scores.json")]
+#[command(
+    version,
+    allow_negative_numbers = true,
+    after_help = "Example:\n  evaluate runs/spring_color/fast/seed=0 --json scores.json"
+)]
 struct Arguments {
     #[command(flatten)]
     run: ScoredRun,
@@ -32,11 +38,13 @@ fn main() -> ExitCode {
 }
 
 fn execute(arguments: &Arguments) -> Result<ExitCode> {
+    check_places(arguments)?;
     let ClipsOfRun { config, model, file, split, device } = arguments.run.open()?;
     let clips = ScoredClips::read(&file, &model.task, split, device)?;
     let run = &arguments.run.run;
     let scores = evaluation::evaluate(&model, &clips)?;
-    println!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
+    say!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
+    clips.notes.iter().for_each(|note| say!("note: {note}"));
     print_losses(&scores.losses);
     evaluation::print_frames_and_states(&model.task, &scores);
     if let Some(path) = &arguments.picture {
@@ -53,10 +61,23 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn print_losses(losses: &TestLosses) {
-    println!("L_rec {:.4}   L_pred {:.4}", losses.recons_loss, losses.pred_loss);
-    if let Some(loss) = losses.extrap_loss {
-        println!("L_extrap {loss:.4}");
+/// What cannot be written must not cost the scoring.
+fn check_places(arguments: &Arguments) -> Result<()> {
+    for path in arguments.json.iter().chain(&arguments.picture) {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        ensure!(folder.is_none_or(Path::is_dir), "{}: there is no such folder", path.display());
     }
-    println!();
+    if let Some(picture) = &arguments.picture {
+        let png = picture.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+        ensure!(png, "--picture {}: a PNG is written, its name must end in .png", picture.display());
+    }
+    Ok(())
+}
+
+fn print_losses(losses: &MeanLosses) {
+    say!("L_rec {:.4}   L_pred {:.4}", losses.recons_loss, losses.pred_loss);
+    if let Some(loss) = losses.extrap_loss {
+        say!("L_extrap {loss:.4}");
+    }
+    say!();
 }

@@ -9,6 +9,7 @@ use paig::datasets::iterators::Clips;
 use paig::evaluation::{self, ClipsOfRun, ScoredRun};
 use paig::rollout;
 use paig::run::exit_code;
+use paig::say;
 
 /// Predicts frames, positions and velocities from the first frames of a clip, as far as asked.
 ///
@@ -16,6 +17,7 @@ use paig::run::exit_code;
 #[derive(Parser)]
 #[command(
     version,
+    allow_negative_numbers = true,
     after_help = "Example:\n  predict runs/spring_color/fast/seed=0 --clip 3 --frames 60 --out prediction"
 )]
 struct Arguments {
@@ -52,6 +54,6 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     let frames = arguments.frames.unwrap_or(clips.time() - model.task.input_steps);
     let prediction = rollout::roll_out(&model, &clip, &clips.actions(&[arguments.clip as i64]), frames)?;
     rollout::write(&arguments.out, &model.task, &prediction)?;
-    println!("{frames} frames after the input of clip {}: {}", arguments.clip, arguments.out.display());
+    say!("{frames} frames after the input of clip {}: {}", arguments.clip, arguments.out.display());
     Ok(ExitCode::SUCCESS)
 }

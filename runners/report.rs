@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::Parser;
 use paig::report;
 use paig::run::exit_code;
+use paig::say;
 
 /// Writes a report of all runs in and under the given folders: report.md, report.html (one file, with its pictures),
 /// results.json, and the runs' records (config, course, summary), which `report` reads as it reads runs.
@@ -31,7 +32,7 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<ExitCode> {
     let found = report::write(&arguments.runs, &arguments.out)?;
     let report::Found { finished, unfinished, unreadable } = found;
-    println!("{finished} finished, {unfinished} unfinished, {unreadable} unreadable runs");
-    println!("{}", arguments.out.join("report.html").display());
+    say!("{finished} finished, {unfinished} unfinished, {unreadable} unreadable runs");
+    say!("{}", arguments.out.join("report.html").display());
     Ok(ExitCode::SUCCESS)
 }

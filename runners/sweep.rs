@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use paig::run::exit_code;
+use paig::say;
 use paig::sweep::{self, Plan, Summary};
 use paig::tasks;
 
@@ -17,6 +18,7 @@ use paig::tasks;
 #[derive(Parser)]
 #[command(
     version,
+    allow_negative_numbers = true,
     after_help = "Examples:\n  sweep --task spring_color --task 3bp_color --seeds 0-9 --jobs 2\n  \
                   sweep --task spring_color --seeds 0-4 --set join.latent=0 --name no-latent\n  \
                   sweep --task spring_color --seeds 0-9 --dry-run > commands.txt && parallel < commands.txt"
@@ -81,10 +83,14 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
     };
     ensure!(plan.threads > 0, "--threads-per-run must be at least 1");
     let jobs = plan.jobs()?;
+    ensure!(
+        plan.name.is_none() || plan.config.is_some() || !plan.set.is_empty(),
+        "--name is for a changed recipe; say what is changed with --set or --config, or leave it out"
+    );
     let this = std::env::current_exe().context("cannot find this program's own place")?;
     if arguments.dry_run {
         for command in plan.commands(&this)? {
-            println!("{command}");
+            say!("{command}");
         }
         return Ok(ExitCode::SUCCESS);
     }
@@ -97,9 +103,9 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
 /// Prints how the sweep ended; returns the exit code.
 fn conclude(summary: &Summary) -> u8 {
     let Summary { finished, skipped, stopped, failed } = summary;
-    println!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed", failed.len());
+    say!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed", failed.len());
     for output in failed {
-        println!("failed: see {}", output.display());
+        say!("failed: see {}", output.display());
     }
     match (failed.is_empty(), stopped) {
         (false, _) => 1,

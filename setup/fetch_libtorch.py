@@ -3,7 +3,7 @@
 
 Only the files that a CPU build links are fetched: the headers, `libtorch_cpu`, `libc10`, `libgomp` out of the
 PyTorch wheel, and the two CUDA libraries (runtime and CUPTI) that this `libtorch_cpu` needs in order to load.
-The wheels are read through HTTP range requests, so about 200 MB travel instead of 530; a package index that
+The wheels are read through HTTP range requests, so 130 MB travel instead of 530; a package index that
 does not serve ranges is asked for the whole wheel. `--cuda` installs the complete wheel and its GPU libraries.
 
 Nothing is fetched when LIBTORCH or LIBTORCH_USE_PYTORCH is set, or when an earlier run finished. An interrupted

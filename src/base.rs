@@ -16,39 +16,26 @@ use crate::datasets::iterators::Clips;
 use crate::interrupt;
 use crate::optimizers::{Optimizer, Rule};
 use crate::physics_models::PhysicsNet;
-use crate::physics_models::losses::{Losses, Mean};
+use crate::physics_models::losses::{LossMeans, Losses, MeanLosses};
 use crate::progress::Progress;
 use crate::recipe::{self, GradientPhase, Phase, StepLoss, discover, identify, join, recentre};
 use crate::run_folder::RunFolder;
-
-/// The three losses on a set of clips.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scores {
-    pub recons_loss: f64,
-    pub pred_loss: f64,
-    /// NaN where the clips end with the prediction.
-    pub extrap_loss: f64,
-}
+use crate::say;
 
 /// Scores the first `limit` clips of a split, `batch` at a time. The whole clips are predicted.
 ///
 /// # Errors
 /// Clips shorter than L + T_pred.
-pub fn evaluate(model: &PhysicsNet, clips: &Clips, limit: usize, batch: usize) -> Result<Scores> {
+pub fn evaluate(model: &PhysicsNet, clips: &Clips, limit: usize, batch: usize) -> Result<MeanLosses> {
     let _guard = tch::no_grad_guard();
-    let (mut recons, mut pred, mut extrap) = (Mean::default(), Mean::default(), Mean::default());
+    let mut means = LossMeans::default();
     let all: Vec<i64> = (0..clips.len().min(limit) as i64).collect();
     for chosen in all.chunks(batch) {
         let frames = clips.batch(chosen, clips.time());
-        let losses = Losses::new(&model.forward(&frames, &clips.actions(chosen))?, &frames, &model.task);
-        let weight = chosen.len() as f64;
-        recons.add(&losses.reconstruction, weight);
-        pred.add(&losses.prediction, weight);
-        if let Some(loss) = &losses.extrapolation {
-            extrap.add(loss, weight);
-        }
+        let pass = model.forward(&frames, &clips.actions(chosen))?;
+        means.add(&Losses::new(&pass, &frames, &model.task), chosen.len());
     }
-    Ok(Scores { recons_loss: recons.value(), pred_loss: pred.value(), extrap_loss: extrap.value() })
+    Ok(means.values())
 }
 
 /// Frames on which the positions are re-centred.
@@ -128,12 +115,8 @@ impl<'a> Trainer<'a> {
             self.state.phase_seconds.push((name.into(), self.elapsed() - earlier));
             self.state.phase += 1;
             self.state.step = 0;
-            self.state.optimizer_steps = 0;
-            if phase != Phase::Join {
-                self.state.validations.clear();
-                self.state.best = None;
-            }
-            self.save(&[], false)?;
+            self.state.validations.clear();
+            self.save(&[])?;
         }
         Ok(Outcome::Finished)
     }
@@ -147,7 +130,7 @@ impl<'a> Trainer<'a> {
         };
         let (state, slots) = checkpoint::load(&folder.join(&index.last), self.model)?;
         self.folder.truncate(state.log_bytes, state.metrics_bytes)?;
-        println!("resuming after step {} ({})", state.steps, index.last);
+        say!("resuming after step {} ({})", state.steps, index.last);
         self.state = state;
         Ok((!slots.is_empty()).then_some(slots))
     }
@@ -156,11 +139,11 @@ impl<'a> Trainer<'a> {
         self.state.seconds + self.clock.elapsed().as_secs_f64()
     }
 
-    fn save(&mut self, slots: &[(String, Tensor)], best: bool) -> Result<()> {
+    fn save(&mut self, slots: &[(String, Tensor)]) -> Result<()> {
         (self.state.log_bytes, self.state.metrics_bytes) = self.folder.lengths()?;
         self.state.seconds = self.elapsed();
         self.clock = Instant::now();
-        checkpoint::save(&self.folder.checkpoints(), self.model, slots, &self.state, best)
+        checkpoint::save(&self.folder.checkpoints(), self.model, slots, &self.state)
     }
 
     /// The gradient descent of one phase.
@@ -177,7 +160,7 @@ impl<'a> Trainer<'a> {
         }
         let mut optimizer = Optimizer::new(rule, (clip > 0.0).then_some(clip), &variables);
         if let Some(slots) = slots {
-            optimizer.restore(self.state.optimizer_steps, slots)?;
+            optimizer.restore(self.state.step, slots)?;
         }
         let progress = Progress::new(phase.name(), phase.timetable().max_steps(), self.state.step);
         // As in the original, a validation stands before the first step and after every so many.
@@ -196,16 +179,16 @@ impl<'a> Trainer<'a> {
             optimizer.step(&variables, |name| phase.learning_rate(name) * factor);
             self.state.step += 1;
             self.state.steps += 1;
-            self.state.optimizer_steps += 1;
             progress.step(|| format!("loss {value:.3} {}", self.parameters_text()));
             if self.state.step.is_multiple_of(self.config.output.print_every) {
                 self.print(phase, &progress, value, &loss)?;
             }
-            let validated = self.state.step.is_multiple_of(phase.timetable().validate_every());
-            let best = validated && self.validate(phase, &progress)?;
+            if self.state.step.is_multiple_of(phase.timetable().validate_every()) {
+                self.validate(phase, &progress)?;
+            }
             let stop = interrupt::asked();
-            if best || stop || self.state.step.is_multiple_of(self.config.output.checkpoint_every) {
-                self.save(&optimizer.state().1, best)?;
+            if stop || self.state.step.is_multiple_of(self.config.output.checkpoint_every) {
+                self.save(&optimizer.slots())?;
             }
             if stop {
                 progress.finish();
@@ -232,8 +215,8 @@ impl<'a> Trainer<'a> {
         self.folder.record(&record)
     }
 
-    /// Scores the model on the validation split; true if it is the best of the phase so far.
-    fn validate(&mut self, phase: &dyn GradientPhase, progress: &Progress) -> Result<bool> {
+    /// Scores the model on the validation split.
+    fn validate(&mut self, phase: &dyn GradientPhase, progress: &Progress) -> Result<()> {
         let clips = self.config.join.validation_clips;
         let scores = evaluate(self.model, self.valid, clips, self.config.join.batch)?;
         let score = phase.score(self.model, &scores);
@@ -247,7 +230,7 @@ impl<'a> Trainer<'a> {
         let line = format!(
             "valid - epoch={} eval_extrap_loss={:.4} eval_pred_loss={:.4} eval_recons_loss={:.4}",
             self.state.steps / steps_per_epoch,
-            scores.extrap_loss,
+            scores.extrap_loss.unwrap_or(f64::NAN),
             scores.pred_loss,
             scores.recons_loss
         );
@@ -261,11 +244,7 @@ impl<'a> Trainer<'a> {
         self.add_parameters(&mut record);
         self.folder.record(&record)?;
         self.state.validations.push(score);
-        let best = self.state.best.is_none_or(|(best, _)| score < best);
-        if best {
-            self.state.best = Some((score, self.state.steps));
-        }
-        Ok(best)
+        Ok(())
     }
 
     /// Adds the physical parameters to a record, by symbol.
@@ -290,7 +269,9 @@ impl<'a> Trainer<'a> {
             (None, Some((name, _))) => (*name).to_string(),
             (None, None) => "the total loss".to_string(),
         };
-        format!("{culprit} is not finite at step {step}; the last checkpoint is sound: lower the learning rate, resume")
+        format!(
+            "{culprit} is not finite at step {step}; begin again in another folder (--out) with a lower learning rate"
+        )
     }
 
     /// Fits the physical parameters to encoded trajectories, and re-centres the templates.
@@ -338,7 +319,7 @@ impl<'a> Trainer<'a> {
 
     /// Prints a line and logs it.
     fn say(&mut self, line: &str) -> Result<()> {
-        println!("{line}");
+        say!("{line}");
         self.folder.log(line)
     }
 

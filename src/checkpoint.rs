@@ -1,37 +1,33 @@
 //! Checkpoints: everything a run needs to go on to the same bits as if it had never stopped.
 //!
 //! `checkpoints/step_<n>/` holds `weights.safetensors`, `slots.safetensors` (the optimizer's) and `state.json`;
-//! `checkpoints/index.json` says which is the last and which the best. Folders and index each appear in one step, so
-//! a run killed at any moment finds a complete checkpoint.
+//! `checkpoints/index.json` says which is the last. Folders and index each appear in one step, so a run killed at any
+//! moment finds a complete checkpoint.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use tch::{Kind, Tensor};
 
 use crate::durable;
 use crate::physics_models::PhysicsNet;
+use crate::run_folder::CONFIG;
 
-/// Where a run stands between two steps.
+/// Where a run stands between two steps. What an earlier version wrote besides is not read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct RunState {
     /// Key of the task: a checkpoint of another task is refused.
     pub task: String,
     /// Place in the recipe's list of phases.
     pub phase: usize,
-    /// Steps taken in this phase.
+    /// Steps taken in this phase, the optimizer's too: its slots belong to the phase.
     pub step: u64,
     /// Steps taken in all phases.
     pub steps: u64,
-    /// Steps of the optimizer; its slots belong to the phase.
-    pub optimizer_steps: u64,
     /// Validation scores of this phase.
     pub validations: Vec<f64>,
-    /// Best score of the last phase and the number of steps it was reached at.
-    pub best: Option<(f64, u64)>,
     /// Seconds of computing so far, and those of each finished phase by name.
     pub seconds: f64,
     pub phase_seconds: Vec<(String, f64)>,
@@ -48,9 +44,7 @@ impl RunState {
             phase: 0,
             step: 0,
             steps: 0,
-            optimizer_steps: 0,
             validations: Vec::new(),
-            best: None,
             seconds: 0.0,
             phase_seconds: Vec::new(),
             log_bytes: 0,
@@ -59,12 +53,10 @@ impl RunState {
     }
 }
 
-/// Which folders are the last and the best checkpoint.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// Which folder is the last checkpoint.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Index {
     pub last: String,
-    pub best: Option<String>,
 }
 
 const INDEX: &str = "index.json";
@@ -72,36 +64,30 @@ const WEIGHTS: &str = "weights.safetensors";
 const SLOTS: &str = "slots.safetensors";
 const STATE: &str = "state.json";
 
-/// Saves a checkpoint as the last (and the best, if it is) and removes those that are neither.
+/// Saves a checkpoint and removes the one before it.
 ///
 /// # Errors
-/// A full disk; the earlier checkpoints stay as they are. A variable that is not finite.
-pub fn save(folder: &Path, model: &PhysicsNet, slots: &[(String, Tensor)], state: &RunState, best: bool) -> Result<()> {
+/// A full disk; the earlier checkpoint stays as it is. A variable that is not finite.
+pub fn save(folder: &Path, model: &PhysicsNet, slots: &[(String, Tensor)], state: &RunState) -> Result<()> {
     let _guard = tch::no_grad_guard();
     let weights = model.named_variables();
     for (name, weight) in &weights {
         ensure!(is_finite(weight), "variable {name} is not finite after step {}; nothing was saved", state.steps);
     }
     fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    let name = format!("step_{:08}_phase_{}", state.steps, state.phase);
-    let path = folder.join(&name);
-    let mut index: Index = read_index(folder)?.unwrap_or_default();
-    // The same step of the same run is the same checkpoint: it is not written twice.
-    if index.last != name {
-        if path.exists() {
-            fs::remove_dir_all(&path).with_context(|| format!("cannot replace {}", path.display()))?;
-        }
-        durable::write_folder(&path, |folder| {
-            write_tensors(&weights, &folder.join(WEIGHTS))?;
-            write_tensors(slots, &folder.join(SLOTS))?;
-            fs::write(folder.join(STATE), serde_json::to_vec_pretty(state)?)?;
-            Ok(())
-        })?;
+    let last = format!("step_{:08}_phase_{}", state.steps, state.phase);
+    let path = folder.join(&last);
+    // Of a run that was killed between the two steps below.
+    if path.exists() {
+        fs::remove_dir_all(&path).with_context(|| format!("cannot replace {}", path.display()))?;
     }
-    index.last.clone_from(&name);
-    if best {
-        index.best = Some(name);
-    }
+    durable::write_folder(&path, |folder| {
+        write_tensors(&weights, &folder.join(WEIGHTS))?;
+        write_tensors(slots, &folder.join(SLOTS))?;
+        fs::write(folder.join(STATE), serde_json::to_vec_pretty(state)?)?;
+        Ok(())
+    })?;
+    let index = Index { last };
     durable::write_file(&folder.join(INDEX), |file| Ok(serde_json::to_writer_pretty(file, &index)?))?;
     remove_others(folder, &index)
 }
@@ -183,7 +169,12 @@ pub fn find_weights(path: &Path) -> Result<PathBuf> {
             return Ok(folder.join(index.last).join(WEIGHTS));
         }
     }
-    anyhow::bail!("{}: neither a run folder, nor a checkpoint, nor a weights file", path.display())
+    ensure!(
+        !path.join(CONFIG).exists(),
+        "{}: a run without a checkpoint: it has not saved one yet, or only its records are kept here",
+        path.display()
+    );
+    bail!("{}: neither a run folder, nor a checkpoint, nor a weights file", path.display())
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
@@ -211,8 +202,7 @@ fn remove_others(folder: &Path, index: &Index) -> Result<()> {
     for entry in fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))? {
         let entry = entry?;
         let name = entry.file_name().to_string_lossy().into_owned();
-        let kept = name == index.last || Some(&name) == index.best.as_ref() || name == INDEX;
-        if !kept && name.starts_with("step_") {
+        if name != index.last && name.starts_with("step_") {
             fs::remove_dir_all(entry.path()).with_context(|| format!("cannot remove {}", entry.path().display()))?;
         }
     }

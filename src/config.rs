@@ -173,26 +173,11 @@ impl Config {
             }
             None => Table::new(),
         };
-        let mut command_line = Table::new();
-        for assignment in &overrides.set {
-            merge(&mut command_line, parse_assignment(assignment)?);
-        }
-        for (key, value) in [
-            ("task", overrides.task.clone().map(Value::from)),
-            ("recipe", overrides.recipe.clone().map(Value::from)),
-            ("seed", overrides.seed.map(|seed| Value::from(seed as i64))),
-            ("device", overrides.device.clone().map(Value::from)),
-            ("threads", overrides.threads.map(|threads| Value::from(threads as i64))),
-        ] {
-            if let Some(value) = value {
-                command_line.insert(key.into(), value);
-            }
-        }
-        if let Some(folder) = &overrides.data {
-            let folder = folder.to_str().with_context(|| format!("data folder {}: not UTF-8", folder.display()))?;
-            merge(&mut command_line, parse_assignment(&format!("data.folder={:?}", folder))?);
-        }
+        let command_line = command_line_layer(overrides)?;
         let said = |key: &str| command_line.get(key).or(file_layer.get(key)).and_then(Value::as_str).map(String::from);
+        if let (Some(asked), Some(Value::String(of_file))) = (said("task"), file_layer.get("task")) {
+            ensure!(asked == *of_file, "config: the file is for task {of_file}, not for {asked}");
+        }
         let task = tasks::find(&said("task").context("no task given; use --task, or `task = \"..\"` in the config")?)?;
         let recipe = said("recipe").unwrap_or_else(|| "fast".into());
         let Some((_, recipe_text)) = RECIPES.iter().find(|(name, _)| *name == recipe) else {
@@ -214,10 +199,14 @@ impl Config {
     /// A config as it was saved in a run folder.
     ///
     /// # Errors
-    /// A file that is missing or is not a complete config.
+    /// A file that is missing or is not a complete config, a value out of range.
     pub fn read(path: &Path) -> Result<Config> {
-        let text = std::fs::read_to_string(path).with_context(|| format!("config {}", path.display()))?;
-        toml::from_str(&text).with_context(|| format!("config {}", path.display()))
+        let read = || {
+            let config: Config = toml::from_str(&std::fs::read_to_string(path)?)?;
+            config.check(config.task()?)?;
+            Ok::<_, anyhow::Error>(config)
+        };
+        read().with_context(|| format!("config {}", path.display()))
     }
 
     /// The whole config as TOML.
@@ -257,14 +246,37 @@ impl Config {
             join.max_steps.is_some() != join.epochs.is_some(),
             "config: join needs either max_steps or epochs, not both and not neither"
         );
-        ensure!(join.batch > 0, "config: join.batch must be at least 1");
-        for (key, every) in [
-            ("join.schedule.validate_every", join.schedule.validate_every),
+        for (key, count) in [
+            ("join.batch", join.batch as u64),
+            ("join.validation_clips", join.validation_clips as u64),
             ("output.print_every", self.output.print_every),
             ("output.checkpoint_every", self.output.checkpoint_every),
         ] {
-            ensure!(every > 0, "config: {key} must be at least 1");
+            at_least_one(key, count)?;
         }
+        for (key, number) in [
+            ("join.learning_rate", join.learning_rate),
+            ("join.physics_learning_rate", join.physics_learning_rate),
+            ("join.clip", join.clip),
+            ("join.alpha", join.alpha),
+            ("join.latent", join.latent),
+            ("join.velocity", join.velocity),
+        ] {
+            not_negative(key, number)?;
+        }
+        join.schedule.check().context("config: join.schedule")?;
+        self.check_parameters(task)?;
+        if let Some(discover) = &self.discover {
+            discover.check()?;
+        }
+        if let Some(identify) = &self.identify {
+            identify.check(task)?;
+        }
+        Ok(())
+    }
+
+    /// The parameters that are held or start elsewhere.
+    fn check_parameters(&self, task: &Task) -> Result<()> {
         let known: Vec<_> = task.cell.parameters.iter().map(|p| p.name).collect();
         for (section, symbols) in [("start", &self.start), ("model.hold", &self.model.hold)] {
             for (symbol, value) in symbols {
@@ -273,7 +285,10 @@ impl Config {
                     "config: {section}.{symbol}: task {} has no such parameter; it has {known:?}",
                     task.key
                 );
-                ensure!(*value > 0.0, "config: {section}.{symbol} = {value}: must be positive");
+                ensure!(
+                    value.is_finite() && *value > 0.0,
+                    "config: {section}.{symbol} = {value}: must be a positive number"
+                );
             }
         }
         for parameter in task.cell.parameters.iter().filter(|p| self.start.contains_key(p.name)) {
@@ -283,21 +298,90 @@ impl Config {
                 parameter.name
             );
         }
-        if let Some(discover) = &self.discover {
-            ensure!(
-                discover.schedule.validate_every > 0,
-                "config: discover.schedule.validate_every must be at least 1"
-            );
-        }
-        if let Some(identify) = &self.identify {
-            ensure!(
-                identify.horizons.iter().all(|&h| h >= 3 && h <= task.train_frames),
-                "config: identify.horizons must lie between 3 and the clip length {}",
-                task.train_frames
-            );
-        }
         Ok(())
     }
+}
+
+impl Discover {
+    fn check(&self) -> Result<()> {
+        at_least_one("discover.frames", self.frames as u64)?;
+        let Guide { temperature, coverage, compactness, balance, colour, tie, full_until, zero_from } = self.guide;
+        for (key, number) in [
+            ("discover.learning_rate", self.learning_rate),
+            ("discover.clip", self.clip),
+            ("discover.start.template_bump", self.start.template_bump),
+            ("discover.start.localiser_scale", self.start.localiser_scale),
+            ("discover.start.mask_spread", self.start.mask_spread),
+            ("discover.guide.coverage", coverage),
+            ("discover.guide.compactness", compactness),
+            ("discover.guide.balance", balance),
+            ("discover.guide.colour", colour),
+            ("discover.guide.tie", tie),
+        ] {
+            not_negative(key, number)?;
+        }
+        ensure!(temperature > 0.0, "config: discover.guide.temperature = {temperature}: must be positive");
+        ensure!(
+            full_until <= zero_from,
+            "config: discover.guide.full_until = {full_until} must not come after zero_from = {zero_from}"
+        );
+        self.schedule.check().context("config: discover.schedule")
+    }
+}
+
+impl Identify {
+    fn check(&self, task: &Task) -> Result<()> {
+        at_least_one("identify.clips", self.clips as u64)?;
+        ensure!(self.huber > 0.0, "config: identify.huber = {}: must be positive", self.huber);
+        not_negative("identify.recentre_above", self.recentre_above)?;
+        ensure!(
+            !self.horizons.is_empty() && self.horizons.iter().all(|&h| h >= 3 && h <= task.train_frames),
+            "config: identify.horizons = {:?}: there must be at least one, and each between 3 and the clip length {}",
+            self.horizons,
+            task.train_frames
+        );
+        Ok(())
+    }
+}
+
+fn at_least_one(key: &str, count: u64) -> Result<()> {
+    ensure!(count > 0, "config: {key} must be at least 1");
+    Ok(())
+}
+
+fn not_negative(key: &str, number: f64) -> Result<()> {
+    ensure!(number.is_finite() && number >= 0.0, "config: {key} = {number}: must be 0 or a positive number");
+    Ok(())
+}
+
+/// What the command line says, its options above its `--set`.
+fn command_line_layer(overrides: &Overrides) -> Result<Table> {
+    let mut layer = Table::new();
+    for assignment in &overrides.set {
+        merge(&mut layer, parse_assignment(assignment)?);
+    }
+    let integer = |name: &str, value: u64| {
+        i64::try_from(value).with_context(|| format!("--{name} {value}: must be at most {}", i64::MAX))
+    };
+    let options = [
+        ("task", overrides.task.clone().map(Value::from)),
+        ("recipe", overrides.recipe.clone().map(Value::from)),
+        ("seed", overrides.seed.map(|seed| integer("seed", seed)).transpose()?.map(Value::from)),
+        ("device", overrides.device.clone().map(Value::from)),
+        ("threads", overrides.threads.map(|n| integer("threads", n as u64)).transpose()?.map(Value::from)),
+    ];
+    for (key, value) in options.into_iter().filter_map(|(key, value)| Some((key, value?))) {
+        if let Some(other) = layer.get(key).filter(|other| **other != value) {
+            bail!("--set {key}={other} contradicts {key} {value}, which is given, too");
+        }
+        layer.insert(key.into(), value);
+    }
+    if let Some(folder) = &overrides.data {
+        let folder = folder.to_str().with_context(|| format!("data folder {}: not UTF-8", folder.display()))?;
+        let data = Table::from_iter([("folder".to_string(), Value::from(folder))]);
+        merge(&mut layer, Table::from_iter([("data".to_string(), Value::Table(data))]));
+    }
+    Ok(layer)
 }
 
 /// What a task contributes: its files and the paper's rates, below the recipe.

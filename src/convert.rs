@@ -50,16 +50,16 @@ impl Form {
     }
 }
 
-/// Reads `from`, checks it against a model of the task and writes `to`; gives the number of variables.
+/// Reads `from`, checks it against a model of the task with these options and writes `to`; gives the number of
+/// variables.
 ///
 /// # Errors
 /// A file that cannot be read or written, or whose variables are not exactly those of a model of the task: the same
 /// names, shapes and float32.
-pub fn convert(task: &Task, alt_vel: bool, from: &Path, to: &Path) -> Result<usize> {
+pub fn convert(task: &Task, options: &ModelOptions, from: &Path, to: &Path) -> Result<usize> {
     let target = Form::of(to)?;
     ensure!(!to.is_dir(), "{} is a folder; a file is written", to.display());
-    let options = ModelOptions { alt_vel, ..ModelOptions::original() };
-    let model = PhysicsNet::new(task, &options, Device::Cpu, 0);
+    let model = PhysicsNet::new(task, options, Device::Cpu, 0);
     match Form::of(from)? {
         Form::Safetensors => checkpoint::load_weights(&checkpoint::find_weights(from)?, &model)?,
         Form::Npz => load_npz(from, &model).with_context(|| from.display().to_string())?,

@@ -119,12 +119,12 @@ impl Optimizer {
         }
     }
 
-    /// Steps taken, and the slots sorted by name.
-    pub fn state(&self) -> (u64, Vec<(String, Tensor)>) {
-        (self.steps, self.slots.iter().map(|(name, slot)| (name.clone(), slot.shallow_clone())).collect())
+    /// What is kept of every variable between steps, sorted by name.
+    pub fn slots(&self) -> Vec<(String, Tensor)> {
+        self.slots.iter().map(|(name, slot)| (name.clone(), slot.shallow_clone())).collect()
     }
 
-    /// Takes over a saved state.
+    /// Takes over the slots after `steps` steps.
     ///
     /// # Errors
     /// A slot that is missing, unknown, or of another shape than the variable's.

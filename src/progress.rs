@@ -4,6 +4,18 @@ use std::io::IsTerminal;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+/// `println!` for lines that nobody has to read: a reader that went away (`| head`) neither stops a program nor makes it
+/// panic.
+#[macro_export]
+macro_rules! say {
+    () => {
+        $crate::say!("")
+    };
+    ($($line:tt)*) => {{
+        let _ = std::io::Write::write_fmt(&mut std::io::stdout(), format_args!("{}\n", format_args!($($line)*)));
+    }};
+}
+
 /// Progress of one phase.
 #[derive(Debug)]
 pub struct Progress {
@@ -34,7 +46,7 @@ impl Progress {
 
     /// A line that stays: above the bar on a terminal, on standard output elsewhere.
     pub fn line(&self, text: &str) {
-        if self.terminal { self.bar.println(text) } else { println!("{text}") }
+        if self.terminal { self.bar.println(text) } else { say!("{text}") }
     }
 
     pub fn finish(&self) {

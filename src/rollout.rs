@@ -5,14 +5,15 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use ndarray::ArrayD;
-use ndarray_npy::NpzWriter;
-use tch::{Device, Kind, Tensor};
+use tch::{Device, Tensor};
 
 use crate::cells::{Actions, Coordinates, State};
 use crate::physics_models::PhysicsNet;
 use crate::tasks::Task;
 use crate::{durable, viz};
+
+/// Frames that fit into the memory of a laptop and into a picture.
+const MOST_FRAMES: usize = 10_000;
 
 /// A clip and what the model makes of its beginning, on the CPU.
 #[derive(Debug)]
@@ -31,12 +32,15 @@ pub struct Rollout {
 /// begin at the clip's first frame; where they end nothing acts any more.
 ///
 /// # Errors
-/// A clip shorter than the input, no frames to predict.
+/// A clip shorter than the input, no frames to predict or more than 10000.
 pub fn roll_out(model: &PhysicsNet, clip: &Tensor, actions: &Actions, frames: usize) -> Result<Rollout> {
     let _guard = tch::no_grad_guard();
     let input = model.task.input_steps as i64;
     ensure!(clip.size()[0] >= input, "the clip has {} frames, the input alone takes {input}", clip.size()[0]);
-    ensure!(frames > 0, "there must be at least one frame to predict");
+    ensure!(
+        (1..=MOST_FRAMES).contains(&frames),
+        "{frames} frames to predict: there must be at least one frame, and at most {MOST_FRAMES}"
+    );
     let (_, positions) = model.encode(&clip.narrow(0, 0, input).unsqueeze(0));
     let initial = model.initial_state(&positions, actions);
     let rolled_out = model.cell.roll_out(&initial, &actions.since(input as usize - 1), model.task.dt, frames);
@@ -67,19 +71,10 @@ pub fn write(folder: &Path, task: &Task, rollout: &Rollout) -> Result<()> {
     viz::rollout::write_strip(&folder.join("frames.png"), task, rollout)?;
     viz::rollout::write_animation(&folder.join("animation.gif"), task, rollout)?;
     durable::write_file(&folder.join("states.csv"), |file| Ok(file.write_all(table(task, rollout).as_bytes())?))?;
-    durable::write_file(&folder.join("rollout.npz"), |file| {
-        let mut npz = NpzWriter::new_compressed(file);
-        let frames = rollout.frames.permute([0, 2, 3, 1]);
-        for (name, tensor) in
-            [("positions", &rollout.positions), ("velocities", &rollout.velocities), ("frames", &frames)]
-        {
-            let tensor = tensor.to_kind(Kind::Float).contiguous();
-            let shape: Vec<usize> = tensor.size().iter().map(|&n| n as usize).collect();
-            npz.add_array(name, &ArrayD::from_shape_vec(shape, Vec::<f32>::try_from(tensor.flatten(0, -1))?)?)?;
-        }
-        npz.finish()?;
-        Ok(())
-    })
+    let frames = rollout.frames.permute([0, 2, 3, 1]);
+    let (positions, velocities) = (rollout.positions.shallow_clone(), rollout.velocities.shallow_clone());
+    let arrays = [("positions", positions), ("velocities", velocities), ("frames", frames)];
+    viz::arrays::write(&folder.join("rollout.npz"), &arrays)
 }
 
 fn table(task: &Task, rollout: &Rollout) -> String {

@@ -14,10 +14,12 @@ use crate::base::{Outcome, Trainer};
 use crate::config::{Config, Overrides};
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
-use crate::evaluation::{self, ScoredClips, TestLosses};
+use crate::evaluation::{self, Evaluation, ScoredClips};
 use crate::physics_models::PhysicsNet;
-use crate::run_folder::RunFolder;
-use crate::tasks::{self, Task};
+use crate::recipe::join::Joint;
+use crate::run_folder::{CONFIG, RunFolder};
+use crate::say;
+use crate::tasks;
 use crate::{checkpoint, device, interrupt, viz};
 
 /// Exit code of a run that was asked to stop, as shells have it for SIGINT.
@@ -25,7 +27,7 @@ const INTERRUPTED: u8 = 130;
 
 /// Learns objects, positions and physical parameters from unlabelled video: trains, scores, writes pictures.
 #[derive(Debug, Parser)]
-#[command(version, about, long_about = None)]
+#[command(version, about, long_about = None, allow_negative_numbers = true)]
 pub struct AnyTask {
     #[arg(long, help = format!("The system to learn: {}", tasks::keys()))]
     task: Option<String>,
@@ -35,7 +37,11 @@ pub struct AnyTask {
 
 /// The same for the task of a per-task runner.
 #[derive(Debug, Parser)]
-#[command(version, about = "Trains PAIG on one task; run_physics --task does the same for any")]
+#[command(
+    version,
+    allow_negative_numbers = true,
+    about = "Trains PAIG on one task; run_physics --task does the same for any"
+)]
 struct OneTask {
     #[command(flatten)]
     run: RunArgs,
@@ -103,21 +109,31 @@ impl RunArgs {
     fn execute(self, task: Option<String>) -> Result<ExitCode> {
         // Before anything is opened: it starts the program over.
         device::set_environment();
-        let (mut folder, config) = self.open(task)?;
-        let Some(folder) = folder.as_mut() else {
-            print!("{}", config.to_toml());
+        if self.print_config {
+            let config = Config::load(self.config.as_deref(), &self.overrides(task))?;
+            say!("{}", config.to_toml().trim_end());
             return Ok(ExitCode::SUCCESS);
-        };
+        }
+        let (opened, config) = self.open(task)?;
         let device = device::parse(&config.device)?;
         let threads = device::set_threads(config.threads);
-        println!("{}", device::banner(device, threads));
-        println!("run folder {}", folder.path().display());
-        run(&config, folder, device, threads, self.test_mode)
+        let data = if self.test_mode { None } else { Some(TrainingData::load(&config, device)?) };
+        // What can fail at once has been tried: a folder is taken only by a run that begins.
+        let mut folder = match opened {
+            Opened::Earlier(folder) => folder,
+            Opened::New(path) => RunFolder::create(&path, &config)?,
+        };
+        say!("{}", device::banner(device, threads));
+        say!("run folder {}", folder.path().display());
+        match data {
+            Some(data) => train(&config, &mut folder, &data, device, threads),
+            None => score(&config, &folder, device),
+        }
     }
 
-    /// The run's folder (none if only the config is asked for) and config.
-    fn open(&self, task: Option<String>) -> Result<(Option<RunFolder>, Config)> {
-        let overrides = Overrides {
+    /// What is given besides a config file.
+    fn overrides(&self, task: Option<String>) -> Overrides {
+        Overrides {
             task,
             recipe: self.recipe.clone(),
             seed: self.seed,
@@ -125,20 +141,26 @@ impl RunArgs {
             threads: self.threads,
             data: self.data.clone(),
             set: self.set.clone(),
-        };
-        let config = Config::load(self.config.as_deref(), &overrides);
-        if self.print_config {
-            return Ok((None, config?));
         }
+    }
+
+    /// The run's folder and config.
+    fn open(&self, task: Option<String>) -> Result<(Opened, Config)> {
+        let overrides = self.overrides(task);
+        let config = Config::load(self.config.as_deref(), &overrides);
         let earlier = self.resume || self.test_mode;
         let out = match (&self.out, &config) {
             (Some(out), _) => out.clone(),
             (None, Ok(c)) => Path::new("runs").join(&c.task).join(&c.recipe).join(format!("seed={}", c.seed)),
-            (None, Err(_)) => return Err(config.expect_err("matched")),
+            (None, Err(_)) => {
+                let error = config.expect_err("matched");
+                let which = "say which run with --out, or with the options that it was begun with";
+                return Err(if earlier { error.context(which) } else { error });
+            }
         };
         if !earlier {
-            let config = config?;
-            return Ok((Some(RunFolder::create(&out, &config)?), config));
+            RunFolder::ensure_free(&out)?;
+            return Ok((Opened::New(out), config?));
         }
         let (folder, saved) = RunFolder::reopen(&out)?;
         if let Some(task) = &overrides.task {
@@ -153,8 +175,15 @@ impl RunArgs {
              choose another folder",
             out.display(),
         );
-        Ok((Some(folder), saved))
+        Ok((Opened::Earlier(folder), saved))
     }
+}
+
+/// Where a run goes.
+enum Opened {
+    /// A folder that is free.
+    New(PathBuf),
+    Earlier(RunFolder),
 }
 
 /// What a training sees.
@@ -164,13 +193,17 @@ struct TrainingData {
 }
 
 impl TrainingData {
-    /// The test file is read, too, and dropped: a missing one must not cost a training.
-    fn load(config: &Config, task: &Task, device: Device) -> Result<Self> {
+    /// What would stop the last phase, or the scoring after it, must not cost the phases before: the test file is read,
+    /// too, and dropped, and there must be a batch for `join`.
+    fn load(config: &Config, device: Device) -> Result<Self> {
+        let task = config.task()?;
         let training =
             DatasetFile::read(&config.data.folder.join(&config.data.train_file), &ClipShape::training(task))?;
         DatasetFile::read(&test_file(config), &ClipShape::test(task))?;
         let clips = |split| Clips::new(training.split(split), training.actions(split), device);
-        Ok(TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) })
+        let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
+        Joint::new(&config.join, &data.train, config.seed)?;
+        Ok(data)
     }
 }
 
@@ -178,43 +211,47 @@ fn test_file(config: &Config) -> PathBuf {
     config.data.folder.join(&config.data.test_file)
 }
 
-fn run(config: &Config, folder: &mut RunFolder, device: Device, threads: usize, test_mode: bool) -> Result<ExitCode> {
+/// Scores a run's last checkpoint on the test file.
+fn score(config: &Config, folder: &RunFolder, device: Device) -> Result<ExitCode> {
+    let task = config.task()?;
+    let model = PhysicsNet::new(task, &config.model, device, config.seed);
+    checkpoint::load_weights(&checkpoint::find_weights(folder.path())?, &model)?;
+    let test = ScoredClips::read(&test_file(config), task, Split::Test, device)?;
+    let scores = evaluation::evaluate(&model, &test)?;
+    print_results(&model, &test, &scores);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Trains, scores, writes numbers and pictures.
+fn train(
+    config: &Config,
+    folder: &mut RunFolder,
+    data: &TrainingData,
+    device: Device,
+    threads: usize,
+) -> Result<ExitCode> {
     let task = config.task()?;
     interrupt::catch()?;
     let model = PhysicsNet::new(task, &config.model, device, config.seed);
-    let read_test_clips = || ScoredClips::read(&test_file(config), task, Split::Test, device);
-    if test_mode {
-        let weights = checkpoint::find_weights(folder.path())?;
-        checkpoint::load_weights(&weights, &model)?;
-        let scores = evaluation::evaluate(&model, &read_test_clips()?)?;
-        print_results(task, &model, &scores.losses);
-        evaluation::print_frames_and_states(task, &scores);
-        return Ok(ExitCode::SUCCESS);
-    }
-    let data = TrainingData::load(config, task, device)?;
     let mut trainer = Trainer::new(config, &model, &data.train, &data.valid, folder)?;
     if trainer.run()? == Outcome::Interrupted {
-        println!("stopped after step {}; go on with --resume --out {}", trainer.state.steps, folder.path().display());
+        say!("stopped after step {}; go on with --resume --out {}", trainer.state.steps, folder.path().display());
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let state = trainer.state.clone();
     // The true states lie beside the test file: nothing has read them before.
-    let test = read_test_clips().with_context(|| {
+    let test = ScoredClips::read(&test_file(config), task, Split::Test, device).with_context(|| {
         format!(
             "the training is finished and saved, but not scored; --resume --out {} does it",
             folder.path().display()
         )
     })?;
     let scores = evaluation::evaluate(&model, &test)?;
-    print_results(task, &model, &scores.losses);
-    evaluation::print_frames_and_states(task, &scores);
+    print_results(&model, &test, &scores);
     let parameters: Map<String, Value> = model
         .parameter_values()
         .into_iter()
-        .map(|(name, learned)| {
-            let truth = task.truth.iter().find(|t| t.name == name).map(|t| t.value);
-            (name.to_string(), json!({"learned": learned, "truth": truth}))
-        })
+        .map(|(name, learned)| (name.to_string(), json!({"learned": learned, "truth": test.truth_of(name)})))
         .collect();
     folder.summary(&json!({
         "task": config.task,
@@ -239,38 +276,45 @@ fn run(config: &Config, folder: &mut RunFolder, device: Device, threads: usize, 
         "device": config.device,
         "threads": threads,
         "hardware": device::hardware(),
-        "versions": {"paig": env!("CARGO_PKG_VERSION"), "libtorch": device::LIBTORCH_VERSION},
+        "versions": {
+            "paig": env!("CARGO_PKG_VERSION"),
+            "commit": env!("PAIG_COMMIT"),
+            "libtorch": device::LIBTORCH_VERSION,
+        },
     }))?;
     viz::write_artifacts(folder.path(), &model, &test.clips, config.output.examples)?;
-    viz::write_curves(folder.path(), task)?;
-    println!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
+    viz::write_curves(folder.path(), task, &test.truth)?;
+    say!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
     Ok(ExitCode::SUCCESS)
 }
 
-/// The learned parameters beside the truth, the losses beside the paper's.
-fn print_results(task: &Task, model: &PhysicsNet, losses: &TestLosses) {
-    println!("\n{:<28}{:>12}{:>12}{:>10}", task.key, "learned", "true", "error");
+/// The learned parameters beside the truth, the losses beside the paper's, every frame, the states.
+fn print_results(model: &PhysicsNet, test: &ScoredClips, scores: &Evaluation) {
+    let (task, losses) = (&model.task, &scores.losses);
+    say!("\n{:<28}{:>12}{:>12}{:>10}", task.key, "learned", "true", "error");
     for (name, learned) in model.parameter_values() {
-        match task.truth.iter().find(|truth| truth.name == name) {
+        match test.truth_of(name) {
             Some(truth) => {
-                let error = 100.0 * (learned / truth.value - 1.0);
-                println!("{name:<28}{learned:>12.4}{:>12.4}{error:>9.2}%", truth.value);
+                let error = 100.0 * (learned / truth - 1.0);
+                say!("{name:<28}{learned:>12.4}{truth:>12.4}{error:>9.2}%");
             }
-            None => println!("{name:<28}{learned:>12.4}"),
+            None => say!("{name:<28}{learned:>12.4}"),
         }
     }
-    println!("\n{:<28}{:>12}{:>12}", "test loss (squared error)", "here", "paper");
+    test.notes.iter().for_each(|note| say!("note: {note}"));
+    say!("\n{:<28}{:>12}{:>12}", "test loss (squared error)", "here", "paper");
     let published = tasks::paper_losses(task.key);
     let row = |name: &str, value: f64, paper: Option<f64>| {
         let paper = paper.map_or("-".to_string(), |paper| format!("{paper:.2}"));
-        println!("{name:<28}{value:>12.4}{paper:>12}");
+        say!("{name:<28}{value:>12.4}{paper:>12}");
     };
     row("reconstruction L_rec", losses.recons_loss, published.map(|p| p.reconstruction));
     row("prediction L_pred", losses.pred_loss, published.map(|p| p.prediction));
     if let Some(loss) = losses.extrap_loss {
         row("extrapolation L_extrap", loss, None);
     }
-    println!();
+    say!();
+    evaluation::print_frames_and_states(task, scores);
 }
 
 /// Reads a run's model back.
@@ -278,7 +322,7 @@ fn print_results(task: &Task, model: &PhysicsNet, losses: &TestLosses) {
 /// # Errors
 /// A folder that holds no run or no checkpoint, or one of another task.
 pub fn load_model(folder: &Path, device: Device) -> Result<(Config, PhysicsNet)> {
-    let config = Config::read(&folder.join("config.toml")).context("not a run folder")?;
+    let config = Config::read(&folder.join(CONFIG)).context("not a run folder")?;
     let model = PhysicsNet::new(config.task()?, &config.model, device, config.seed);
     checkpoint::load_weights(&checkpoint::find_weights(folder)?, &model)?;
     Ok((config, model))

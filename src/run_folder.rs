@@ -4,17 +4,19 @@ use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
 
 use crate::config::Config;
 use crate::durable;
 
 const LOCK: &str = ".lock";
-const CONFIG: &str = "config.toml";
+/// What was asked for, the course of the training, what came out.
+pub const CONFIG: &str = "config.toml";
+pub const METRICS: &str = "metrics.jsonl";
+pub const SUMMARY: &str = "summary.json";
 const LOG: &str = "log.txt";
-const METRICS: &str = "metrics.jsonl";
-const SUMMARY: &str = "summary.json";
+const CHECKPOINTS: &str = "checkpoints";
 /// What says all of a run in few bytes: what was asked for, how it went, what came out.
 pub const RECORDS: [&str; 3] = [CONFIG, METRICS, SUMMARY];
 
@@ -34,16 +36,23 @@ impl RunFolder {
     /// # Errors
     /// A folder that holds a run already, or that another process runs in.
     pub fn create(path: &Path, config: &Config) -> Result<Self> {
-        if path.join(CONFIG).exists() {
-            bail!(
-                "{} holds a run already; continue it with --resume, or choose another folder with --out",
-                path.display()
-            );
-        }
+        Self::ensure_free(path)?;
         fs::create_dir_all(path).with_context(|| format!("cannot create the run folder {}", path.display()))?;
         let folder = Self::open(path)?;
         durable::write_file(&path.join(CONFIG), |file| Ok(file.write_all(config.to_toml().as_bytes())?))?;
         Ok(folder)
+    }
+
+    /// # Errors
+    /// A folder that holds a run already.
+    pub fn ensure_free(path: &Path) -> Result<()> {
+        // Checkpoints alone are of a run whose config was deleted: a new run must not go on from them.
+        ensure!(
+            !path.join(CONFIG).exists() && !path.join(CHECKPOINTS).exists(),
+            "{} holds a run already; continue it with --resume, or choose another folder with --out",
+            path.display()
+        );
+        Ok(())
     }
 
     /// Opens the folder of an earlier run and returns its config.
@@ -79,7 +88,7 @@ impl RunFolder {
     }
 
     pub fn checkpoints(&self) -> PathBuf {
-        self.path.join("checkpoints")
+        self.path.join(CHECKPOINTS)
     }
 
     /// Appends a line to log.txt.
@@ -116,8 +125,11 @@ impl RunFolder {
     /// Files that cannot be changed.
     pub fn truncate(&mut self, log_bytes: u64, metrics_bytes: u64) -> Result<()> {
         for (file, length) in [(&mut self.log, log_bytes), (&mut self.metrics, metrics_bytes)] {
-            file.set_len(length).with_context(|| format!("cannot shorten the logs in {}", self.path.display()))?;
-            file.seek(SeekFrom::End(0))?;
+            let context = || format!("cannot shorten the logs in {}", self.path.display());
+            // A log that was deleted stays short: what it held is lost, the run is not.
+            let present = file.metadata().with_context(context)?.len();
+            file.set_len(length.min(present)).with_context(context)?;
+            file.seek(SeekFrom::End(0)).with_context(context)?;
         }
         Ok(())
     }

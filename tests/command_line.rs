@@ -39,6 +39,23 @@ fn unknown_keys_and_values_are_refused() {
         &["start.k", "held"],
     );
     assert_says(&said("identify.horizons=[3,99]"), &["horizons", "12"]);
+    for (set, words) in [
+        ("identify.horizons=[]", ["horizons", "at least one"]),
+        ("identify.clips=0", ["identify.clips", "at least 1"]),
+        ("identify.huber=0.0", ["identify.huber", "positive"]),
+        ("join.validation_clips=0", ["join.validation_clips", "at least 1"]),
+        ("join.learning_rate=-0.1", ["join.learning_rate", "-0.1"]),
+        ("join.alpha=nan", ["join.alpha", "NaN"]),
+        ("discover.schedule.anneal_at=1.5", ["discover.schedule", "anneal_at = 1.5"]),
+        ("join.schedule.plateau=0.1", ["join.schedule", "patience must be at least 1"]),
+        ("discover.guide.zero_from=9", ["full_until", "zero_from = 9"]),
+        ("task=\"pendulum\"", ["task=\"pendulum\"", "contradicts"]),
+    ] {
+        assert_says(&said(set), &words);
+    }
+    let of_another = write_config(folder.path(), "task = \"pendulum\"\n");
+    assert_says(&refused(spring(&run).arg("--config").arg(&of_another)), &["task pendulum", "spring_color"]);
+    assert_says(&refused(spring(&run).args(["--seed", "18446744073709551615"])), &["--seed", "at most"]);
     assert_says(&refused(spring(&run).args(["--recipe", "slow"])), &["slow", "fast, paper"]);
     let config = write_config(folder.path(), "[join]\nlearning_rate = 1e-3\nlerning_rate = 1e-3\n");
     assert_says(&refused(spring(&run).arg("--config").arg(&config)), &["lerning_rate"]);
@@ -83,6 +100,12 @@ fn missing_data_and_devices_are_named() {
     let short = format!("data.test_file={:?}", "spring_color/color_spring_vx8_vy8_sl12_r2_k4_e6.npz");
     let said = refused(fresh(&mut spring(&folder.path().join("d"))).args(["--set", &short]));
     assert_says(&said, &["12 frames", "30"]);
+    let said = refused(fresh(&mut spring(&folder.path().join("e"))).args(["--set", "join.batch=100000"]));
+    assert_says(&said, &["batch", "100000"]);
+    // A run that never began is in nobody's way.
+    for name in ["a", "b", "c", "d", "e"] {
+        assert!(!folder.path().join(name).exists(), "a refused run left folder {name}");
+    }
 }
 
 #[test]
@@ -96,6 +119,10 @@ fn run_folders_are_guarded() {
     assert!(done.status.success(), "{}", text(&done));
     assert_says(&refused(fresh(&mut spring(&run)).args(steps)), &["holds a run already", "--resume"]);
     assert_says(&refused(spring(&run).args(["--resume", "--seed", "9"])), &["another config", "config.toml"]);
+    // Without its config a run's checkpoints are not taken for the beginning of another run.
+    fs::rename(run.join("config.toml"), run.join("away.toml")).unwrap();
+    assert_says(&refused(fresh(&mut spring(&run)).args(["--seed", "9"])), &["holds a run already"]);
+    fs::rename(run.join("away.toml"), run.join("config.toml")).unwrap();
     let mut other = Command::new(env!("CARGO_BIN_EXE_run_physics"));
     let said = refused(other.args(["--task", "3bp_color", "--resume", "--out"]).arg(&run));
     assert_says(&said, &["spring_color", "3bp_color"]);

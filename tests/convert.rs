@@ -6,6 +6,7 @@ use std::process::{Command, Output};
 
 use ndarray::{ArrayD, IxDyn};
 use ndarray_npy::{NpzReader, NpzWriter};
+use paig::config::{Config, Overrides};
 use paig::physics_models::{ModelOptions, PhysicsNet};
 use paig::tasks::{self, TASKS};
 use tch::{Device, Tensor};
@@ -74,6 +75,28 @@ fn round_trips_are_exact() {
             assert!(value.kind() == variable.kind() && value.equal(&variable), "{task} {name}");
         }
     }
+}
+
+#[test]
+fn what_a_model_holds_is_said_or_read_from_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    fs::create_dir_all(&run).unwrap();
+    let set = vec!["model.hold={g=60.0}".to_string()];
+    let task = Some("3bp_color".to_string());
+    let config = Config::load(None, &Overrides { task, set, ..Overrides::default() }).unwrap();
+    let model = PhysicsNet::new(tasks::find("3bp_color").unwrap(), &config.model, Device::Cpu, 1);
+    let weights = run.join("weights.safetensors");
+    Tensor::write_safetensors(&model.named_variables(), &weights).unwrap();
+    let npz = folder.path().join("a.npz");
+    assert_refused(&convert("3bp_color", &weights, &npz, &[]), &["gravity_ode_cell.log_m", "model.hold"]);
+    assert_refused(&convert("3bp_color", &weights, &npz, &["--hold", "x=1"]), &["x", "3bp_color"]);
+    assert_converts("3bp_color", &weights, &npz, &["--hold", "g=60"]);
+    assert!(read_npz(&npz).iter().any(|(name, _)| name == "net/gravity_ode_cell/log_m"));
+    fs::write(run.join("config.toml"), config.to_toml()).unwrap();
+    assert_converts("3bp_color", &run, &folder.path().join("b.npz"), &[]);
+    assert_eq!(fs::read(&npz).unwrap(), fs::read(folder.path().join("b.npz")).unwrap());
+    assert_refused(&convert("spring_color", &run, &folder.path().join("c.npz"), &[]), &["task 3bp_color"]);
 }
 
 #[test]

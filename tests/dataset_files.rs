@@ -17,7 +17,8 @@ use paig::tasks::{Task, find};
 use tch::{Device, Kind};
 use tempfile::TempDir;
 
-const SMALL: ClipShape = ClipShape { task: "spring_color", frames: 3, side: 4, channels: 3, actions: false };
+const SMALL: ClipShape =
+    ClipShape { task: "spring_color", frames: 3, or_frames: None, side: 4, channels: 3, actions: false };
 const COUNTS: Counts = Counts { train: 12, valid: 2, test: 3 };
 
 fn task() -> &'static Task {

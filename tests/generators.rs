@@ -199,6 +199,29 @@ fn damping_is_told_apart() {
 }
 
 #[test]
+fn the_truth_of_changed_scenes_is_what_the_model_should_find() {
+    let truth = |task: &str, changes: Changes| variant(task).with(&changes).unwrap().truth();
+    let plain = Changes::default();
+    for task in TASKS {
+        let table: Vec<_> = task.truth.iter().map(|parameter| parameter.value).collect();
+        assert_eq!(truth(task.key, plain), table, "{}", task.key);
+    }
+    assert_eq!(truth("spring_color", Changes { k: Some(8.0), equil: Some(5.0), vx: Some(3.0), ..plain }), [8.0, 5.0]);
+    assert_eq!(truth("damped_spring", Changes { damping: Some(0.1), ..plain }), [4.0, 6.0, 0.1]);
+    assert_eq!(truth("3bp_color", Changes { g: Some(30.0), ..plain }), [30.0, 1.0]);
+    assert_eq!(truth("pendulum", Changes { a: Some(2.0), spin: Some(0.5), ..plain }), [10.0, 2.0]);
+    // Another equation than the model's: the spring without friction, masses of 1, a rod of length 1, its time step.
+    for (task, changes) in [
+        ("spring_color", Changes { damping: Some(0.1), ..plain }),
+        ("3bp_color", Changes { m: Some(2.0), ..plain }),
+        ("pendulum", Changes { length: Some(0.9), ..plain }),
+        ("spring_color", Changes { dt: Some(0.1), ..plain }),
+    ] {
+        assert!(truth(task, changes).is_empty(), "{task}");
+    }
+}
+
+#[test]
 fn free_fall_is_a_parabola() {
     let world = variant("falling").world();
     let (h, g) = (world.dt / world.substeps as f64, 1.5);

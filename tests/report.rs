@@ -51,7 +51,7 @@ fn add_scores(folder: &Path, velocity: f64, ssim: f64) {
     summary["test"]["states"] = json!({
         "objects": [0, 1], "offsets": [[0.0, 0.0], [0.0, 0.0]], "encoded": 0.07, "encoded_without_offset": 0.06,
         "predicted": 0.15, "predicted_without_offset": 0.14, "extrapolated": null,
-        "extrapolated_without_offset": null, "initial_velocity": velocity, "predicted_velocity": 0.3,
+        "extrapolated_without_offset": null, "initial_velocity": velocity, "initial_velocity_slope": 1.0 - velocity / 2.0, "predicted_velocity": 0.3,
     });
     summary["test"]["made_with"] =
         "generator 1, task spring_color, seed 3, clips 10+10+10 of 30 frames, another scene".into();
@@ -119,7 +119,10 @@ fn all_runs_are_counted_and_nothing_is_selected() {
 
     let page = fs::read_to_string(out.join("report.md")).unwrap();
     for line in [
-        "| spring_color | fast | 5 | 4 | **2** | k within 1 %, l within 0.5 %",
+        "**Run folders that cannot be read, in no count and listed at the end: 1.**",
+        "- spring_color, fast: **2 of 5** seeds succeeded; k 4.000 [3.980, 4.200] (ERROR), l 6.000 [5.990, 6.010]",
+        "| spring_color | fast | 5 | 4 | **2** |",
+        "- spring_color: k within 1 %, l within 0.5 %",
         "| mnist_spring_color | no run | 0 | 0 | 0 |",
         "| spring_color | k | 4 | 4.26 | +6.50\u{a0}% | fast | **4.000 [3.980, 4.200]** | ERROR | 2 / 5 |",
         "| 3bp_color | g | 60 | 65.7 | +9.50\u{a0}% | fast | – | – | 0 / 1 |",
@@ -128,7 +131,8 @@ fn all_runs_are_counted_and_nothing_is_selected() {
         "| 4 | cut off after 50 steps | missing |",
         "| 1 | criterion missed | 4.200 (+5.00\u{a0}%) |",
         "Seed 3 is in no plot",
-        "run_physics --task spring_color --recipe fast --set 'join.batch=50' --seed 0 --threads 1 --device cpu",
+        "run_physics --task spring_color --recipe fast --set 'join.batch=50' --seed 0 \
+         --out 'runs/spring_color/fast-wide/seed=0' --threads 1 --device cpu",
         "## Unreadable run folders",
     ] {
         let error = 100.0 * (number(&tasks[0], "/parameters/k/median") / 4.0 - 1.0);
@@ -152,8 +156,10 @@ fn a_report_can_be_made_again_from_its_records_and_counts_no_run_twice() {
     unfinished(&spring.join("fast/seed=1"), "spring_color", 1, &[]);
     let many = ["join.batch=50", "join.max_steps=9", "join.clip=1", "discover.frames=7"];
     finished(&spring.join("fast-mine/seed=0"), 0, &many, (4.0, 6.0), 0.1);
-    // Two runs of one seed keep apart.
+    // Two runs of one seed keep apart: no two took the same time.
     finished(&runs.join("again"), 0, &[], (4.01, 6.0), 0.2);
+    let course = fs::read_to_string(runs.join("again/metrics.jsonl")).unwrap();
+    fs::write(runs.join("again/metrics.jsonl"), course.replace("\"seconds\":1.0", "\"seconds\":1.1")).unwrap();
     // A report within the folder of the runs: the second time its records are met on the way.
     let first = runs.join("report");
     for _ in 0..2 {
@@ -173,6 +179,21 @@ fn a_report_can_be_made_again_from_its_records_and_counts_no_run_twice() {
         let page = fs::read_to_string(out.join("report.md")).unwrap();
         assert!(page.contains("](records/spring_color/fast/seed=0/example0.png)"), "{page}");
     }
+    // A run and its record are one, the one that went further.
+    let mut course = fs::read_to_string(spring.join("fast/seed=1/metrics.jsonl")).unwrap();
+    course += "{\"kind\": \"valid\", \"phase\": \"join\", \"step\": 77, \"seconds\": 3.0}\n";
+    fs::write(spring.join("fast/seed=1/metrics.jsonl"), course).unwrap();
+    let third = folder.path().join("third");
+    let done = report(&[second.clone(), runs.clone()], &third);
+    assert!(String::from_utf8(done.stdout).unwrap().contains("3 finished, 1 unfinished, 0 unreadable"));
+    assert!(fs::read_to_string(third.join("report.md")).unwrap().contains("| 1 | cut off after 77 steps |"));
+    // What is not a report's is not removed.
+    let foreign = folder.path().join("foreign");
+    fs::create_dir_all(foreign.join("pictures")).unwrap();
+    fs::write(foreign.join("results.json"), "{}").unwrap();
+    fs::write(foreign.join("pictures/holiday.txt"), []).unwrap();
+    assert!(report(std::slice::from_ref(&second), &foreign).status.success());
+    assert!(foreign.join("pictures/holiday.txt").exists());
     // Its own records are not replaced while they are read.
     let done = report(std::slice::from_ref(&second), &second);
     assert!(!done.status.success() && String::from_utf8(done.stderr).unwrap().contains("another folder with --out"));
@@ -193,7 +214,10 @@ fn changed_recipes_stand_beside_the_plain_one_with_a_verdict() {
         run("fast", &[], (3.99 - offset, 5.999), 0.24 + offset);
         run("fast-shift", &["model.exact_shift=false"], (3.99, 6.0 + offset), 0.24);
         run("fast-estimate", &["model.refinement_steps=0"], (4.2 + offset, 6.0), 0.9 + offset);
-        run("fast-start", &["start.k=0.2"], (3.99, 6.0), 0.24);
+        let long = ["join.max_steps=1000", "join.learning_rate=0.0006"];
+        run("fast-long", &long, (3.95, 6.0), 0.5);
+        run("fast-long-estimate", &[&["model.refinement_steps=0"], &long[..]].concat(), (4.6, 6.0), 0.8);
+        run("fast-start", &["start.k=0.2"], (3.98, 5.999), 0.24);
         run("fast-l", &["model.hold.k=4"], (4.0, 6.0), 0.24);
     }
     let out = folder.path().join("report");
@@ -205,7 +229,12 @@ fn changed_recipes_stand_beside_the_plain_one_with_a_verdict() {
          alone makes 1.0323",
         "**The estimated velocity as the source of the error of k: confirmed.**",
         "## Other parameters at the start: spring_color, fast",
-        "| start.k=0.2 | 3.990 |",
+        "With `join.learning_rate=0.0006, join.max_steps=1000, model.refinement_steps=0` the initial velocity is off by \
+         0.8000 px per time unit (the true one times 0.6000) and k by +15.00\u{a0}%; with the refinement \
+         (`join.learning_rate=0.0006, join.max_steps=1000`) by 0.5000 (the true one times 0.7500) and -1.25\u{a0}%.",
+        "| start.k=0.2 | 3.980 |",
+        "in 3 such pairs the parameters differ at most: k by 0.01000, l by 0 (the same bits).",
+        "| fast, model.exact_shift=false | **6.001 [6.000, 6.002]** (own unit: 6.195 [6.194, 6.196]) |",
         "| spring_color | fast | px | 0.07000 | 0.1500 | – | 0.2410 [0.2400, 0.2420] |",
         "| 10 | T_ext | 0.09900 [0.09800, 0.1000] | 0.9010 [0.9000, 0.9020] |",
         "# to be completed, the test file is made with: generator 1, task spring_color, seed 3",

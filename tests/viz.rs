@@ -174,7 +174,8 @@ const METRICS: &str = r#"{"kind":"valid","phase":"discover","step":0,"score":50,
 fn curves(metrics: &str, task: &str) -> (tempfile::TempDir, anyhow::Result<()>) {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("metrics.jsonl"), metrics).unwrap();
-    let result = write_curves(folder.path(), find(task).unwrap());
+    let task = find(task).unwrap();
+    let result = write_curves(folder.path(), task, task.truth);
     (folder, result)
 }
 
@@ -221,6 +222,6 @@ fn damaged_or_missing_metrics_are_named() {
     let message = format!("{:#}", curves("", "spring_color").1.unwrap_err());
     assert!(message.contains("holds no losses"), "{message}");
     let empty = tempfile::tempdir().unwrap();
-    let message = format!("{:#}", write_curves(empty.path(), find("spring_color").unwrap()).unwrap_err());
+    let message = format!("{:#}", write_curves(empty.path(), find("spring_color").unwrap(), &[]).unwrap_err());
     assert!(message.contains("cannot read") && message.contains("metrics.jsonl"), "{message}");
 }

@@ -32,8 +32,8 @@ NOTES = f"""## How to read it
 - *{BREAKS}*: the objects are not found (L_rec {OBJECTS_FOUND} or more) or the physics is not learned (L_pred
   {PREDICTED:.0f} or more, or k or g off by {PARAMETER_SHARE:.0%} or more).
 - *{COSTS}*: learned, but a loss is more than {WORSE} times that of the port without the defect, or a parameter more
-  than {APART:.0%} away from it. Six seeds of the Rust port scatter by +-11 % in the losses and +-0.1 % in the
-  parameters.
+  than {APART:.0%} away from it. Ten seeds of the Rust port (`reports/seeds`) scatter by some +-20 % in the losses and
+  by +-0.1 % in the parameters.
 - *{NONE}*: none of these.
 
 The fast recipe is more robust than the original's protocol, so a defect that does no harm here may do some there, where
@@ -71,7 +71,7 @@ def statement(judged):
     """Which defects matter, from {number: verdict} alone."""
     judged = {n: judged.get(n, "not trained") for n in descriptions()}
     groups = {BREAKS: "**They matter, each alone breaks learning:**", COSTS: "**They cost accuracy:**",
-              NONE: "**They do not matter here:**", "open": "**Open:**", "not trained": "**Not trained yet:**"}
+              NONE: "**No effect seen here, with one seed each:**", "open": "**Open:**", "not trained": "**Not trained yet:**"}
     found = {kind: [str(n) for n, text in sorted(judged.items()) if text.startswith(kind)] for kind in groups}
     return "\n".join(f"- {groups[kind]} {', '.join(numbers)}" for kind, numbers in found.items() if numbers)
 

@@ -3,7 +3,8 @@
 OBJECTS_FOUND, PREDICTED = 1.5, 3.0
 PARAMETER_SHARE = 0.1
 TRUTH = {"k": 4.0, "l": 6.0, "g": 60.0}
-# Beyond what seeds do: six of the port's own scatter by +-11 % in the losses and +-0.1 % in the parameters.
+# Beyond what seeds do: ten of the Rust port's own (reports/seeds) scatter by some +-20 % in the losses and by +-0.1 % in
+# the parameters.
 WORSE, APART = 1.5, 0.01
 
 BREAKS, COSTS, NONE = "breaks", "costs accuracy", "no effect seen"

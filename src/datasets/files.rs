@@ -10,6 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use ndarray::{Array2, Array5, Ix2, Ix5};
 
 use super::npz;
+use crate::initial_values::fnv1a;
 use crate::tasks::Task;
 
 /// The three parts of a dataset.
@@ -39,6 +40,8 @@ pub struct ClipShape {
     /// Key of the task, for messages.
     pub task: &'static str,
     pub frames: usize,
+    /// Another length that will do.
+    pub or_frames: Option<usize>,
     /// Side S, pixels.
     pub side: usize,
     pub channels: usize,
@@ -52,6 +55,7 @@ impl ClipShape {
         Self {
             task: task.key,
             frames: task.train_frames,
+            or_frames: None,
             side: task.side,
             channels: task.channels,
             actions: task.cell.actions,
@@ -61,6 +65,11 @@ impl ClipShape {
     /// Clips of the task's long test file.
     pub fn test(task: &Task) -> Self {
         Self { frames: task.test_frames, ..Self::training(task) }
+    }
+
+    /// Clips of either file.
+    pub fn of_either(task: &Task) -> Self {
+        Self { or_frames: Some(task.test_frames), ..Self::training(task) }
     }
 }
 
@@ -146,7 +155,12 @@ impl DatasetFile {
     /// # Errors
     /// No space, no permission; the message names the file, and no part of it is left.
     pub fn write(&self, path: &Path) -> Result<()> {
-        npz::write(path, |npz| {
+        npz::write_whole(path, &self.compressed(path)?)
+    }
+
+    /// The bytes of the file to be written to `path`.
+    pub(super) fn compressed(&self, path: &Path) -> Result<Vec<u8>> {
+        npz::compressed(path, |npz| {
             for split in Split::ALL {
                 npz.add_array(format!("{}_x", split.name()), self.split(split))?;
                 if let Some(actions) = self.actions(split) {
@@ -159,18 +173,14 @@ impl DatasetFile {
 
     /// A checksum of each split's frames, which ties a states file to its dataset.
     pub fn checksums(&self) -> [u64; 3] {
-        Split::ALL.map(|split| checksum(self.split(split).iter()))
+        Split::ALL.map(|split| fnv1a(self.split(split)))
     }
-}
-
-/// 64-bit FNV-1a.
-pub(super) fn checksum<'a>(bytes: impl Iterator<Item = &'a u8>) -> u64 {
-    bytes.fold(0xcbf2_9ce4_8422_2325, |sum, byte| (sum ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3))
 }
 
 impl std::fmt::Display for ClipShape {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "[clips, {}, {}, {}, {}]", self.frames, self.side, self.side, self.channels)
+        let or = self.or_frames.map_or(String::new(), |frames| format!(" or {frames}"));
+        write!(f, "[clips, {}{or}, {}, {}, {}]", self.frames, self.side, self.side, self.channels)
     }
 }
 
@@ -185,11 +195,11 @@ fn check(shape: &[usize], expected: &ClipShape) -> Result<()> {
         expected.channels,
         expected.side
     );
-    ensure!(
-        frames == expected.frames,
-        "its clips have {frames} frames, expected {}; training files hold short clips and test files long ones, \
-         are they swapped?",
-        expected.frames
-    );
-    Ok(())
+    let advice = match expected.or_frames {
+        None if frames == expected.frames => return Ok(()),
+        Some(other) if [expected.frames, other].contains(&frames) => return Ok(()),
+        None => "; training files hold short clips and test files long ones, are they swapped?".to_string(),
+        Some(other) => format!(" or {other}"),
+    };
+    bail!("its clips have {frames} frames, expected {}{advice}", expected.frames)
 }

@@ -14,7 +14,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::files::{ClipShape, DatasetFile, Split, checksum};
+use super::files::{ClipShape, DatasetFile, Split};
+use super::npz;
 use super::render::Renderer;
 use super::samples::write_samples;
 use super::scene::{Background, Look};
@@ -22,7 +23,9 @@ use super::simulate::State;
 use super::sprites::Sprites;
 use super::states::{SplitStates, States};
 use super::variant::Variant;
+use crate::initial_values::fnv1a;
 use crate::progress::Progress;
+use crate::say;
 use crate::tasks::Task;
 
 /// Clips in the training and validation arrays of a long test file; only its test array is used.
@@ -90,11 +93,13 @@ pub fn generate(plan: &Plan) -> Result<()> {
         let start = Instant::now();
         let (dataset, states) = generate_clips(&plan.variant, &plan.sprites, frames, counts)
             .with_context(|| format!("cannot make the clips of {path:?}"))?;
-        // The dataset comes last: where it is, the rest is, too.
+        // The dataset comes last: where it is, the rest is, too. It is compressed before, which takes longest: what it
+        // replaces stands beside the new states for a moment only.
+        let compressed = dataset.compressed(&path)?;
         states.write(&path, &dataset)?;
         write_samples(&path.with_extension("png"), &dataset.test)?;
-        dataset.write(&path)?;
-        println!(
+        npz::write_whole(&path, &compressed)?;
+        say!(
             "wrote {} ({} + {} + {} clips of {frames} frames, {:.1} s)",
             path.display(),
             counts.train,
@@ -112,9 +117,9 @@ fn keep(plan: &Plan, path: &Path, frames: usize, settings: &str) -> Result<()> {
     let advice = || format!("{path:?} is in the way; pass --force to replace it");
     let dataset = DatasetFile::read(path, &shape).with_context(advice)?;
     match States::read(path, &dataset).with_context(advice)? {
-        None => println!("kept {}: it is there and was not made by generate; --force replaces it", path.display()),
+        None => say!("kept {}: it is there and was not made by generate; --force replaces it", path.display()),
         Some(states) if states.settings == settings => {
-            println!("kept {}: it is there with the same settings; --force makes it again", path.display());
+            say!("kept {}: it is there with the same settings; --force makes it again", path.display());
         }
         Some(states) => bail!(
             "{path:?} is there with other settings; pass --force to replace it, or another --out\n  \
@@ -149,7 +154,7 @@ fn settings(variant: &Variant, sprites: &Sprites, frames: usize, counts: Counts)
     }
     if *background != Background::Plain || scene.look == Look::Digits {
         let Sprites { digits: [a, b], pictures } = sprites;
-        text += &format!(", source images {:016x}", checksum(a.iter().chain(b).chain(pictures)));
+        text += &format!(", source images {:016x}", fnv1a(a.iter().chain(b).chain(pictures)));
     }
     text
 }
@@ -179,8 +184,8 @@ pub fn generate_clips(
     let actions = variant.task.cell.actions.then_some([train.actions, valid.actions, test.actions]);
     let dataset = DatasetFile { train: train.frames, valid: valid.frames, test: test.frames, actions };
     let settings = settings(variant, sprites, frames, counts);
-    let states = States { train: train.states, valid: valid.states, test: test.states, settings };
-    Ok((dataset, states))
+    let truth = Some(variant.truth());
+    Ok((dataset, States { train: train.states, valid: valid.states, test: test.states, truth, settings }))
 }
 
 /// The clips of one split.

@@ -30,9 +30,13 @@ impl Archive {
         Ok(Self { path: path.to_owned(), reader, names })
     }
 
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.names.iter().any(|known| known == name)
+    }
+
     /// Reads an array of any shape, in row-major order. `dtype` is the name of `T` in messages.
     pub(super) fn array<T: ReadableElement + Clone>(&mut self, name: &str, dtype: &str) -> Result<ArrayD<T>> {
-        if !self.names.iter().any(|known| known == name) {
+        if !self.has(name) {
             bail!("{:?} has no array {name:?}; its arrays are {:?}", self.path, self.names);
         }
         let array: ArrayD<T> = self.reader.by_name(name).map_err(|error| match error {
@@ -58,10 +62,14 @@ impl Archive {
 
 /// Collects arrays into a compressed npz and puts it at `path` in one step.
 pub(super) fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+    write_whole(path, &compressed(path, fill)?)
+}
+
+/// Collects arrays into a compressed npz that is to be written to `path`.
+pub(super) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
     let mut npz = NpzWriter::new_compressed(Cursor::new(Vec::new()));
     let bytes = fill(&mut npz).and_then(|()| Ok(npz.finish()?.into_inner()));
-    let bytes = bytes.with_context(|| format!("cannot compress the arrays of {path:?}"))?;
-    write_whole(path, &bytes)
+    bytes.with_context(|| format!("cannot compress the arrays of {path:?}"))
 }
 
 /// Writes a file in one step, and the folders it lies in where missing.

@@ -2,8 +2,9 @@
 //!
 //! `<stem>_states.npz` holds `train_pos`, `train_vel`, `valid_pos`, ... float32 `[clips, frames, coordinates]`, as drawn
 //! in the frame of that index: x0, y0, x1, y1, ... in pixels and pixels per time unit; for a pendulum its angle and
-//! angular velocity, in radians. `frames_checksum` (uint64 `[3]`) ties them to the frames they belong to, `settings`
-//! (uint8 text) says how both were made.
+//! angular velocity, in radians. `truth` (float64) are the values of the task's physical parameters, empty where the
+//! clips follow another equation; `frames_checksum` (uint64 `[3]`) ties all to the frames they belong to, `settings`
+//! (uint8 text) says how they were made.
 
 use std::path::{Path, PathBuf};
 
@@ -28,6 +29,9 @@ pub struct States {
     pub train: SplitStates,
     pub valid: SplitStates,
     pub test: SplitStates,
+    /// Values of the task's true parameters, in their order; empty where the clips follow another equation. None in a
+    /// file of an earlier version.
+    pub truth: Option<Vec<f64>>,
     /// The settings that made the clips, as text.
     pub settings: String,
 }
@@ -40,6 +44,11 @@ impl States {
             Split::Valid => &self.valid,
             Split::Test => &self.test,
         }
+    }
+
+    /// Key of the task that the clips were made for.
+    pub fn task(&self) -> Option<&str> {
+        self.settings.split(", ").find_map(|part| part.strip_prefix("task "))
     }
 
     /// Where the states of a dataset file are.
@@ -67,6 +76,8 @@ impl States {
         );
         let settings = archive.array::<u8>("settings", "uint8")?.into_dimensionality::<Ix1>()?;
         let settings = String::from_utf8(settings.to_vec()).with_context(|| format!("settings in {path:?}"))?;
+        let truth = archive.has("truth").then(|| archive.array::<f64>("truth", "float64")).transpose()?;
+        let truth = truth.map(|values| values.into_iter().collect());
         let mut read = |split: Split| {
             let (clips, length, ..) = frames.split(split).dim();
             let mut array = |quantity: &str| {
@@ -84,7 +95,7 @@ impl States {
             Ok::<_, anyhow::Error>(SplitStates { positions: array("pos")?, velocities: array("vel")? })
         };
         let (train, valid, test) = (read(Split::Train)?, read(Split::Valid)?, read(Split::Test)?);
-        Ok(Some(Self { train, valid, test, settings }))
+        Ok(Some(Self { train, valid, test, truth, settings }))
     }
 
     /// Writes the states beside the dataset file `dataset` with frames `frames`.
@@ -97,6 +108,9 @@ impl States {
                 let states = self.split(split);
                 npz.add_array(format!("{}_pos", split.name()), &states.positions)?;
                 npz.add_array(format!("{}_vel", split.name()), &states.velocities)?;
+            }
+            if let Some(truth) = &self.truth {
+                npz.add_array("truth", &Array1::from_iter(truth.iter().copied()))?;
             }
             npz.add_array("frames_checksum", &Array1::from_iter(frames.checksums()))?;
             npz.add_array("settings", &Array1::from_iter(self.settings.bytes()))?;

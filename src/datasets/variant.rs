@@ -15,6 +15,8 @@ pub const SUBSTEPS: usize = 10;
 const DIGIT_WALL_MARGIN: f64 = 2.0;
 /// Largest angle that a pendulum may turn in a substep, radians.
 const LARGEST_TURN: f64 = 0.5;
+/// The numbers of a scene that its law of motion depends on.
+const LAW: [&str; 7] = ["k", "equil", "damping", "g", "m", "length", "a"];
 /// Time between two frames that the authors' file names leave out.
 const UNNAMED_DT: f64 = 0.3;
 
@@ -38,6 +40,15 @@ pub struct Changes {
     pub substeps: Option<usize>,
     pub size: Option<usize>,
     pub background: Option<Background>,
+}
+
+/// The number of a scene that is the model's parameter of this symbol.
+fn number_of(symbol: &str) -> &str {
+    match symbol {
+        "l" => "equil",
+        "c" => "damping",
+        same => same,
+    }
 }
 
 /// Everything that decides what a clip looks like, but its length and its number.
@@ -156,6 +167,23 @@ impl Variant {
             substeps: self.substeps,
             pane_frames: self.task.input_steps + self.task.pred_steps,
         }
+    }
+
+    /// What a model of the task should find in these clips, in the order of the task's true parameters; empty where its
+    /// equation is not that of the clips: another time between two frames, or a number that the model takes as given.
+    pub fn truth(&self) -> Vec<f64> {
+        let (mut here, mut usual) = (self.scene.motion, self.task.scene.motion);
+        // A mass is learned only where the strength of gravity is given, and is given where that is learned.
+        let learned = |number: &str| {
+            let mut symbols = self.task.truth.iter().map(|parameter| parameter.name);
+            symbols.any(|symbol| symbol != "m" && number_of(symbol) == number)
+        };
+        let mut given = LAW.into_iter().filter(|number| !learned(number));
+        if self.dt != self.task.dt || given.any(|number| here.number(number) != usual.number(number)) {
+            return Vec::new();
+        }
+        let value = |symbol: &str| here.number(number_of(symbol)).map(|value| *value);
+        self.task.truth.iter().map(|parameter| parameter.name).filter_map(value).collect()
     }
 
     /// Bytes of one frame.

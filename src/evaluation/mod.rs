@@ -15,9 +15,9 @@ use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::{SplitStates, States};
 use crate::physics_models::PhysicsNet;
-use crate::physics_models::losses::{Losses, Mean};
+use crate::physics_models::losses::{LossMeans, Losses, MeanLosses};
 use crate::ssim::ssim;
-use crate::tasks::Task;
+use crate::tasks::{Task, TrueParameter};
 
 pub use arguments::{ClipsOfRun, ScoredRun};
 pub use states::StateErrors;
@@ -30,20 +30,12 @@ const BATCH: usize = 25;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Evaluation {
     pub clips: usize,
-    pub losses: TestLosses,
+    /// Squared error summed over a frame, averaged over frames and clips.
+    pub losses: MeanLosses,
     /// In the order of time; the first comes right after the input.
     pub predicted_frames: Vec<PredictedFrame>,
     /// None where the true states are not known.
     pub states: Option<StateErrors>,
-}
-
-/// Squared error summed over a frame, averaged over frames and clips.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct TestLosses {
-    pub recons_loss: f64,
-    pub pred_loss: f64,
-    /// None where the clips end with the prediction.
-    pub extrap_loss: Option<f64>,
 }
 
 /// The scores of one predicted frame, averaged over the clips.
@@ -64,8 +56,7 @@ pub struct PredictedFrame {
 /// # Errors
 /// As for [`DatasetFile::read`].
 pub fn read_dataset(path: &Path, task: &Task) -> Result<DatasetFile> {
-    let long = DatasetFile::read(path, &ClipShape::test(task));
-    long.or_else(|error| DatasetFile::read(path, &ClipShape::training(task)).map_err(|_| error))
+    DatasetFile::read(path, &ClipShape::of_either(task))
 }
 
 /// The clips of one split, to be scored.
@@ -74,8 +65,12 @@ pub struct ScoredClips {
     pub clips: Clips,
     /// The true states. None where none lie beside the file.
     pub states: Option<SplitStates>,
+    /// What a model of the task should learn from such clips, as far as it is known.
+    pub truth: Vec<TrueParameter>,
     /// How the clips were made, as text.
     pub made_with: Option<String>,
+    /// What a reader of the scores should know of the file.
+    pub notes: Vec<String>,
 }
 
 impl ScoredClips {
@@ -86,8 +81,33 @@ impl ScoredClips {
     pub fn read(path: &Path, task: &Task, split: Split, device: Device) -> Result<Self> {
         let dataset = read_dataset(path, task)?;
         let states = States::read(path, &dataset)?;
+        let truth = truth(path, task, states.as_ref());
+        let mut notes = Vec::new();
+        if truth.len() < task.truth.len() {
+            notes.push(format!("{}: its true parameters are not known, or not those of the model", path.display()));
+        }
+        if let Some(other) = states.as_ref().and_then(States::task).filter(|other| *other != task.key) {
+            notes.push(format!("{} was made for task {other}, not for {}", path.display(), task.key));
+        }
         let (states, made_with) = states.map(|states| (states.split(split).clone(), states.settings)).unzip();
-        Ok(ScoredClips { clips: Clips::new(dataset.split(split), dataset.actions(split), device), states, made_with })
+        let clips = Clips::new(dataset.split(split), dataset.actions(split), device);
+        Ok(ScoredClips { clips, states, truth, made_with, notes })
+    }
+
+    /// The true value of a parameter, if it is known.
+    pub fn truth_of(&self, name: &str) -> Option<f64> {
+        self.truth.iter().find(|truth| truth.name == name).map(|truth| truth.value)
+    }
+}
+
+/// The true parameters of a dataset file: what was written beside it; else the task's, if it is one of the task's own
+/// files (the authors' have the same names).
+fn truth(path: &Path, task: &Task, states: Option<&States>) -> Vec<TrueParameter> {
+    let own = [task.train_file, task.test_file].iter().any(|file| path.ends_with(file));
+    match states.and_then(|states| states.truth.as_ref()) {
+        Some(values) => task.truth.iter().zip(values).map(|(p, &value)| TrueParameter { value, ..*p }).collect(),
+        None if own => task.truth.to_vec(),
+        None => Vec::new(),
     }
 }
 
@@ -99,7 +119,7 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Evaluation> 
     let _guard = tch::no_grad_guard();
     let ScoredClips { clips, states, .. } = scored;
     let task = &model.task;
-    let (mut recons, mut pred, mut extrap) = (Mean::default(), Mean::default(), Mean::default());
+    let mut means = LossMeans::default();
     let mut squared_errors = Vec::new();
     let mut similarities = Vec::new();
     let mut seen: [Vec<Tensor>; 3] = Default::default();
@@ -107,11 +127,7 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Evaluation> 
     for chosen in all.chunks(BATCH) {
         let frames = clips.batch(chosen, clips.time());
         let pass = model.forward(&frames, &clips.actions(chosen))?;
-        let losses = Losses::new(&pass, &frames, task);
-        let weight = chosen.len() as f64;
-        recons.add(&losses.reconstruction, weight);
-        pred.add(&losses.prediction, weight);
-        losses.extrapolation.iter().for_each(|loss| extrap.add(loss, weight));
+        means.add(&Losses::new(&pass, &frames, task), chosen.len());
         let predicted = pass.predictions.size()[1];
         let truth = frames.narrow(1, task.input_steps as i64, predicted);
         let over_frame = [2i64, 3, 4];
@@ -150,7 +166,5 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Evaluation> 
         }
         None => None,
     };
-    let extrap_loss = Some(extrap.value()).filter(|loss| !loss.is_nan());
-    let losses = TestLosses { recons_loss: recons.value(), pred_loss: pred.value(), extrap_loss };
-    Ok(Evaluation { clips: clips.len(), losses, predicted_frames, states })
+    Ok(Evaluation { clips: clips.len(), losses: means.values(), predicted_frames, states })
 }

@@ -33,6 +33,10 @@ pub struct StateErrors {
     pub extrapolated_without_offset: Option<f64>,
     /// Velocity at the last input frame.
     pub initial_velocity: f64,
+    /// By which factor the true velocity there, all objects and axes together, best explains the estimated one: below 1
+    /// it comes out too small. None where nothing moves.
+    #[serde(default)]
+    pub initial_velocity_slope: Option<f64>,
     /// Velocity during T_pred.
     pub predicted_velocity: f64,
 }
@@ -74,7 +78,10 @@ pub(super) fn errors(seen: &Seen, truth: &SplitStates, task: &Task) -> Result<St
     let rolled_out = positions.size()[1];
     let true_rolled_out = true_positions.narrow(1, input - 1, rolled_out);
     let positions = difference(&reordered(&positions, &order), &true_rolled_out, coordinates);
-    let velocities = reordered(&velocities, &order) - true_velocities.narrow(1, input - 1, rolled_out);
+    let (velocities, true_velocities) =
+        (reordered(&velocities, &order), true_velocities.narrow(1, input - 1, rolled_out));
+    let slope = slope(&velocities.narrow(1, 0, 1), &true_velocities.narrow(1, 0, 1));
+    let velocities = velocities - true_velocities;
     let predicted = positions.narrow(1, 1, pred);
     let extrapolated = (rolled_out > 1 + pred).then(|| positions.narrow(1, 1 + pred, rolled_out - 1 - pred));
     Ok(StateErrors {
@@ -88,6 +95,7 @@ pub(super) fn errors(seen: &Seen, truth: &SplitStates, task: &Task) -> Result<St
         extrapolated: extrapolated.as_ref().map(rms),
         extrapolated_without_offset: extrapolated.map(|error| rms(&(error - &offset))),
         initial_velocity: rms(&velocities.narrow(1, 0, 1)),
+        initial_velocity_slope: slope,
         predicted_velocity: rms(&velocities.narrow(1, 1, pred)),
         objects: order.iter().map(|&object| object as usize).collect(),
     })
@@ -116,6 +124,13 @@ fn reordered(states: &Tensor, order: &[i64]) -> Tensor {
 fn rms(vectors: &Tensor) -> f64 {
     let squares = vectors.square().sum_dim_intlist([-1i64].as_slice(), false, Kind::Double);
     squares.mean(Kind::Double).sqrt().double_value(&[])
+}
+
+/// Slope of the line through the origin that fits `seen` over `truth` best.
+fn slope(seen: &Tensor, truth: &Tensor) -> Option<f64> {
+    let sum = |x: Tensor| x.sum(Kind::Double).double_value(&[]);
+    let squares = sum(truth.square());
+    (squares > 0.0).then(|| sum(seen * truth) / squares)
 }
 
 /// All orders of `count` objects.
@@ -167,6 +182,10 @@ mod tests {
         assert!(near(found.extrapolated.unwrap(), expected) && near(found.extrapolated_without_offset.unwrap(), 0.0));
         assert!(near(found.encoded_without_offset, 0.0) && near(found.predicted_without_offset, 0.0));
         assert!(near(found.predicted_velocity, (0.25f64 / 2.0).sqrt()));
+        // At frame 3 of clip c the true velocities are 0.1 (5 i + 3 + 2 c) for i = 0 to 3; the second ball's x, i = 2 (13 + 2 c),
+        // is seen 0.5 larger.
+        let all: f64 = (0..8).map(|place| (0.5 * (place % 4) as f64 + 0.3 + 0.2 * (place / 4) as f64).powi(2)).sum();
+        assert!(near(found.initial_velocity_slope.unwrap(), 1.0 + 0.5 * (1.3 + 1.5) / all));
         assert_eq!(permutations(3).len(), 6);
     }
 

@@ -6,6 +6,7 @@
 use tch::Tensor;
 use tch::nn::Path;
 
+use super::BACKGROUND_LOGIT;
 use crate::blocks::{Layers, VariableFromNetwork};
 use crate::cells::Coordinates;
 use crate::stn;
@@ -13,8 +14,6 @@ use crate::tasks::Task;
 
 /// Added to a template before it is moved and taken off again after, so that outside its window it is -5.
 const OUTSIDE: f64 = 5.0;
-/// The constant logit of the background in the softmax over masks.
-const BACKGROUND_LOGIT: f64 = 1.0;
 
 /// Learned sprites and the way they are drawn.
 #[derive(Debug)]

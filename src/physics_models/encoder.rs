@@ -6,12 +6,11 @@ use anyhow::Result;
 use tch::Tensor;
 use tch::nn::Path;
 
+use super::BACKGROUND_LOGIT;
 use crate::blocks::{Activation, Dense, Layers, UNet, uses_deep_unet};
 use crate::tasks::Task;
 
 const HIDDEN: usize = 200;
-/// The constant logit of the background in the softmax over masks.
-const BACKGROUND_LOGIT: f64 = 1.0;
 /// Positions nearer to the frame's edge than this allows are not asked of the localisation network.
 const LARGEST_TANH: f64 = 0.999;
 

@@ -2,6 +2,7 @@
 //!
 //! Original: `PhysicsNet.compute_loss`; paper: section 3.4, equation 7.
 
+use serde::Serialize;
 use tch::{Kind, Tensor};
 
 use super::ForwardPass;
@@ -52,6 +53,41 @@ impl Losses {
 /// The encoded side is detached: it teaches the physics and the initial state, not the encoder.
 pub fn latent_error(rolled_out: &Tensor, encoded: &Tensor) -> Tensor {
     rolled_out.smooth_l1_loss(&encoded.detach(), tch::Reduction::Mean, 1.0)
+}
+
+/// The three losses, averaged over clips.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MeanLosses {
+    pub recons_loss: f64,
+    pub pred_loss: f64,
+    /// None where the clips end with the prediction.
+    pub extrap_loss: Option<f64>,
+}
+
+/// The losses of a set of clips, batch by batch.
+#[derive(Debug, Default)]
+pub struct LossMeans {
+    reconstruction: Mean,
+    prediction: Mean,
+    extrapolation: Mean,
+}
+
+impl LossMeans {
+    /// Adds a batch of `clips` clips.
+    pub fn add(&mut self, losses: &Losses, clips: usize) {
+        let weight = clips as f64;
+        self.reconstruction.add(&losses.reconstruction, weight);
+        self.prediction.add(&losses.prediction, weight);
+        losses.extrapolation.iter().for_each(|loss| self.extrapolation.add(loss, weight));
+    }
+
+    pub fn values(&self) -> MeanLosses {
+        MeanLosses {
+            recons_loss: self.reconstruction.value(),
+            pred_loss: self.prediction.value(),
+            extrap_loss: self.extrapolation.sum.is_some().then(|| self.extrapolation.value()),
+        }
+    }
 }
 
 /// Mean of a loss over a set, gathered on the device and read once at the end.

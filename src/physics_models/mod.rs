@@ -26,6 +26,9 @@ pub use decoder::{Decoder, Rendering, Sprites};
 pub use encoder::{Encoder, Encoding};
 pub use velocity::VelocityEstimator;
 
+/// The constant logit of the background in the softmax over masks, of the encoder and of the decoder.
+pub(crate) const BACKGROUND_LOGIT: f64 = 1.0;
+
 /// Choices that change what the network computes. All off is the original.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

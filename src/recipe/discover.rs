@@ -9,11 +9,10 @@ use tch::{Kind, Tensor};
 use super::anchors::Anchors;
 use super::schedule::Timetable;
 use super::{GradientPhase, StepLoss, guide};
-use crate::base::Scores;
 use crate::config::{Discover, DiscoverStart};
 use crate::datasets::iterators::Clips;
 use crate::physics_models::PhysicsNet;
-use crate::physics_models::losses::{Mean, frame_error};
+use crate::physics_models::losses::{Mean, MeanLosses, frame_error};
 
 /// Frames from which the median is taken, and on which a validation is made.
 const MEDIAN_FRAMES: usize = 2000;
@@ -55,7 +54,7 @@ impl<'a> Discovery<'a> {
             .then(|| Anchors::find(&frames, &median, &moving, model.task.objects, seed))
             .flatten();
         // Scores under the guides say nothing about the plain loss.
-        let guided = (config.guide.zero_from / config.schedule.validate_every) as usize;
+        let guided = config.guide.zero_from.div_ceil(config.schedule.validate_every) as usize;
         Discovery {
             config,
             timetable: Timetable::new(&config.schedule, config.max_steps, 1, guided),
@@ -125,7 +124,7 @@ impl GradientPhase for Discovery<'_> {
     }
 
     /// L_rec on frames of the validation split.
-    fn score(&self, model: &PhysicsNet, _scores: &Scores) -> f64 {
+    fn score(&self, model: &PhysicsNet, _scores: &MeanLosses) -> f64 {
         let _guard = tch::no_grad_guard();
         let mut mean = Mean::default();
         for frames in self.validation.split(VALIDATION_BATCH, 0) {

@@ -53,12 +53,13 @@ pub fn loss(
     let background = encoding.masks.select(1, objects);
     let some_object = sum(&masks, &[1]).clamp_min(LEAST_MASK);
     let moving_in_all = sum(moving, &[1, 2]) + EMPTY;
+    let static_in_all = ((side * side) as f64 - &moving_in_all).clamp_min(EMPTY);
 
     // Coverage: cross-entropy between "some object's mask" and "moves", moving and static pixels weighing the same.
     let log_object = some_object.log();
     let log_background = background.clamp_min(LEAST_MASK).log();
     let coverage = -(sum(&(moving * log_object), &[1, 2]) / &moving_in_all
-        + sum(&((1.0 - moving) * log_background), &[1, 2]) / ((side * side) as f64 - &moving_in_all))
+        + sum(&((1.0 - moving) * log_background), &[1, 2]) / &static_in_all)
         .mean(Kind::Float);
 
     // The objects among themselves, the background left out: otherwise pixels given to it would look compact.

@@ -9,10 +9,9 @@ use tch::Tensor;
 
 use super::schedule::Timetable;
 use super::{GradientPhase, StepLoss};
-use crate::base::Scores;
 use crate::config::Join;
 use crate::datasets::iterators::{Clips, ShuffledBatches};
-use crate::physics_models::losses::{Losses, latent_error};
+use crate::physics_models::losses::{Losses, MeanLosses, latent_error};
 use crate::physics_models::{ForwardPass, PhysicsNet};
 
 /// The phase's state between steps.
@@ -81,7 +80,7 @@ impl GradientPhase for Joint<'_> {
     }
 
     /// `L_pred + alpha L_rec` on the validation split.
-    fn score(&self, _model: &PhysicsNet, scores: &Scores) -> f64 {
+    fn score(&self, _model: &PhysicsNet, scores: &MeanLosses) -> f64 {
         scores.pred_loss + self.config.alpha * scores.recons_loss
     }
 }

@@ -15,9 +15,9 @@ use anyhow::Result;
 use tch::Tensor;
 
 use self::schedule::Timetable;
-use crate::base::Scores;
 use crate::config::Config;
 use crate::physics_models::PhysicsNet;
+use crate::physics_models::losses::MeanLosses;
 
 /// The phases, in order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,5 +66,5 @@ pub trait GradientPhase {
 
     /// The score (lower is better) by which the phase ends and the best checkpoint is chosen; `scores` are the model's losses
     /// on the validation split.
-    fn score(&self, model: &PhysicsNet, scores: &Scores) -> f64;
+    fn score(&self, model: &PhysicsNet, scores: &MeanLosses) -> f64;
 }

@@ -2,6 +2,7 @@
 //!
 //! The original divides its rate by 5 at 75 % of the epochs; with `plateau` 0 that is all that happens.
 
+use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
 /// The keys of a schedule, the same in every phase that descends a loss.
@@ -16,6 +17,23 @@ pub struct Schedule {
     /// and the phase ends as much earlier; 0 switches that off.
     pub plateau: f64,
     pub patience: usize,
+}
+
+impl Schedule {
+    /// # Errors
+    /// A value out of range.
+    pub(crate) fn check(&self) -> Result<()> {
+        let Schedule { validate_every, anneal_at, anneal_factor, plateau, patience } = *self;
+        ensure!(validate_every > 0, "validate_every must be at least 1");
+        ensure!((0.0..=1.0).contains(&anneal_at), "anneal_at = {anneal_at}: must lie between 0 and 1 (1: never)");
+        ensure!(
+            anneal_factor.is_finite() && anneal_factor > 0.0,
+            "anneal_factor = {anneal_factor}: must be a positive number"
+        );
+        ensure!((0.0..1.0).contains(&plateau), "plateau = {plateau}: must be at least 0 and below 1");
+        ensure!(plateau == 0.0 || patience > 0, "patience must be at least 1 where plateau is above 0");
+        Ok(())
+    }
 }
 
 /// A schedule laid out over a number of steps.

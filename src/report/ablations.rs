@@ -1,14 +1,15 @@
 //! What changes in a recipe do: ablations beside the plain recipe, and starts from other parameters.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use anyhow::Result;
 
 use super::groups::{Group, Purpose};
-use super::markdown::{NONE, row, signed, spread, table, text};
+use super::markdown::{NONE, code, row, signed, spread, table, text};
 use super::published;
-use super::runs::Loss;
-use super::states::{ENCODED, INITIAL_VELOCITY, unit};
+use super::runs::{Loss, Run, Summary};
+use super::states::{ENCODED, INITIAL_VELOCITY, VELOCITY_SLOPE, unit};
 use super::statistics::significant;
 use super::verdicts::{self, Effect, REFINEMENT_RULE, SHIFT_RULE};
 use crate::cells::PhysicalParameter;
@@ -34,7 +35,10 @@ pub(super) fn write(page: &mut String, groups: &[Group]) -> Result<()> {
         if !starts.is_empty() {
             writeln!(page, "## Other parameters at the start: {name}\n")?;
             writeln!(page, "Parameters that are not named start at 1.\n")?;
-            results(page, "start", plain.into_iter().chain(starts))?;
+            results(page, "start", plain.into_iter().chain(starts.iter().copied()))?;
+            if let Some(plain) = plain {
+                seed_by_seed(page, plain, &starts)?;
+            }
         }
     }
     Ok(())
@@ -77,10 +81,44 @@ fn explanations(page: &mut String, plain: &Group, ablations: &[&Group]) -> Resul
             shift(page, plain, changed, parameter)?;
         }
     }
-    if let Some(changed) = alone(NO_REFINEMENT)
-        && let Some(parameter) = plain.learned().next()
-    {
-        refinement(page, plain, changed, parameter.name)?;
+    for changed in ablations.iter().filter(|group| group.changes.iter().any(|change| change == NO_REFINEMENT)) {
+        // A velocity estimator that has to do all by itself learns longer: the same training with the refinement, if
+        // there is one, is what to compare with.
+        let rest: Vec<_> = changed.changes.iter().filter(|change| *change != NO_REFINEMENT).cloned().collect();
+        let of_training = rest.iter().all(|change| change.starts_with("join."));
+        let control = ablations.iter().find(|group| group.changes == rest).copied().unwrap_or(plain);
+        if let Some(parameter) = plain.learned().next().filter(|_| of_training) {
+            refinement(page, control, changed, parameter.name)?;
+        }
+    }
+    Ok(())
+}
+
+/// How far the starts lead from the same seed of the recipe as it is: from different objects to the same numbers says
+/// less than from the same objects.
+fn seed_by_seed(page: &mut String, plain: &Group, starts: &[&Group]) -> Result<()> {
+    let mut pairs = 0;
+    let mut farthest: BTreeMap<&str, f64> = BTreeMap::new();
+    for (run, summary) in starts.iter().flat_map(|group| group.finished()) {
+        let same_seed = |(other, _): &(&Run, &Summary)| other.config.seed == run.config.seed;
+        let Some((_, same)) = plain.finished().find(same_seed) else { continue };
+        pairs += 1;
+        for name in plain.parameters() {
+            if let (Some(here), Some(there)) = (summary.parameters.get(name), same.parameters.get(name)) {
+                let farthest = farthest.entry(name).or_default();
+                *farthest = farthest.max((here.learned - there.learned).abs());
+            }
+        }
+    }
+    if pairs > 0 {
+        let apart = |by: f64| if by == 0.0 { "0 (the same bits)".to_string() } else { significant(by) };
+        let farthest: Vec<_> = farthest.iter().map(|(name, by)| format!("{name} by {}", apart(*by))).collect();
+        writeln!(
+            page,
+            "A seed finds the same objects whatever the start, so each run is to be compared with the same seed of the \
+             recipe as it is: in {pairs} such pairs the parameters differ at most: {}.\n",
+            farthest.join(", ")
+        )?;
     }
     Ok(())
 }
@@ -129,20 +167,29 @@ fn refinement(page: &mut String, plain: &Group, changed: &Group, name: &str) -> 
     let unit = unit(plain);
     writeln!(
         page,
-        "**The estimated velocity as the source of the error of {name}: {}.** With `{NO_REFINEMENT}` the initial \
-         velocity is off by {} {unit} per time unit and {name} by {}; with the refinement by {} and {}. {}The \
-         summaries hold the size of the velocity's error, not whether it is too small. Seeds: {} and {}. Rule: \
+        "**The estimated velocity as the source of the error of {name}: {}.** With {} the initial velocity is off by {} \
+         {unit} per time unit{} and {name} by {}; with the refinement ({}) by {}{} and {}. {}Seeds: {} and {}. Rule: \
          {REFINEMENT_RULE}.\n",
         verdicts::refinement(&with, &without, published.error_percent()).word(),
+        code(&changed.changes.join(", ")),
         without.velocity.text(significant),
+        slope(changed),
         without.error.text(signed),
+        if plain.changes.is_empty() { "the recipe as it is".into() } else { code(&plain.changes.join(", ")) },
         with.velocity.text(significant),
+        slope(plain),
         with.error.text(signed),
         paper(plain, name),
         changed.finished().count(),
         plain.finished().count(),
     )?;
     Ok(())
+}
+
+/// How many times the true velocity is estimated, as a remark; empty of runs that do not say it.
+fn slope(group: &Group) -> String {
+    let slope = group.state_error(VELOCITY_SLOPE);
+    slope.map_or(String::new(), |slope| format!(" (the true one times {})", slope.text(significant)))
 }
 
 /// What the paper reports, as a sentence; empty if it does not.

@@ -100,6 +100,13 @@ impl Group {
         self.spread(|summary| error(summary.test.states.as_ref()?))
     }
 
+    /// What a parameter of 1 in the model's own unit is in true pixels; none where that is the same.
+    pub(super) fn own_unit(&self, parameter: &PhysicalParameter) -> Option<f64> {
+        let side = self.task.side as f64;
+        let scaled = self.runs[0].config.choices.get("model.exact_shift").is_some_and(|exact| exact == "false");
+        (scaled && parameter.length_power != 0).then(|| ((side - 1.0) / side).powi(parameter.length_power))
+    }
+
     pub(super) fn wall_seconds(&self) -> Option<Spread> {
         self.spread(|summary| Some(summary.wall_seconds))
     }

@@ -72,10 +72,11 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<Found> {
     Ok(Found { finished, unfinished: runs().count() - finished, unreadable: found.unreadable.len() })
 }
 
-/// Removes what an earlier report would leave among the files of the new one. Folders of these names that no report made
-/// stay.
+/// Removes what an earlier report would leave among the files of the new one. Folders of these names beside which no
+/// report lies stay.
 fn clear(out: &Path) -> Result<()> {
-    if !out.join(records::RESULTS).exists() {
+    let report = fs::read_to_string(out.join("report.md")).unwrap_or_default();
+    if !report.starts_with(page::TITLE) {
         return Ok(());
     }
     for folder in [records::FOLDER, pictures::FOLDER].map(|name| out.join(name)) {

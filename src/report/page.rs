@@ -5,13 +5,17 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
-use super::groups::Group;
-use super::markdown::{NONE, code, percent, row, signed, spread, table, text};
+use super::groups::{Group, Purpose};
+use super::markdown::{NONE, code, minutes, percent, row, signed, spread, table, text};
 use super::pictures::Pictures;
+use super::reproducible::is_protocol;
 use super::runs::Loss;
 use super::{ablations, criteria, published, reproducible, section, states};
 use crate::tasks::{self, TASKS};
 use crate::viz::seeds::Outcome;
+
+/// By which a report is known.
+pub(super) const TITLE: &str = "# Physics-as-Inverse-Graphics: report of runs";
 
 /// The whole report.
 pub(super) fn write(
@@ -20,7 +24,7 @@ pub(super) fn write(
     pictures: &[Pictures],
     places: &[String],
 ) -> Result<String> {
-    let mut page = String::from("# Physics-as-Inverse-Graphics: report of runs\n\n");
+    let mut page = format!("{TITLE}\n\n");
     let places: Vec<_> = places.iter().map(|place| code(place)).collect();
     writeln!(
         page,
@@ -29,6 +33,7 @@ pub(super) fn write(
          the test file: squared error summed over a frame, averaged over frames and clips.\n",
         places.join(", ")
     )?;
+    in_short(&mut page, groups, unreadable.len())?;
     overview(&mut page, groups)?;
     losses(&mut page, groups)?;
     parameters(&mut page, groups)?;
@@ -48,13 +53,38 @@ pub(super) fn write(
     Ok(page)
 }
 
+/// A line for every task that was run with a recipe as it is, and the answer on the paper's own.
+fn in_short(page: &mut String, groups: &[Group], unreadable: usize) -> Result<()> {
+    writeln!(page, "## In short\n")?;
+    if unreadable > 0 {
+        writeln!(page, "**Run folders that cannot be read, in no count and listed at the end: {unreadable}.**\n")?;
+    }
+    for group in groups.iter().filter(|group| group.purpose() == Purpose::Plain && !is_protocol(group)) {
+        let parameter = |name: &&str| {
+            let error = group.error_percent(name).map_or(String::new(), |error| format!(" ({})", signed(error.median)));
+            Some(format!("{name} {}{error}", spread(Some(group.parameter(name)?))))
+        };
+        let mut said: Vec<_> = group.parameters().iter().filter_map(parameter).collect();
+        said.extend(group.loss(Loss::Pred).map(|loss| format!("L_pred {}", spread(Some(loss)))));
+        said.extend(group.wall_seconds().map(|wall| format!("{} a run", minutes(wall.median))));
+        let (task, label) = (group.task.key, text(&group.label));
+        let (succeeded, tried) = (group.count(Outcome::Succeeded), group.runs.len());
+        writeln!(page, "- {task}, {label}: **{succeeded} of {tried}** seeds succeeded; {}.", said.join(", "))?;
+    }
+    writeln!(page, "- Is the paper reproducible as published? {}\n", reproducible::in_short(groups))?;
+    Ok(())
+}
+
 fn overview(page: &mut String, groups: &[Group]) -> Result<()> {
     writeln!(page, "## Seeds tried and succeeded\n")?;
     let mut rows = Vec::new();
+    let mut criteria = Vec::new();
     for task in TASKS {
         let mut of_task = groups.iter().filter(|group| group.task.key == task.key).peekable();
         if of_task.peek().is_none() {
-            rows.push(row(&[task.key, "no run", "0", "0", "0", &criteria::text(task.key)]));
+            rows.push(row(&[task.key, "no run", "0", "0", "0"]));
+        } else {
+            criteria.push(format!("- {}: {}", task.key, criteria::text(task.key)));
         }
         for group in of_task {
             rows.push(row(&[
@@ -63,11 +93,12 @@ fn overview(page: &mut String, groups: &[Group]) -> Result<()> {
                 &group.runs.len().to_string(),
                 &group.finished().count().to_string(),
                 &format!("**{}**", group.count(Outcome::Succeeded)),
-                &criteria::text(task.key),
             ]));
         }
     }
-    table(page, &["task", "recipe", "tried", "finished", "succeeded", "a success is"], &rows)
+    table(page, &["task", "recipe", "tried", "finished", "succeeded"], &rows)?;
+    writeln!(page, "A success is:\n\n{}\n", criteria.join("\n"))?;
+    Ok(())
 }
 
 fn losses(page: &mut String, groups: &[Group]) -> Result<()> {
@@ -102,22 +133,36 @@ fn parameters(page: &mut String, groups: &[Group]) -> Result<()> {
             let (paper, error) = published
                 .map_or((NONE.into(), NONE.into()), |row| (row.learned.to_string(), signed(row.error_percent())));
             let truth = task.truth.iter().find(|truth| truth.name == parameter.name).map(|truth| truth.value);
-            let truth = truth.map_or(NONE.into(), |truth| truth.to_string());
-            let known = [task.key, parameter.name, &truth, &paper, &error];
+            // Of runs on other data their own truth counts.
+            let known = |truth: Option<f64>| {
+                let truth = truth.map_or(NONE.into(), |truth| truth.to_string());
+                [task.key.into(), parameter.name.into(), truth, paper.clone(), error.clone()]
+            };
             let learn = |group: &&Group| group.task == task && group.parameters().contains(&parameter.name);
             let ours: Vec<&Group> = groups.iter().filter(learn).collect();
             if ours.is_empty() {
-                rows.push(row(&[&known[..], &["no run", NONE, NONE, NONE]].concat()));
+                let none = ["no run", NONE, NONE, NONE].map(String::from);
+                rows.push(row(&[&known(truth)[..], &none].concat()));
             }
             for group in ours {
                 let learned = group.parameter(parameter.name);
                 let error = learned.zip(group.truth(parameter.name));
                 let error = error.map_or(NONE.into(), |(spread, truth)| percent(spread.median, truth));
-                let learned = learned.map_or(NONE.into(), |learned| format!("**{}**", spread(Some(learned))));
-                rows.push(row(&[&known[..], &[&text(&group.label), &learned, &error, &group.successes()]].concat()));
+                let own = group.own_unit(parameter).zip(learned).map(|(unit, learned)| learned.times(1.0 / unit));
+                let own = own.map_or(String::new(), |own| format!(" (own unit: {})", spread(Some(own))));
+                let learned = learned.map_or(NONE.into(), |learned| format!("**{}**{own}", spread(Some(learned))));
+                let truth = if group.finished().next().is_some() { group.truth(parameter.name) } else { truth };
+                let ours = [text(&group.label), learned, error, group.successes()];
+                rows.push(row(&[&known(truth)[..], &ours].concat()));
             }
         }
     }
+    writeln!(
+        page,
+        "Ours is in true pixels. The paper's values are in the original decoder's unit of length, (S-1)/S of a pixel: \
+         where runs have it, too (`model.exact_shift=false`), \"own unit\" stands beside ours, to be compared with \
+         them.\n"
+    )?;
     let head =
         ["task", "", "truth", "paper", "its error", "recipe", "ours", "error of the median", "succeeded / tried"];
     table(page, &head, &rows)

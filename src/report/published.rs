@@ -57,7 +57,8 @@ pub(super) fn tasks() -> impl Iterator<Item = &'static Task> {
 
 /// Where the numbers come from, for the report's readers.
 pub(super) const SOURCES: &str = "Paper: Jaques, Burke, Hospedales, Physics-as-Inverse-Graphics, ICLR 2020 \
-    (parameters: table 1; losses: ablation table, row \"joint training\"). TF original and student PyTorch port: \
+    (parameters: table 1; losses: ablation table, row \"joint training\", which names no system and is read as \
+    spring_color here, as by those who reran the code). TF original and student PyTorch port: \
     published results of a student's port and of reruns of the authors' code beside it; the TF rerun learned k = 0.15 \
     and l = 1.02.";
 

@@ -16,7 +16,7 @@ pub(super) fn commands(group: &Group) -> Result<Vec<String>> {
         lines.extend(["# all runs:".into(), sweep, "# or one by one:".into()]);
     }
     for run in &group.runs {
-        lines.push(one(run, &group.changes)?);
+        lines.push(one(run, group)?);
     }
     Ok(lines)
 }
@@ -91,7 +91,7 @@ fn sweep(group: &Group) -> Result<Option<String>> {
     option("seeds", seeds.join(","));
     group.changes.iter().for_each(|change| option("set", change.clone()));
     if !group.changes.is_empty() {
-        option("name", group.folder_name().unwrap_or_else(|| "changed".into()));
+        option("name", name(group));
     }
     // 0 is what a run had that left the number to the machine and did not finish.
     if threads(first) > 0 {
@@ -101,9 +101,10 @@ fn sweep(group: &Group) -> Result<Option<String>> {
     join(&words).map(Some)
 }
 
-/// The command for one run. With its own config file where `--set` cannot say what differs.
-fn one(run: &Run, changes: &[String]) -> Result<String> {
-    let config = &run.config;
+/// The command for one run. With its own config file where `--set` cannot say what differs; what is changed goes to a
+/// folder of its own, the one that `sweep` would give it.
+fn one(run: &Run, group: &Group) -> Result<String> {
+    let (config, changes) = (&run.config, &group.changes);
     let mut words = vec!["run_physics".to_string()];
     let mut option = |name: &str, value: String| words.extend([format!("--{name}"), value]);
     option("task", config.task.key.into());
@@ -114,9 +115,17 @@ fn one(run: &Run, changes: &[String]) -> Result<String> {
         option("config", run.folder.join("config.toml").display().to_string());
     }
     option("seed", config.seed.to_string());
+    if !changes.is_empty() {
+        option("out", format!("runs/{}/{}-{}/seed={}", config.task.key, config.recipe, name(group), config.seed));
+    }
     option("threads", threads(run).to_string());
     option("device", config.device.clone());
     join(&words)
+}
+
+/// The name of a changed recipe.
+fn name(group: &Group) -> String {
+    group.folder_name().unwrap_or_else(|| "changed".into())
 }
 
 /// What the run had, where the config leaves it to the machine.

@@ -5,22 +5,24 @@ use std::fmt::Write;
 
 use anyhow::Result;
 
+use super::criteria;
 use super::groups::{Group, Purpose};
 use super::markdown::{NONE, row, show, table};
 use super::pictures::Pictures;
 use super::published::{self, EPOCHS};
-use super::runs::Run;
+use super::runs::{Loss, Run};
 use super::statistics::significant;
-use crate::viz::seeds::Outcome;
 
 /// The recipe that is the paper's protocol.
 const RECIPE: &str = "paper";
-/// Validation L_rec below which the objects count as found. Blank frames have some tens.
-const FOUND: f64 = 1.5;
-
 /// Whether a group is the paper's protocol, unchanged.
 pub(super) fn is_protocol(group: &Group) -> bool {
     group.recipe == RECIPE && group.purpose() == Purpose::Plain
+}
+
+/// The answer in one paragraph.
+pub(super) fn in_short(groups: &[Group]) -> String {
+    answer(&groups.iter().filter(|group| is_protocol(group)).flat_map(|group| &group.runs).collect::<Vec<_>>())
 }
 
 pub(super) fn write(page: &mut String, groups: &[Group], pictures: &[Pictures]) -> Result<()> {
@@ -33,8 +35,9 @@ pub(super) fn write(page: &mut String, groups: &[Group], pictures: &[Pictures]) 
             protocol.iter().flat_map(|(group, _)| group.runs.iter().map(|run| course(group, run))).collect();
         writeln!(
             page,
-            "Losses are those of the last validation. Parameters: at the start, half-way, at the last record. Objects \
-             count as found if L_rec is below {FOUND}.\n"
+            "Losses are those of the last validation. Parameters: at the start, half-way, at the last record, in true \
+             pixels (1 in the model's own unit is less). Objects count as found if L_rec is below 1.5 (of digits it is \
+             not said).\n"
         )?;
         let head = ["task", "seed", "steps", "epochs", "finished", "L_rec", "objects found", "L_pred", "parameters"];
         table(page, &head, &rows)?;
@@ -46,10 +49,11 @@ pub(super) fn write(page: &mut String, groups: &[Group], pictures: &[Pictures]) 
     missing(page, &runs)
 }
 
-/// The answer that the runs give, by how many finished and how many of these succeeded.
+/// The answer that the runs give, by how many finished and how many of these reached the paper's results.
 fn answer(runs: &[&Run]) -> String {
     let finished: Vec<_> = runs.iter().filter(|run| run.summary.is_some()).collect();
-    let succeeded = finished.iter().filter(|run| run.outcome() == Outcome::Succeeded).count();
+    let reached = |run: &Run| run.summary.as_ref().is_some_and(|s| criteria::reaches_paper(&run.config, s));
+    let reached = finished.iter().filter(|run| reached(run)).count();
     let found = runs.iter().filter(|run| found(run) == Some(true)).count();
     let so_far = format!("Objects were found in {found} of {} runs.{}", runs.len(), directions(runs));
     let longest = runs
@@ -57,7 +61,8 @@ fn answer(runs: &[&Run]) -> String {
         .filter_map(|run| run.epochs())
         .fold(None, |most: Option<f64>, e| Some(most.map_or(e, |m| m.max(e))));
     let longest = longest.map_or("an unknown number".into(), |epochs| format!("{:.1}", epochs));
-    match (runs.len(), finished.len(), succeeded) {
+    let reaching = "no parameter further from its truth than in the paper, and losses within the original's yardsticks";
+    match (runs.len(), finished.len(), reached) {
         (0, ..) => format!("No run of the `{RECIPE}` recipe is among the runs given, so they say nothing to this."),
         (tried, 0, _) => format!(
             "**Not answered by these runs: none of {tried} went to the end.** The longest got to {longest} of {EPOCHS} \
@@ -65,12 +70,12 @@ fn answer(runs: &[&Run]) -> String {
              known."
         ),
         (tried, finished, 0) => format!(
-            "**Not in these runs: of {tried} tried, {finished} finished their {EPOCHS} epochs, and none of these met \
-             the criterion of success.** {so_far}"
+            "**Not in these runs: of {tried} tried, {finished} finished their {EPOCHS} epochs, and none of these \
+             reached the paper's results** ({reaching}). {so_far}"
         ),
         (tried, finished, _) => format!(
-            "**In {succeeded} of the {finished} runs that finished their {EPOCHS} epochs ({tried} tried), by the \
-             criterion of success.** {so_far}"
+            "**In {reached} of the {finished} runs that finished their {EPOCHS} epochs ({tried} tried)**: {reaching}. \
+             {so_far}"
         ),
     }
 }
@@ -93,9 +98,10 @@ fn directions(runs: &[&Run]) -> String {
     counts.iter().map(sentence).collect()
 }
 
-/// None where no validation is on record.
+/// None where no validation is on record, or nothing says when the objects count as found.
 fn found(run: &Run) -> Option<bool> {
-    Some(run.trace.as_ref().ok()?.last_validation("recons_loss")? < FOUND)
+    let (_, limit) = criteria::yardsticks(run.config.task).iter().find(|(loss, _)| *loss == Loss::Recons)?;
+    Some(run.trace.as_ref().ok()?.last_validation("recons_loss")? < *limit)
 }
 
 /// How far one run went, and where it stood.

@@ -11,6 +11,7 @@ use super::criteria;
 use super::records;
 use super::run_config::RunConfig;
 use crate::evaluation::{PredictedFrame, StateErrors};
+use crate::run_folder::{CONFIG, METRICS, SUMMARY};
 use crate::viz::seeds::{Outcome, Trace};
 
 /// One run folder.
@@ -129,8 +130,8 @@ impl Summary {
 
 impl Run {
     fn read(folder: &Path) -> Result<Self> {
-        let config = RunConfig::read(&folder.join("config.toml"))?;
-        let path = folder.join("summary.json");
+        let config = RunConfig::read(&folder.join(CONFIG))?;
+        let path = folder.join(SUMMARY);
         let summary: Option<Summary> = match path.exists() {
             true => {
                 let text = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
@@ -198,6 +199,7 @@ pub(super) fn find(folders: &[PathBuf]) -> Result<Found> {
             Err(error) => found.unreadable.push((place, error)),
         }
     }
+    found.runs = without_copies(found.runs)?;
     for place in 0..found.runs.len() {
         let files = |run: &Run| (run.config.task.key, run.config.data_files().map(Option::<&String>::cloned));
         let here = files(&found.runs[place]);
@@ -208,9 +210,32 @@ pub(super) fn find(folders: &[PathBuf]) -> Result<Found> {
     Ok(found)
 }
 
+/// Of runs that are one and the same the one that went furthest: a run and its record in an earlier report, which may
+/// have been made before the run went on. Their configs are equal, and the course of one begins with that of the other.
+fn without_copies(runs: Vec<Run>) -> Result<Vec<Run>> {
+    let mut kept: Vec<(Run, [Vec<u8>; 2])> = Vec::new();
+    let further = |run: &Run, course: &[u8]| (course.len(), run.summary.is_some());
+    for run in runs {
+        let read = |name: &str| {
+            let path = run.folder.join(name);
+            fs::read(&path).with_context(|| format!("cannot read {}", path.display()))
+        };
+        let files = [read(CONFIG)?, read(METRICS)?];
+        let same = |(_, other): &&mut (Run, [Vec<u8>; 2])| {
+            other[0] == files[0] && (other[1].starts_with(&files[1]) || files[1].starts_with(&other[1]))
+        };
+        match kept.iter_mut().find(same) {
+            Some(other) if further(&run, &files[1]) > further(&other.0, &other.1[1]) => *other = (run, files),
+            Some(_) => {}
+            None => kept.push((run, files)),
+        }
+    }
+    Ok(kept.into_iter().map(|(run, _)| run).collect())
+}
+
 /// `places`: run folders as they were reached, and their true paths.
 fn search(folder: &Path, canonical: &Path, places: &mut Vec<(PathBuf, PathBuf)>) -> Result<()> {
-    if folder.join("config.toml").exists() && folder.join("metrics.jsonl").exists() {
+    if folder.join(CONFIG).exists() && folder.join(METRICS).exists() {
         if places.iter().all(|(_, known)| known != canonical) {
             places.push((folder.into(), canonical.into()));
         }

@@ -1,5 +1,6 @@
 //! The section of one group: its seeds, pictures, times, and the commands that make it again.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 
 use anyhow::Result;
@@ -11,7 +12,7 @@ use super::markdown::{NONE, code, duration, minutes, percent, row, show, table, 
 use super::pictures::Pictures;
 use super::reproduce;
 use super::reproducible;
-use super::runs::{Loss, Run};
+use super::runs::{Loss, Run, Summary};
 use super::statistics::significant;
 use crate::viz::seeds::Outcome;
 
@@ -94,6 +95,10 @@ fn times(page: &mut String, group: &Group) -> Result<()> {
     if let Some(wall) = group.wall_seconds() {
         writeln!(page, "Wall time of the finished runs: {}.\n", wall.text(minutes))?;
     }
+    let versions: BTreeSet<_> = group.finished().map(|(_, summary)| versions(summary)).collect();
+    if versions.len() > 1 {
+        writeln!(page, "Made with {} versions of the program: {}.\n", versions.len(), join(versions))?;
+    }
     let rows: Vec<_> = group.runs.iter().map(time_row).collect();
     let head = [
         "seed",
@@ -118,7 +123,6 @@ fn time_row(run: &Run) -> String {
         return row(&[seed, so_far, none(), none(), none(), none(), none(), run.config.device.clone(), none()]);
     };
     let phases: Vec<_> = summary.phase_seconds.iter().map(|(name, s)| format!("{name} {}", duration(*s))).collect();
-    let versions: Vec<_> = summary.versions.iter().map(|(name, version)| format!("{name} {version}")).collect();
     let clips = run.data.as_ref().map(|data| [data.training_clips, data.validation_clips, data.test_clips]);
     let clips = clips.map_or_else(none, |clips| clips.map(|clips| clips.to_string()).join(", "));
     let hardware = summary.hardware.as_ref();
@@ -131,6 +135,14 @@ fn time_row(run: &Run) -> String {
         hardware.map_or_else(none, |hardware| hardware.cores.to_string()),
         summary.threads.to_string(),
         summary.device.clone(),
-        versions.join(", "),
+        versions(summary),
     ])
+}
+
+fn versions(summary: &Summary) -> String {
+    join(summary.versions.iter().map(|(name, version)| format!("{name} {version}")))
+}
+
+fn join(parts: impl IntoIterator<Item = String>) -> String {
+    parts.into_iter().collect::<Vec<_>>().join(", ")
 }

@@ -21,6 +21,8 @@ pub(super) const ERRORS: [(&str, &str, StateError); 4] = [
 
 /// Position of the encoded frames.
 pub(super) const ENCODED: StateError = ERRORS[0].2;
+/// How many times the true velocity there is estimated.
+pub(super) const VELOCITY_SLOPE: StateError = |errors| errors.initial_velocity_slope;
 /// Velocity at the last input frame.
 pub(super) const INITIAL_VELOCITY: StateError = ERRORS[3].2;
 

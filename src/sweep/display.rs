@@ -5,6 +5,7 @@ use std::io::{IsTerminal, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::say;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use super::OUTPUT;
@@ -73,7 +74,7 @@ impl Display {
             // Above the bars; a terminal that has gone away is no reason to stop the runs.
             let _ = self.bars.println(text);
         } else {
-            println!("{text}");
+            say!("{text}");
         }
     }
 }

@@ -3,23 +3,16 @@
 use std::path::Path;
 
 use anyhow::Result;
-use image::codecs::gif::{GifEncoder, Repeat};
-use image::{Delay, DynamicImage, Frame, RgbImage};
+use image::RgbImage;
 use plotters::style::text_anchor::HPos;
 
 use super::canvas::{Canvas, INK, enlarge, pictures};
-use super::enlargement;
 use super::outputs::Outputs;
-use super::sections::{Section, sections};
-use crate::durable;
+use super::sections::{Section, section_at, sections};
+use super::{enlargement, gif};
 use crate::tasks::Task;
 
 const CLIPS: usize = 5;
-/// Milliseconds. A GIF counts in hundredths of a second, so 8 frames a second cannot be had exactly.
-const FRAME_TIME: u32 = 120;
-const LAST_FRAME_TIME: u32 = 1200;
-/// 1 (best colours) to 30 (fastest); the slowest ones take minutes for no visible gain.
-const QUANTISER_SPEED: i32 = 10;
 const BORDER: u32 = 4;
 const GAP: u32 = 6;
 const LABELS_WIDTH: u32 = 84;
@@ -27,7 +20,7 @@ const CAPTION_HEIGHT: u32 = 36;
 const MARGIN: u32 = 8;
 const FONT_SIZE: u32 = 22;
 
-/// Writes the animation, endless, about 8 frames a second, the borders in the colour of the clip's part.
+/// Writes the animation, the borders in the colour of the clip's part.
 pub(super) fn write(path: &Path, task: &Task, outputs: &Outputs) -> Result<()> {
     let shown = outputs.len().min(CLIPS);
     let mut rows: [Vec<Vec<RgbImage>>; 2] = Default::default();
@@ -36,20 +29,7 @@ pub(super) fn write(path: &Path, task: &Task, outputs: &Outputs) -> Result<()> {
         rows[1].push(pictures(&outputs.input_and_prediction(clip))?);
     }
     let sections = sections(task, outputs.time());
-    durable::write_file(path, |file| {
-        let mut encoder = GifEncoder::new_with_speed(file, QUANTISER_SPEED);
-        encoder.set_repeat(Repeat::Infinite)?;
-        for section in &sections {
-            for time in section.first..section.first + section.frames {
-                let canvas = draw(task, &rows, section, time)?;
-                let last = time + 1 == outputs.time();
-                let delay = Delay::from_numer_denom_ms(if last { LAST_FRAME_TIME } else { FRAME_TIME }, 1);
-                let pixels = DynamicImage::ImageRgb8(canvas.pixels().clone()).into_rgba8();
-                encoder.encode_frame(Frame::from_parts(pixels, 0, 0, delay))?;
-            }
-        }
-        Ok(())
-    })
+    gif::write(path, outputs.time(), |time| draw(task, &rows, section_at(&sections, time), time))
 }
 
 /// One moment. `rows`: truth, model; for each clip its frames.

@@ -55,7 +55,8 @@ fn channels_last(x: &Tensor) -> Tensor {
     x.movedim_int(-3, -1)
 }
 
-fn write(path: &Path, arrays: &[(&str, Tensor)]) -> Result<()> {
+/// Writes tensors as float32 arrays of a compressed npz.
+pub(crate) fn write(path: &Path, arrays: &[(&str, Tensor)]) -> Result<()> {
     durable::write_file(path, |file| {
         let mut npz = NpzWriter::new_compressed(file);
         for (name, tensor) in arrays {

@@ -8,8 +8,8 @@ use plotters::style::RGBColor;
 
 use super::canvas::{Canvas, drawn};
 use super::chart::{Line, Panel, Phase, Stroke};
-use super::metrics::{self, Kind, Record, Stretch};
-use crate::tasks::Task;
+use super::metrics::{self, Kind, Stretch, points};
+use crate::tasks::{Task, TrueParameter};
 
 const WIDTH: u32 = 1600;
 const LOSSES_HEIGHT: u32 = 900;
@@ -33,11 +33,11 @@ const LOSSES: [(&str, Kind, &str, RGBColor, Stroke); 6] = [
 ];
 
 /// Plots a run folder's `metrics.jsonl`: `losses.png` (log axis), and `parameters.png` with the true values if the task
-/// has physical parameters. The steps are those of all phases.
+/// has physical parameters, those of `truth` with their true values. The steps are those of all phases.
 ///
 /// # Errors
 /// A missing or damaged `metrics.jsonl` (with the line's number), one without losses, a folder that cannot be written.
-pub fn write_curves(folder: &Path, task: &Task) -> Result<()> {
+pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Result<()> {
     let path = folder.join(METRICS);
     let records = metrics::read(&path)?;
     let stretches = metrics::stretches(&records);
@@ -62,7 +62,7 @@ pub fn write_curves(folder: &Path, task: &Task) -> Result<()> {
         let Some(&(last, value)) = learned.last() else { continue };
         let mut title = format!("{}: {} = {value:.3}", task.key, parameter.name);
         let mut lines = vec![Line { label: "learned", colour: BLUE, stroke: Stroke::Plain, pieces: vec![learned] }];
-        if let Some(truth) = task.truth.iter().find(|truth| truth.name == parameter.name) {
+        if let Some(truth) = truth.iter().find(|truth| truth.name == parameter.name) {
             title += &format!(" (true value {})", truth.value);
             let level = vec![(0.0, truth.value), (last.max(1.0), truth.value)];
             lines.push(Line { label: "true value", colour: RED, stroke: Stroke::Dashed, pieces: vec![level] });
@@ -79,12 +79,6 @@ pub fn write_curves(folder: &Path, task: &Task) -> Result<()> {
 
 fn phase(stretch: &Stretch) -> Phase {
     Phase { name: stretch.phase.clone(), steps: (stretch.steps.0 as f64, stretch.steps.1 as f64) }
-}
-
-/// (step, value) of the records of a kind (of any, if none is given) that hold a value.
-fn points(records: &[Record], kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
-    let chosen = records.iter().filter(|record| kind.is_none_or(|kind| kind == record.kind));
-    chosen.filter_map(|record| Some((record.step as f64, record.value(name)?))).collect()
 }
 
 /// Draws panels of equal height, one above the other.

@@ -57,6 +57,12 @@ pub(super) fn read(path: &Path) -> Result<Vec<Record>> {
     Ok(records)
 }
 
+/// (step, value) of the records of a kind (of any, if none is given) that hold a value.
+pub(super) fn points(records: &[Record], kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
+    let chosen = records.iter().filter(|record| kind.is_none_or(|kind| kind == record.kind));
+    chosen.filter_map(|record| Some((record.step as f64, record.value(name)?))).collect()
+}
+
 /// One uninterrupted stretch of a phase.
 #[derive(Debug)]
 pub(super) struct Stretch {

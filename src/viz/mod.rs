@@ -5,12 +5,13 @@
 //! plots of the training. Every file appears whole or not at all.
 
 mod animation;
-mod arrays;
+pub(crate) mod arrays;
 mod canvas;
 mod chart;
 mod curves;
 pub mod examples;
 mod frame_scores;
+mod gif;
 mod masks;
 mod metrics;
 mod outputs;

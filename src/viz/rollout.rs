@@ -3,15 +3,13 @@
 use std::path::Path;
 
 use anyhow::Result;
-use image::codecs::gif::{GifEncoder, Repeat};
-use image::{Delay, DynamicImage, Frame, RgbImage};
+use image::RgbImage;
 use plotters::style::text_anchor::HPos;
 use tch::Tensor;
 
 use super::canvas::{Canvas, INK, enlarge, pictures};
-use super::enlargement;
-use super::sections::{Section, sections};
-use crate::durable;
+use super::sections::{Section, section_at, sections};
+use super::{enlargement, gif};
 use crate::rollout::Rollout;
 use crate::tasks::Task;
 
@@ -26,10 +24,6 @@ const CAPTION_WIDTH: u32 = 150;
 const LINE_GAP: u32 = 16;
 const MARGIN: u32 = 12;
 const FONT_SIZE: u32 = 22;
-/// Milliseconds.
-const FRAME_TIME: u32 = 120;
-const LAST_FRAME_TIME: u32 = 1200;
-const QUANTISER_SPEED: i32 = 10;
 
 /// What is shown: for each moment the clip's frame, if there is one, and the model's (the input, then the prediction).
 struct Moments {
@@ -54,13 +48,9 @@ impl Moments {
         Ok(Moments { clip, model, sections: sections(task, time), cell: task.side as u32 * times })
     }
 
-    fn section(&self, frame: usize) -> &Section {
-        self.sections.iter().rfind(|section| section.first <= frame).expect("the first section begins at 0")
-    }
-
     /// Pastes a moment with its corner at (x, y): number, band, clip, model.
     fn paste(&self, canvas: &mut Canvas, frame: usize, (x, y): (u32, u32)) -> Result<()> {
-        let section = self.section(frame);
+        let section = section_at(&self.sections, frame);
         let middle = (x + self.cell / 2, y + NUMBERS_HEIGHT / 2);
         canvas.text(&frame.to_string(), middle, FONT_SIZE, HPos::Center, section.colour)?;
         canvas.fill((x, y + NUMBERS_HEIGHT), (self.cell, BAND_HEIGHT), section.colour);
@@ -112,21 +102,13 @@ pub(crate) fn write_strip(path: &Path, task: &Task, rollout: &Rollout) -> Result
     canvas.write_png(path)
 }
 
-/// Writes the clip above the model in motion, endless, about 8 frames a second.
+/// Writes the clip above the model in motion.
 pub(crate) fn write_animation(path: &Path, task: &Task, rollout: &Rollout) -> Result<()> {
     let moments = Moments::new(task, rollout, 2)?;
-    let last = moments.model.len() - 1;
-    durable::write_file(path, |file| {
-        let mut encoder = GifEncoder::new_with_speed(file, QUANTISER_SPEED);
-        encoder.set_repeat(Repeat::Infinite)?;
-        for frame in 0..=last {
-            let mut canvas = Canvas::new(LABELS_WIDTH + moments.cell + MARGIN, moments.row(0, 2) + MARGIN);
-            moments.labels(&mut canvas, frame, 0)?;
-            moments.paste(&mut canvas, frame, (LABELS_WIDTH, 0))?;
-            let delay = Delay::from_numer_denom_ms(if frame == last { LAST_FRAME_TIME } else { FRAME_TIME }, 1);
-            let pixels = DynamicImage::ImageRgb8(canvas.pixels().clone()).into_rgba8();
-            encoder.encode_frame(Frame::from_parts(pixels, 0, 0, delay))?;
-        }
-        Ok(())
+    gif::write(path, moments.model.len(), |frame| {
+        let mut canvas = Canvas::new(LABELS_WIDTH + moments.cell + MARGIN, moments.row(0, 2) + MARGIN);
+        moments.labels(&mut canvas, frame, 0)?;
+        moments.paste(&mut canvas, frame, (LABELS_WIDTH, 0))?;
+        Ok(canvas)
     })
 }

@@ -15,6 +15,11 @@ pub(super) struct Section {
     pub frames: usize,
 }
 
+/// The part that a frame belongs to.
+pub(super) fn section_at(sections: &[Section], frame: usize) -> &Section {
+    sections.iter().rfind(|section| section.first <= frame).expect("the first section begins at 0")
+}
+
 /// The parts of clips of `time` frames, in order; without T_ext if nothing follows the prediction.
 pub(super) fn sections(task: &Task, time: usize) -> Vec<Section> {
     let parts = [

@@ -72,8 +72,7 @@ impl Trace {
 
     /// (step, value) of the records of a kind (of any, if none is given) that hold a value.
     fn points(&self, kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
-        let chosen = self.records.iter().filter(|record| kind.is_none_or(|kind| kind == record.kind));
-        chosen.filter_map(|record| Some((record.step as f64, record.value(name)?))).collect()
+        metrics::points(&self.records, kind, name)
     }
 }
 

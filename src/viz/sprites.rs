@@ -10,10 +10,8 @@ use plotters::style::text_anchor::HPos;
 
 use super::canvas::{Canvas, INK, picture};
 use super::enlargement;
-use crate::physics_models::PhysicsNet;
+use crate::physics_models::{BACKGROUND_LOGIT, PhysicsNet};
 
-/// The constant logit of the background, against which a template decides how visible its object is.
-const BACKGROUND_LOGIT: f64 = 1.0;
 const ROW_LABELS: [&str; 3] = ["contents", "mask", "masked"];
 const GAP: u32 = 10;
 const LABELS_WIDTH: u32 = 130;

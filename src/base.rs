@@ -13,6 +13,7 @@ use crate::cells::{Actions, Coordinates};
 use crate::checkpoint::{self, RunState};
 use crate::config::Config;
 use crate::datasets::iterators::Clips;
+use crate::device::COMMIT;
 use crate::interrupt;
 use crate::optimizers::{Optimizer, Rule};
 use crate::physics_models::PhysicsNet;
@@ -92,6 +93,9 @@ impl<'a> Trainer<'a> {
         for (place, phase) in recipe::phases(self.config).into_iter().enumerate() {
             if place < self.state.phase {
                 continue;
+            }
+            if self.state.commits.last().is_none_or(|last| last != COMMIT) {
+                self.state.commits.push(COMMIT.into());
             }
             let (name, outcome) = match phase {
                 Phase::Discover => {

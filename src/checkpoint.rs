@@ -31,6 +31,9 @@ pub struct RunState {
     /// Seconds of computing so far, and those of each finished phase by name.
     pub seconds: f64,
     pub phase_seconds: Vec<(String, f64)>,
+    /// The commits whose builds took the steps; none of a run of an earlier version.
+    #[serde(default)]
+    pub commits: Vec<String>,
     /// Lengths of log.txt and metrics.jsonl at this moment, bytes: what came later is cut off on resuming.
     pub log_bytes: u64,
     pub metrics_bytes: u64,
@@ -47,6 +50,7 @@ impl RunState {
             validations: Vec::new(),
             seconds: 0.0,
             phase_seconds: Vec::new(),
+            commits: Vec::new(),
             log_bytes: 0,
             metrics_bytes: 0,
         }

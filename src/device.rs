@@ -76,6 +76,8 @@ pub fn hardware() -> serde_json::Value {
 }
 
 /// Version of the libtorch this was built with.
+/// The commit that this program was built from, with a `+` where the sources differ from it.
+pub const COMMIT: &str = env!("PAIG_COMMIT");
 pub const LIBTORCH_VERSION: &str = env!("PAIG_LIBTORCH_VERSION");
 
 /// The first line of every run: versions, device, threads.
@@ -87,7 +89,7 @@ pub fn banner(device: Device, threads: usize) -> String {
         other => format!("{other:?}"),
     };
     format!(
-        "paig {} | libtorch {LIBTORCH_VERSION} | device {device} ({gpu}) | {threads} threads",
+        "paig {} ({COMMIT}) | libtorch {LIBTORCH_VERSION} | device {device} ({gpu}) | {threads} threads",
         env!("CARGO_PKG_VERSION")
     )
 }

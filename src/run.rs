@@ -2,6 +2,7 @@
 //!
 //! Original: `run_physics.py`. The runners in `runners/` hold only a task's name and this call.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -11,9 +12,11 @@ use serde_json::{Map, Value, json};
 use tch::Device;
 
 use crate::base::{Outcome, Trainer};
+use crate::checkpoint::RunState;
 use crate::config::{Config, Overrides};
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
+use crate::device::COMMIT;
 use crate::evaluation::{self, Evaluation, ScoredClips};
 use crate::physics_models::PhysicsNet;
 use crate::recipe::join::Joint;
@@ -272,20 +275,28 @@ fn train(
         "overrides": config.differences_from_recipe()?,
         "steps": state.steps,
         "wall_seconds": state.seconds,
-        "phase_seconds": state.phase_seconds.iter().cloned().collect::<std::collections::BTreeMap<_, _>>(),
+        "phase_seconds": state.phase_seconds.iter().cloned().collect::<BTreeMap<_, _>>(),
         "device": config.device,
         "threads": threads,
         "hardware": device::hardware(),
-        "versions": {
-            "paig": env!("CARGO_PKG_VERSION"),
-            "commit": env!("PAIG_COMMIT"),
-            "libtorch": device::LIBTORCH_VERSION,
-        },
+        "versions": versions(&state),
     }))?;
     viz::write_artifacts(folder.path(), &model, &test.clips, config.output.examples)?;
     viz::write_curves(folder.path(), task, &test.truth)?;
     say!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
     Ok(ExitCode::SUCCESS)
+}
+
+/// What trained the run, and what scored it where that was another build.
+fn versions(state: &RunState) -> BTreeMap<&'static str, String> {
+    let trained = if state.commits.is_empty() { "unknown".to_string() } else { state.commits.join(", then ") };
+    let scored = (state.commits.last().map(String::as_str) != Some(COMMIT)).then(|| ("scored by", COMMIT.into()));
+    let versions = [
+        ("paig", env!("CARGO_PKG_VERSION").into()),
+        ("libtorch", device::LIBTORCH_VERSION.into()),
+        ("commit", trained),
+    ];
+    versions.into_iter().chain(scored).collect()
 }
 
 /// The learned parameters beside the truth, the losses beside the paper's, every frame, the states.

@@ -75,9 +75,9 @@ pub fn hardware() -> serde_json::Value {
     serde_json::json!({"processor": name, "cores": std::thread::available_parallelism().map_or(1, usize::from)})
 }
 
-/// Version of the libtorch this was built with.
 /// The commit that this program was built from, with a `+` where the sources differ from it.
 pub const COMMIT: &str = env!("PAIG_COMMIT");
+/// Version of the libtorch this was built with.
 pub const LIBTORCH_VERSION: &str = env!("PAIG_LIBTORCH_VERSION");
 
 /// The first line of every run: versions, device, threads.

@@ -5,6 +5,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 
+use super::criteria;
 use super::groups::{Group, Purpose};
 use super::markdown::{NONE, code, row, signed, spread, table, text};
 use super::published;
@@ -161,6 +162,7 @@ fn refinement(page: &mut String, plain: &Group, changed: &Group, name: &str) -> 
             velocity: group.state_error(INITIAL_VELOCITY)?,
             error: group.error_percent(name)?,
             error_size: group.spread(|summary| Some(summary.parameters.get(name)?.error_percent()?.abs()))?,
+            lost: group.finished().filter(|(run, summary)| !criteria::objects_found(run.config.task, summary)).count(),
         })
     };
     let (Some(with), Some(without)) = (effect(plain), effect(changed)) else { return Ok(()) };
@@ -168,7 +170,7 @@ fn refinement(page: &mut String, plain: &Group, changed: &Group, name: &str) -> 
     writeln!(
         page,
         "**The estimated velocity as the source of the error of {name}: {}.** With {} the initial velocity is off by {} \
-         {unit} per time unit{} and {name} by {}; with the refinement ({}) by {}{} and {}. {}Seeds: {} and {}. Rule: \
+         {unit} per time unit{} and {name} by {}; with the refinement ({}) by {}{} and {}. {}{}Seeds: {} and {}. Rule: \
          {REFINEMENT_RULE}.\n",
         verdicts::refinement(&with, &without, published.error_percent()).word(),
         code(&changed.changes.join(", ")),
@@ -179,6 +181,11 @@ fn refinement(page: &mut String, plain: &Group, changed: &Group, name: &str) -> 
         with.velocity.text(significant),
         slope(plain),
         with.error.text(signed),
+        if without.lost > 0 {
+            format!("Without it {} of the runs lost their objects. ", without.lost)
+        } else {
+            String::new()
+        },
         paper(plain, name),
         changed.finished().count(),
         plain.finished().count(),

@@ -67,6 +67,12 @@ pub(super) fn yardsticks(task: &Task) -> &'static [(Loss, f64)] {
     }
 }
 
+/// Whether a finished run shows its objects, as far as there is a yardstick for that.
+pub(super) fn objects_found(task: &Task, summary: &Summary) -> bool {
+    let limit = yardsticks(task).iter().find(|(loss, _)| *loss == Loss::Recons);
+    limit.is_none_or(|(loss, limit)| summary.test.loss(*loss).is_some_and(|value| value < *limit))
+}
+
 /// Whether a finished run is within the yardsticks, and no parameter further from its truth than the paper's.
 pub(super) fn reaches_paper(config: &RunConfig, summary: &Summary) -> bool {
     let error = |name: &str| summary.parameters.get(name).and_then(|parameter| parameter.error_percent());

@@ -5,8 +5,10 @@
 
 use std::process::Command;
 
-/// What a result depends on. Git's log changes with every commit.
-const SOURCES: [&str; 6] = ["src", "runners", "configs", "data/assets", "Cargo.lock", ".git/logs/HEAD"];
+/// What a result depends on.
+const SOURCES: [&str; 5] = ["src", "runners", "configs", "data/assets", "Cargo.lock"];
+/// Changes with every commit.
+const GIT_LOG: &str = ".git/logs/HEAD";
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
@@ -26,7 +28,7 @@ fn main() {
 
 /// The commit that is built, with a `+` where the sources differ from it; `unknown` outside a repository.
 fn commit() -> String {
-    for path in SOURCES.into_iter().filter(|path| std::path::Path::new(path).exists()) {
+    for path in SOURCES.into_iter().chain([GIT_LOG]).filter(|path| std::path::Path::new(path).exists()) {
         println!("cargo:rerun-if-changed={path}");
     }
     let git = |arguments: &[&str]| {
@@ -34,6 +36,6 @@ fn commit() -> String {
         Some(String::from_utf8_lossy(&output.stdout).trim().to_string())
     };
     let Some(commit) = git(&["rev-parse", "--short=10", "HEAD"]) else { return "unknown".into() };
-    let clean = git(&["status", "--porcelain", "--", "src", "configs", "data/assets", "Cargo.lock"]);
+    let clean = git(&[&["status", "--porcelain", "--"], &SOURCES[..]].concat());
     if clean.is_some_and(|changes| changes.is_empty()) { commit } else { commit + "+" }
 }

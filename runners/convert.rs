@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use clap::Parser;
-use paig::config::Config;
+use paig::config::{Config, Overrides};
 use paig::convert::convert;
 use paig::physics_models::ModelOptions;
 use paig::run_folder::CONFIG;
@@ -32,8 +32,8 @@ struct Arguments {
     alt_vel: bool,
     /// The model holds this parameter and learns the others (model.hold), for example g=60; may be repeated. A run
     /// folder says by itself what its model is like
-    #[arg(long, value_name = "SYMBOL=VALUE", value_parser = held)]
-    hold: Vec<(String, f64)>,
+    #[arg(long, value_name = "SYMBOL=VALUE")]
+    hold: Vec<String>,
     /// Replace the file to write if it is there
     #[arg(long)]
     force: bool,
@@ -62,17 +62,14 @@ fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// What the model is like: as a run folder's config says, else as the command line does.
+/// What the model is like: as a run folder's config says, else the original's with what the command line changes.
 fn options(arguments: &Arguments, task: &Task) -> Result<ModelOptions> {
     let config = arguments.from.join(CONFIG);
     if !config.exists() {
-        let known: Vec<_> = task.cell.parameters.iter().map(|parameter| parameter.name).collect();
-        for (symbol, value) in &arguments.hold {
-            let sound = known.contains(&symbol.as_str()) && value.is_finite() && *value > 0.0;
-            ensure!(sound, "--hold {symbol}={value}: task {} has the parameters {known:?}, all positive", task.key);
-        }
-        let hold = arguments.hold.iter().cloned().collect();
-        return Ok(ModelOptions { alt_vel: arguments.alt_vel, hold, ..ModelOptions::original() });
+        let mut set: Vec<_> = arguments.hold.iter().map(|held| format!("model.hold.{held}")).collect();
+        set.push(format!("model.alt_vel={}", arguments.alt_vel));
+        let (task, recipe) = (Some(task.key.into()), Some("paper".into()));
+        return Ok(Config::load(None, &Overrides { task, recipe, set, ..Overrides::default() })?.model);
     }
     let config = Config::read(&config)?;
     ensure!(config.task == task.key, "{} holds a run of task {}", arguments.from.display(), config.task);
@@ -82,10 +79,4 @@ fn options(arguments: &Arguments, task: &Task) -> Result<ModelOptions> {
         arguments.from.display()
     );
     Ok(config.model)
-}
-
-/// `g=60`.
-fn held(text: &str) -> Result<(String, f64)> {
-    let (symbol, value) = text.split_once('=').context("expected SYMBOL=VALUE, for example g=60")?;
-    Ok((symbol.into(), value.parse()?))
 }

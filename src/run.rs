@@ -216,10 +216,8 @@ fn test_file(config: &Config) -> PathBuf {
 
 /// Scores a run's last checkpoint on the test file.
 fn score(config: &Config, folder: &RunFolder, device: Device) -> Result<ExitCode> {
-    let task = config.task()?;
-    let model = PhysicsNet::new(task, &config.model, device, config.seed);
-    checkpoint::load_weights(&checkpoint::find_weights(folder.path())?, &model)?;
-    let test = ScoredClips::read(&test_file(config), task, Split::Test, device)?;
+    let (_, model) = load_model(folder.path(), device)?;
+    let test = ScoredClips::read(&test_file(config), &model.task, Split::Test, device)?;
     let scores = evaluation::evaluate(&model, &test)?;
     print_results(&model, &test, &scores);
     Ok(ExitCode::SUCCESS)

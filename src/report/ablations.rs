@@ -14,6 +14,7 @@ use super::states::{ENCODED, INITIAL_VELOCITY, VELOCITY_SLOPE, unit};
 use super::statistics::significant;
 use super::verdicts::{self, Effect, REFINEMENT_RULE, SHIFT_RULE};
 use crate::cells::PhysicalParameter;
+use crate::tasks::Task;
 
 const ORIGINAL_SHIFT: &str = "model.exact_shift=false";
 const NO_REFINEMENT: &str = "model.refinement_steps=0";
@@ -78,7 +79,7 @@ fn results<'a>(page: &mut String, first: &str, groups: impl Iterator<Item = &'a 
 fn explanations(page: &mut String, plain: &Group, ablations: &[&Group]) -> Result<()> {
     let alone = |change: &str| ablations.iter().find(|group| group.changes == [change]);
     if let Some(changed) = alone(ORIGINAL_SHIFT) {
-        for parameter in plain.learned().filter(|parameter| parameter.length_power != 0) {
+        for parameter in plain.learned() {
             shift(page, plain, changed, parameter)?;
         }
     }
@@ -129,8 +130,8 @@ fn shift(page: &mut String, plain: &Group, changed: &Group, parameter: &Physical
     let name = parameter.name;
     let (exact, reported) = (plain.parameter(name), changed.parameter(name));
     let (Some(exact), Some(reported), Some(truth)) = (exact, reported, changed.truth(name)) else { return Ok(()) };
-    let side = plain.task.side as f64;
-    let expected = (side / (side - 1.0)).powi(parameter.length_power);
+    let Some(unit) = changed.own_unit(parameter) else { return Ok(()) };
+    let (side, expected) = (plain.task.side, 1.0 / unit);
     let raw = reported.times(expected);
     let verdict = verdicts::shift(raw.median / truth, expected, exact.median / truth);
     let digits = |value: f64| format!("{value:.4}");
@@ -141,7 +142,7 @@ fn shift(page: &mut String, plain: &Group, changed: &Group, parameter: &Physical
          own value is {}, that is {} of the truth, where the scale alone makes {expected:.4}. With the exact shift it \
          is {} of the truth. {}Seeds: {} and {}. Rule: {SHIFT_RULE}.\n",
         verdict.word(),
-        side - 1.0,
+        side - 1,
         side,
         reported.text(significant),
         raw.text(significant),
@@ -161,8 +162,8 @@ fn refinement(page: &mut String, plain: &Group, changed: &Group, name: &str) -> 
         Some(Effect {
             velocity: group.state_error(INITIAL_VELOCITY)?,
             error: group.error_percent(name)?,
-            error_size: group.spread(|summary| Some(summary.parameters.get(name)?.error_percent()?.abs()))?,
-            lost: group.finished().filter(|(run, summary)| !criteria::objects_found(run.config.task, summary)).count(),
+            error_size: group.spread(|summary| Some(summary.error_percent(name)?.abs()))?,
+            lost: group.finished().filter(|(_, summary)| lost(group.task, summary)).count(),
         })
     };
     let (Some(with), Some(without)) = (effect(plain), effect(changed)) else { return Ok(()) };
@@ -191,6 +192,12 @@ fn refinement(page: &mut String, plain: &Group, changed: &Group, name: &str) -> 
         plain.finished().count(),
     )?;
     Ok(())
+}
+
+/// Whether a run does not show its objects; one without L_rec does not.
+fn lost(task: &Task, summary: &Summary) -> bool {
+    let loss = summary.test.loss(Loss::Recons).unwrap_or(f64::NAN);
+    criteria::objects_found(task, loss) == Some(false)
 }
 
 /// How many times the true velocity is estimated, as a remark; empty of runs that do not say it.

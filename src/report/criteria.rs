@@ -49,37 +49,38 @@ const CRITERIA: &[Criterion] = &[
 pub(super) fn succeeded(config: &RunConfig, summary: &Summary) -> bool {
     let Some(criterion) = of(&summary.task) else { return false };
     let learned = |name: &str| config.task.cell.parameters.iter().any(|p| p.name == name && config.learns(p));
-    let error = |name: &str| summary.parameters.get(name).and_then(|parameter| parameter.error_percent());
     let parameters = criterion.parameters.iter().filter(|(name, _)| learned(name));
     // Nothing learned is no success.
     let judged = parameters.clone().count() + criterion.losses.len() > 0;
     judged
-        && parameters.clone().all(|(name, limit)| error(name).is_some_and(|error| error.abs() <= *limit))
+        && parameters
+            .clone()
+            .all(|(name, limit)| summary.error_percent(name).is_some_and(|error| error.abs() <= *limit))
         && criterion.losses.iter().all(|(loss, limit)| summary.test.loss(*loss).is_some_and(|value| value <= *limit))
 }
 
 /// The original's yardsticks, larger than its figures: test losses below which the objects are found (L_rec; blank frames
 /// have some tens) and the physics is learned (L_pred). For digits it has only the second.
-pub(super) fn yardsticks(task: &Task) -> &'static [(Loss, f64)] {
+fn yardsticks(task: &Task) -> &'static [(Loss, f64)] {
     match task.scene.look {
         Look::Digits => &[(Loss::Pred, 30.0)],
         Look::Balls | Look::Bar => &[(Loss::Recons, 1.5), (Loss::Pred, 3.0)],
     }
 }
 
-/// Whether a finished run shows its objects, as far as there is a yardstick for that.
-pub(super) fn objects_found(task: &Task, summary: &Summary) -> bool {
-    let limit = yardsticks(task).iter().find(|(loss, _)| *loss == Loss::Recons);
-    limit.is_none_or(|(loss, limit)| summary.test.loss(*loss).is_some_and(|value| value < *limit))
+/// Whether a reconstruction with this L_rec shows the objects; none where no yardstick says so.
+pub(super) fn objects_found(task: &Task, recons_loss: f64) -> Option<bool> {
+    let (_, limit) = yardsticks(task).iter().find(|(loss, _)| *loss == Loss::Recons)?;
+    Some(recons_loss < *limit)
 }
 
 /// Whether a finished run is within the yardsticks, and no parameter further from its truth than the paper's.
 pub(super) fn reaches_paper(config: &RunConfig, summary: &Summary) -> bool {
-    let error = |name: &str| summary.parameters.get(name).and_then(|parameter| parameter.error_percent());
     let mut learned = config.task.cell.parameters.iter().filter(|parameter| config.learns(parameter));
     let near = learned.all(|parameter| {
         let paper = published::parameter(config.task.key, parameter.name);
-        paper.is_none_or(|paper| error(parameter.name).is_some_and(|e| e.abs() <= paper.error_percent().abs()))
+        let error = summary.error_percent(parameter.name);
+        paper.is_none_or(|paper| error.is_some_and(|error| error.abs() <= paper.error_percent().abs()))
     });
     near && yardsticks(config.task)
         .iter()

@@ -88,7 +88,7 @@ impl Group {
 
     /// Errors of a parameter in per cent, with their signs.
     pub(super) fn error_percent(&self, name: &str) -> Option<Spread> {
-        self.spread(|summary| summary.parameters.get(name)?.error_percent())
+        self.spread(|summary| summary.error_percent(name))
     }
 
     pub(super) fn loss(&self, loss: Loss) -> Option<Spread> {

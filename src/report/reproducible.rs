@@ -10,7 +10,7 @@ use super::groups::{Group, Purpose};
 use super::markdown::{NONE, row, show, table};
 use super::pictures::Pictures;
 use super::published::{self, EPOCHS};
-use super::runs::{Loss, Run};
+use super::runs::Run;
 use super::statistics::significant;
 
 /// The recipe that is the paper's protocol.
@@ -100,8 +100,7 @@ fn directions(runs: &[&Run]) -> String {
 
 /// None where no validation is on record, or nothing says when the objects count as found.
 fn found(run: &Run) -> Option<bool> {
-    let (_, limit) = criteria::yardsticks(run.config.task).iter().find(|(loss, _)| *loss == Loss::Recons)?;
-    Some(run.trace.as_ref().ok()?.last_validation("recons_loss")? < *limit)
+    criteria::objects_found(run.config.task, run.trace.as_ref().ok()?.last_validation("recons_loss")?)
 }
 
 /// How far one run went, and where it stood.

@@ -118,6 +118,11 @@ impl Parameter {
 }
 
 impl Summary {
+    /// The error of a learned parameter in per cent, with its sign; none where its truth is not known.
+    pub(super) fn error_percent(&self, name: &str) -> Option<f64> {
+        self.parameters.get(name)?.error_percent()
+    }
+
     fn data(&self) -> Option<Data> {
         Some(Data {
             training_clips: self.training_clips?,

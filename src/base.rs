@@ -19,7 +19,7 @@ use crate::optimizers::{Optimizer, Rule};
 use crate::physics_models::PhysicsNet;
 use crate::physics_models::losses::{LossMeans, Losses, MeanLosses};
 use crate::progress::Progress;
-use crate::recipe::{self, GradientPhase, Phase, StepLoss, discover, identify, join, recentre};
+use crate::recipe::{self, GradientPhase, Phase, StepLoss, discover, identify, join, recentre, velocity_fit};
 use crate::run_folder::RunFolder;
 use crate::say;
 
@@ -281,7 +281,7 @@ impl<'a> Trainer<'a> {
     /// Fits the physical parameters to encoded trajectories, and re-centres the templates.
     fn identify(&mut self) -> Result<Outcome> {
         let config = self.config.identify.as_ref().expect("the phase is in the recipe");
-        if self.model.learned().next().is_none() {
+        if self.model.learned().next().is_none() && config.velocity_steps == 0 {
             return Ok(Outcome::Finished);
         }
         let (positions, actions) = self.encode_clips(config.clips)?;
@@ -303,6 +303,13 @@ impl<'a> Trainer<'a> {
             "iterations": fit.iterations, "offsets": fit.offsets, "recentred": recentred, "seconds": self.elapsed(),
         });
         self.add_parameters(&mut record);
+        if config.velocity_steps > 0 {
+            let (frames, steps) = (self.train.time(), config.velocity_steps);
+            let left = velocity_fit::fit(self.model, &fit.states, &actions, frames, steps)?;
+            let unit = self.model.task.cell.coordinates.unit();
+            self.say(&format!("velocity - residual={left:.4} {unit} per time unit"))?;
+            record["velocity_residual"] = left.into();
+        }
         self.folder.record(&record)?;
         Ok(Outcome::Finished)
     }

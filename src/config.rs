@@ -108,6 +108,9 @@ pub struct Identify {
     pub huber: f64,
     /// Re-centre the templates when an offset is larger than this many pixels; 0 never does.
     pub recentre_above: f64,
+    /// Steps on the velocity estimator, towards the fitted trajectories' velocities. A config without it means none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub velocity_steps: u64,
 }
 
 /// Training everything together.
@@ -342,6 +345,10 @@ impl Identify {
         );
         Ok(())
     }
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 fn at_least_one(key: &str, count: u64) -> Result<()> {

@@ -6,14 +6,22 @@ use paig::datasets::generators::{Counts, generate_clips};
 use paig::datasets::sprites::Sprites;
 use paig::datasets::variant::Variant;
 use paig::initial_values::named_generator;
-use paig::physics_models::Parameter;
+use paig::physics_models::{ModelOptions, Parameter, PhysicsNet};
 use paig::recipe::identify::{Fit, fit};
+use paig::recipe::velocity_fit;
 use paig::tasks::{Task, find};
 use rand::Rng;
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 fn settings() -> Identify {
-    Identify { clips: 200, horizons: vec![3, 4, 6, 8, 12], max_iterations: 30, huber: 1.0, recentre_above: 0.0 }
+    Identify {
+        clips: 200,
+        horizons: vec![3, 4, 6, 8, 12],
+        max_iterations: 30,
+        huber: 1.0,
+        recentre_above: 0.0,
+        velocity_steps: 0,
+    }
 }
 
 /// Standard normal numbers that are the same in every run, `[clips, n]`.
@@ -161,4 +169,22 @@ fn true_trajectories_give_the_spring_up_to_the_integration_step() {
     println!("k {k}, l {l}, residual {} px", fit.residual);
     assert!((k / 4.0 - 0.998).abs() < 0.001, "k {k}");
     assert!((l / 6.0 - 1.0).abs() < 0.001, "l {l}");
+}
+
+/// Without forces the velocity is the difference of any two positions: the estimator has all it needs.
+#[test]
+fn the_velocity_estimator_learns_free_motion() {
+    let task = find("spring_color").unwrap();
+    let model = PhysicsNet::new(task, &ModelOptions::original(), Device::Cpu, 3);
+    let stiffness = model.learned().find(|parameter| parameter.kind.name == "k").unwrap();
+    model.set_log(stiffness, 1e-6f64.ln());
+    let start = Tensor::from_slice(&[21.0, 16.0, 9.0, 16.0]) + normal("positions", 4);
+    let spread = 3.0;
+    let first = Tensor::cat(&[start, normal("velocities", 4) * spread], 1);
+    let left = |steps| velocity_fit::fit(&model, &first, &Actions::none(), FRAMES, steps).unwrap();
+    let before = left(0);
+    let after = left(1500);
+    println!("velocity error {before} before, {after} after");
+    assert!(before > 0.5 * spread, "an untrained estimator knows nothing: {before}");
+    assert!(after < 0.1 * spread, "a tenth of the velocities' spread is left at most: {after}");
 }

@@ -33,13 +33,15 @@ const DAMPING_LIMIT: f64 = 1e8;
 const CONVERGED: f64 = 1e-5;
 
 /// The result of a fit.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Fit {
     /// Log-parameters in the cell's order, those that are held included.
     pub logs: Vec<f64>,
     /// Encoded minus true position of each object in the cell's coordinates; a common shift is taken as 0 where the physics
     /// does not depend on it.
     pub offsets: Vec<f64>,
+    /// Positions (without the offsets) and velocities of each clip at its first frame, `[clips, 2 * coordinates]`.
+    pub states: Tensor,
     /// Root mean square of the residuals at the longest horizon, pixels or radians.
     pub residual: f64,
     pub iterations: usize,
@@ -114,7 +116,8 @@ pub fn fit(
         iterations += problem.minimise(&mut unknowns, config.max_iterations);
         residual = problem.residual(&unknowns).square().mean(Kind::Double).sqrt().double_value(&[]);
     }
-    Ok(Fit { logs: values(&unknowns.logs), offsets: values(&unknowns.offsets), residual, iterations })
+    let (logs, offsets) = (values(&unknowns.logs), values(&unknowns.offsets));
+    Ok(Fit { logs, offsets, states: unknowns.states, residual, iterations })
 }
 
 fn values(x: &Tensor) -> Vec<f64> {

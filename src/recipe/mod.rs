@@ -10,6 +10,7 @@ pub mod identify;
 pub mod join;
 pub mod recentre;
 pub mod schedule;
+pub mod velocity_fit;
 
 use anyhow::Result;
 use tch::Tensor;

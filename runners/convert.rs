@@ -8,12 +8,10 @@ use clap::Parser;
 use paig::config::{Config, Overrides};
 use paig::convert::convert;
 use paig::physics_models::ModelOptions;
+use paig::run::exit_code;
 use paig::run_folder::CONFIG;
 use paig::say;
 use paig::tasks::{self, Task};
-
-/// Exit code for bad input.
-const BAD_INPUT: u8 = 2;
 
 /// Converts a model's weights between a run's checkpoint or a PyTorch state_dict (.safetensors; both have the same names)
 /// and TensorFlow's named variables (.npz). The variables must be exactly those of a model of the task.
@@ -44,13 +42,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::from(BAD_INPUT)
-        }
-    }
+    exit_code(run(&Arguments::parse()).map(|()| ExitCode::SUCCESS))
 }
 
 fn run(arguments: &Arguments) -> Result<()> {

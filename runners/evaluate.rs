@@ -1,6 +1,6 @@
 //! Scores a run on a dataset file. See `evaluate --help`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
@@ -64,8 +64,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
 /// What cannot be written must not cost the scoring.
 fn check_places(arguments: &Arguments) -> Result<()> {
     for path in arguments.json.iter().chain(&arguments.picture) {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        ensure!(folder.is_none_or(Path::is_dir), "{}: there is no such folder", path.display());
+        durable::check_place(path)?;
     }
     if let Some(picture) = &arguments.picture {
         let png = picture.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));

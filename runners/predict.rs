@@ -5,8 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use paig::datasets::iterators::Clips;
-use paig::evaluation::{self, ClipsOfRun, ScoredRun};
+use paig::evaluation::{ClipsOfRun, ScoredClips, ScoredRun};
 use paig::rollout;
 use paig::run::exit_code;
 use paig::say;
@@ -40,8 +39,8 @@ fn main() -> ExitCode {
 
 fn execute(arguments: &Arguments) -> Result<ExitCode> {
     let ClipsOfRun { model, file, split, device, .. } = arguments.run.open()?;
-    let dataset = evaluation::read_dataset(&file, &model.task)?;
-    let clips = Clips::new(dataset.split(split), dataset.actions(split), device);
+    let ScoredClips { clips, notes, .. } = ScoredClips::read(&file, &model.task, split, device)?;
+    notes.iter().for_each(|note| say!("note: {note}"));
     ensure!(
         arguments.clip < clips.len(),
         "there is no clip {}; {} of {} holds {} clips, counted from 0",
@@ -54,6 +53,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     let frames = arguments.frames.unwrap_or(clips.time() - model.task.input_steps);
     let prediction = rollout::roll_out(&model, &clip, &clips.actions(&[arguments.clip as i64]), frames)?;
     rollout::write(&arguments.out, &model.task, &prediction)?;
-    say!("{frames} frames after the input of clip {}: {}", arguments.clip, arguments.out.display());
+    let frames = if frames == 1 { "1 frame".into() } else { format!("{frames} frames") };
+    say!("{frames} after the input of clip {}: {}", arguments.clip, arguments.out.display());
     Ok(ExitCode::SUCCESS)
 }

@@ -34,12 +34,12 @@ struct Arguments {
     #[arg(long, default_value = "fast")]
     recipe: String,
     /// A config (TOML) with what differs from the recipe
-    #[arg(long, value_name = "FILE", requires = "name")]
+    #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Set one key of the config, for example --set join.batch=50; may be repeated
-    #[arg(long, value_name = "KEY=VALUE", requires = "name")]
+    #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Name of a changed recipe, for the run folders
+    /// Name of a changed recipe, for the run folders; --set and --config need one
     #[arg(long)]
     name: Option<String>,
     /// Runs at a time
@@ -57,7 +57,8 @@ struct Arguments {
     /// cpu, cuda or cuda:n [default: cpu]
     #[arg(long)]
     device: Option<String>,
-    /// Run nothing: print a command for each run, one a line, for GNU parallel, a Slurm array or HyperQueue
+    /// Run nothing: print a command for each run, one a line, for GNU parallel, a Slurm array or HyperQueue; to be run
+    /// from this folder where --out, --data or --config are relative
     #[arg(long)]
     dry_run: bool,
 }

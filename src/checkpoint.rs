@@ -63,6 +63,9 @@ pub struct Index {
     pub last: String,
 }
 
+/// What to do about a checkpoint that cannot be read: there is no other one.
+const ADVICE: &str = "put it back from a copy, or begin the run again in another folder";
+
 const INDEX: &str = "index.json";
 const WEIGHTS: &str = "weights.safetensors";
 const SLOTS: &str = "slots.safetensors";
@@ -183,7 +186,7 @@ pub fn find_weights(path: &Path) -> Result<PathBuf> {
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
     let text = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    serde_json::from_slice(&text).with_context(|| format!("{} is damaged", path.display()))
+    serde_json::from_slice(&text).with_context(|| format!("{} is damaged; {ADVICE}", path.display()))
 }
 
 fn write_tensors(tensors: &[(String, Tensor)], path: &Path) -> Result<()> {
@@ -196,8 +199,9 @@ fn write_tensors(tensors: &[(String, Tensor)], path: &Path) -> Result<()> {
 
 /// Named tensors, sorted by name.
 fn read_tensors(path: &Path) -> Result<Vec<(String, Tensor)>> {
-    let mut tensors = Tensor::read_safetensors(path)
-        .with_context(|| format!("cannot read {} (missing, cut short or no safetensors file)", path.display()))?;
+    let mut tensors = Tensor::read_safetensors(path).with_context(|| {
+        format!("cannot read {} (missing, cut short or no safetensors file); {ADVICE}", path.display())
+    })?;
     tensors.sort_by(|a, b| a.0.cmp(&b.0));
     Ok(tensors)
 }

@@ -1,6 +1,6 @@
 //! Configuration: a recipe, under a file, under the command line. Unknown keys are refused at every layer.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -193,8 +193,12 @@ impl Config {
             merge(&mut merged, parse_layer(text).expect("the recipes that come with the program are sound"));
         }
         merge(&mut merged, file_layer);
+        let of_file = merged.clone();
         merge(&mut merged, command_line);
-        let config: Config = Value::Table(merged).try_into().context("config")?;
+        let config: Config = Value::Table(merged).try_into().with_context(|| match file {
+            Some(path) if Value::Table(of_file).try_into::<Config>().is_err() => format!("config {}", path.display()),
+            _ => "config, as the command line has it".to_string(),
+        })?;
         config.check(task)?;
         Ok(config)
     }
@@ -224,15 +228,21 @@ impl Config {
     /// An unknown task or recipe.
     pub fn differences_from_recipe(&self) -> Result<Vec<String>> {
         let (task, recipe) = (Some(self.task.clone()), Some(self.recipe.clone()));
-        let plain = Config::load(None, &Overrides { task, recipe, ..Overrides::default() })?;
+        let seed = Some(self.seed);
+        Ok(self.differences(&Config::load(None, &Overrides { task, recipe, seed, ..Overrides::default() })?))
+    }
+
+    /// What differs from another config, each as `section.key=value` with this one's value (`not set` where there is none),
+    /// in the order of the keys. Device, threads and the data's folder do not count.
+    pub fn differences(&self, other: &Config) -> Vec<String> {
         let values = |config: &Config| leaves(&Table::try_from(config).expect("a config is plain data"));
-        let plain = values(&plain);
-        Ok(values(self)
-            .into_iter()
-            .filter(|(key, _)| !["seed", "device", "threads", "data.folder"].contains(&key.as_str()))
-            .filter(|(key, value)| plain.get(key) != Some(value))
-            .map(|(key, value)| format!("{key}={value}"))
-            .collect())
+        let (own, others) = (values(self), values(other));
+        let keys: BTreeSet<_> = own.keys().chain(others.keys()).collect();
+        keys.into_iter()
+            .filter(|key| !["device", "threads", "data.folder"].contains(&key.as_str()))
+            .filter(|key| own.get(*key) != others.get(*key))
+            .map(|key| own.get(key).map_or(format!("{key} not set"), |value| format!("{key}={value}")))
+            .collect()
     }
 
     /// The row of the task table.

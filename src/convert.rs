@@ -13,7 +13,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::Write;
+use std::io::{Cursor, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -118,15 +118,13 @@ fn save_safetensors(path: &Path, variables: &[(String, Tensor)]) -> Result<()> {
 }
 
 fn save_npz(path: &Path, variables: &[(String, Tensor)]) -> Result<()> {
-    durable::write_file(path, |file| {
-        let mut archive = NpzWriter::new(file);
-        for (name, variable) in variables {
-            let (shape, values) = shape_and_values(&layout_to_tensorflow(name, &variable.detach())?)?;
-            archive.add_array(to_tensorflow(name)?, &ArrayD::from_shape_vec(IxDyn(&shape), values)?)?;
-        }
-        archive.finish()?;
-        Ok(())
-    })
+    let mut archive = NpzWriter::new(Cursor::new(Vec::new()));
+    for (name, variable) in variables {
+        let (shape, values) = shape_and_values(&layout_to_tensorflow(name, &variable.detach())?)?;
+        archive.add_array(to_tensorflow(name)?, &ArrayD::from_shape_vec(IxDyn(&shape), values)?)?;
+    }
+    let bytes = archive.finish()?.into_inner();
+    durable::write_file(path, |file| Ok(file.write_all(&bytes)?))
 }
 
 /// Values in row-major order.

@@ -14,9 +14,9 @@ pub fn parse(text: &str) -> Result<Device> {
     let device = match text.split_once(':') {
         None if text == "cpu" => return Ok(Device::Cpu),
         None if text == "cuda" => Device::Cuda(0),
-        Some(("cuda", number)) => {
-            Device::Cuda(number.parse().with_context(|| format!("device {text:?}: not a number"))?)
-        }
+        Some(("cuda", number)) => Device::Cuda(
+            number.parse().ok().with_context(|| format!("device {text:?}: expected cuda:n with n from 0 on"))?,
+        ),
         _ => bail!("unknown device {text:?}; expected cpu, cuda or cuda:n"),
     };
     ensure!(
@@ -88,8 +88,9 @@ pub fn banner(device: Device, threads: usize) -> String {
         Device::Cuda(n) => format!("cuda:{n}"),
         other => format!("{other:?}"),
     };
+    let s = if threads == 1 { "" } else { "s" };
     format!(
-        "paig {} ({COMMIT}) | libtorch {LIBTORCH_VERSION} | device {device} ({gpu}) | {threads} threads",
+        "paig {} ({COMMIT}) | libtorch {LIBTORCH_VERSION} | device {device} ({gpu}) | {threads} thread{s}",
         env!("CARGO_PKG_VERSION")
     )
 }

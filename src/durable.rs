@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 /// Writes a file in one step; what stood there before stays until the new one is complete.
 ///
@@ -47,6 +47,20 @@ pub fn write_folder(path: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Resu
     attempt()
         .inspect_err(|_| drop(fs::remove_dir_all(&partial)))
         .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Tries whether a file could be written: what takes long should not fail at its end.
+///
+/// # Errors
+/// A missing folder or one that cannot be written, a folder in the file's place.
+pub fn check_place(path: &Path) -> Result<()> {
+    let attempt = || -> Result<()> {
+        ensure!(!path.is_dir(), "a folder is there");
+        let partial = partial_name(path);
+        File::create(&partial)?;
+        Ok(fs::remove_file(&partial)?)
+    };
+    attempt().with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn partial_name(path: &Path) -> PathBuf {

@@ -1,19 +1,42 @@
 //! What a person sees of a run: a bar on a terminal, now and then a plain line elsewhere.
 
-use std::io::IsTerminal;
+use std::fmt::Arguments;
+use std::io::{ErrorKind, IsTerminal, Write};
+use std::sync::Mutex;
+
+use anyhow::{Context, Result};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// `println!` for lines that nobody has to read: a reader that went away (`| head`) neither stops a program nor makes it
-/// panic.
+/// Why the first line that could not be written was not, unless its reader had gone away.
+static UNWRITTEN: Mutex<Option<std::io::Error>> = Mutex::new(None);
+
+/// `println!` that does not panic: a reader that went away (`| head`) is no error, and a full disk stops no training; the
+/// program says it at its end (see [`ensure_written`]).
 #[macro_export]
 macro_rules! say {
     () => {
         $crate::say!("")
     };
     ($($line:tt)*) => {{
-        let _ = std::io::Write::write_fmt(&mut std::io::stdout(), format_args!("{}\n", format_args!($($line)*)));
+        $crate::progress::write_line(format_args!("{}\n", format_args!($($line)*)));
     }};
+}
+
+/// What [`say!`] does.
+pub fn write_line(line: Arguments) {
+    if let Err(error) = std::io::stdout().write_fmt(line)
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        UNWRITTEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(error);
+    }
+}
+
+/// # Errors
+/// A line that could not be written to standard output, to a full disk for example.
+pub fn ensure_written() -> Result<()> {
+    let unwritten = UNWRITTEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take();
+    unwritten.map_or(Ok(()), Err).context("cannot write to standard output; what is there is not complete")
 }
 
 /// Progress of one phase.

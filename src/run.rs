@@ -23,14 +23,22 @@ use crate::recipe::join::Joint;
 use crate::run_folder::{CONFIG, RunFolder};
 use crate::say;
 use crate::tasks;
-use crate::{checkpoint, device, interrupt, viz};
+use crate::{checkpoint, device, interrupt, progress, viz};
 
 /// Exit code of a run that was asked to stop, as shells have it for SIGINT.
 const INTERRUPTED: u8 = 130;
 
 /// Learns objects, positions and physical parameters from unlabelled video: trains, scores, writes pictures.
 #[derive(Debug, Parser)]
-#[command(version, about, long_about = None, allow_negative_numbers = true)]
+#[command(
+    version,
+    about,
+    long_about = None,
+    allow_negative_numbers = true,
+    after_help = "Examples:\n  run_physics --task spring_color --seed 1\n  \
+                  run_physics --task 3bp_color --set join.max_steps=400 --out runs/longer\n  \
+                  run_physics --resume --out runs/spring_color/fast/seed=1"
+)]
 pub struct AnyTask {
     #[arg(long, help = format!("The system to learn: {}", tasks::keys()))]
     task: Option<String>,
@@ -58,7 +66,8 @@ struct RunArgs {
     /// The recipe to start from: fast (default) or paper
     #[arg(long)]
     recipe: Option<String>,
-    /// Set one key of the config, for example --set join.batch=50; may be repeated
+    /// Set one key of the config, for example --set join.batch=50; may be repeated. --print-config shows all keys, the
+    /// recipes in configs/ say what they mean
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Run folder [default: runs/TASK/RECIPE/seed=N]
@@ -76,7 +85,8 @@ struct RunArgs {
     /// Threads to compute with; 0 for one a core [default: 0]
     #[arg(long)]
     threads: Option<usize>,
-    /// Go on with the run in the folder, to the same result as if it had never stopped
+    /// Go on with the run in the folder, to the same result as if it had never stopped (to the bit with as many threads).
+    /// Of the other options only --device, --threads and --data may differ from the run's own
     #[arg(long)]
     resume: bool,
     /// Do not train: score the folder's last checkpoint on the test file
@@ -98,9 +108,9 @@ pub fn one_task(key: &str) -> ExitCode {
     exit_code(OneTask::parse().run.execute(Some(key.to_string())))
 }
 
-/// Prints an error with its causes on one line.
+/// Prints an error with its causes on one line. Output that could not be written is one.
 pub fn exit_code(result: Result<ExitCode>) -> ExitCode {
-    result.unwrap_or_else(|error| {
+    result.and_then(|code| progress::ensure_written().map(|()| code)).unwrap_or_else(|error| {
         let chain = format!("{error:#}");
         let lines: Vec<_> = chain.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
         eprintln!("error: {}", lines.join(" "));
@@ -149,36 +159,48 @@ impl RunArgs {
 
     /// The run's folder and config.
     fn open(&self, task: Option<String>) -> Result<(Opened, Config)> {
-        let overrides = self.overrides(task);
-        let config = Config::load(self.config.as_deref(), &overrides);
-        let earlier = self.resume || self.test_mode;
-        let out = match (&self.out, &config) {
-            (Some(out), _) => out.clone(),
-            (None, Ok(c)) => Path::new("runs").join(&c.task).join(&c.recipe).join(format!("seed={}", c.seed)),
-            (None, Err(_)) => {
-                let error = config.expect_err("matched");
-                let which = "say which run with --out, or with the options that it was begun with";
-                return Err(if earlier { error.context(which) } else { error });
-            }
-        };
-        if !earlier {
+        let load = || Config::load(self.config.as_deref(), &self.overrides(task.clone()));
+        let own = |c: Config| Path::new("runs").join(&c.task).join(&c.recipe).join(format!("seed={}", c.seed));
+        if !(self.resume || self.test_mode) {
+            let out = self.out.clone().map_or_else(|| load().map(own), Ok)?;
             RunFolder::ensure_free(&out)?;
-            return Ok((Opened::New(out), config?));
+            return Ok((Opened::New(out), load()?));
         }
+        let which = "say which run with --out, or with the options that it was begun with";
+        let out = self.out.clone().map_or_else(|| load().map(own).context(which), Ok)?;
         let (folder, saved) = RunFolder::reopen(&out)?;
-        if let Some(task) = &overrides.task {
+        if let Some(task) = &task {
             ensure!(saved.task == *task, "{} holds a run of task {}, not of {task}", out.display(), saved.task);
         }
-        // With nothing but the folder given, the run's own config holds; what is given must agree with it.
-        let given =
-            self.config.is_some() || overrides != Overrides { task: overrides.task.clone(), ..Overrides::default() };
+        let config = self.going_on(&saved, &out)?;
+        Ok((Opened::Earlier(folder), config))
+    }
+
+    /// The config of an earlier run with what may change: where it computes and where its data lie. Anything else that is
+    /// given must be as it was.
+    fn going_on(&self, saved: &Config, out: &Path) -> Result<Config> {
+        let mut config = saved.clone();
+        config.device = self.device.clone().unwrap_or(config.device);
+        config.threads = self.threads.unwrap_or(config.threads);
+        config.data.folder = self.data.clone().unwrap_or(config.data.folder);
+        let recipe = self.recipe.clone().unwrap_or(saved.recipe.clone());
+        let seed = self.seed.unwrap_or(saved.seed);
+        // Without what it was changed by, nobody says that a recipe was not changed.
+        let asked = if self.config.is_none() && self.set.is_empty() {
+            Config { recipe, seed, ..saved.clone() }
+        } else {
+            let given = self.overrides(Some(saved.task.clone()));
+            Config::load(self.config.as_deref(), &Overrides { recipe: Some(recipe), seed: Some(seed), ..given })?
+        };
+        let differences = saved.differences(&asked);
         ensure!(
-            !given || saved == config?,
-            "{0} was begun with another config ({0}/config.toml); resume it with --out {0} and no other option, or \
-             choose another folder",
+            differences.is_empty(),
+            "{0} was begun with another config ({0}/config.toml has {1}); resume it with --out {0} and no option but \
+             --device, --threads, --data, or choose another folder",
             out.display(),
+            differences.join(", ")
         );
-        Ok((Opened::Earlier(folder), saved))
+        Ok(config)
     }
 }
 
@@ -200,8 +222,9 @@ impl TrainingData {
     /// too, and dropped, and there must be a batch for `join`.
     fn load(config: &Config, device: Device) -> Result<Self> {
         let task = config.task()?;
-        let training =
-            DatasetFile::read(&config.data.folder.join(&config.data.train_file), &ClipShape::training(task))?;
+        let path = config.data.folder.join(&config.data.train_file);
+        let training = DatasetFile::read(&path, &ClipShape::training(task))?;
+        training.check_motion(&path)?;
         DatasetFile::read(&test_file(config), &ClipShape::test(task))?;
         let clips = |split| Clips::new(training.split(split), training.actions(split), device);
         let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
@@ -331,7 +354,9 @@ fn print_results(model: &PhysicsNet, test: &ScoredClips, scores: &Evaluation) {
 /// # Errors
 /// A folder that holds no run or no checkpoint, or one of another task.
 pub fn load_model(folder: &Path, device: Device) -> Result<(Config, PhysicsNet)> {
-    let config = Config::read(&folder.join(CONFIG)).context("not a run folder")?;
+    let path = folder.join(CONFIG);
+    ensure!(path.exists(), "{} is not a run folder: there is no {CONFIG} in it", folder.display());
+    let config = Config::read(&path)?;
     let model = PhysicsNet::new(config.task()?, &config.model, device, config.seed);
     checkpoint::load_weights(&checkpoint::find_weights(folder)?, &model)?;
     Ok((config, model))

@@ -118,7 +118,14 @@ fn run_folders_are_guarded() {
     let done = fresh(&mut spring(&run)).args(steps).args(small).output().unwrap();
     assert!(done.status.success(), "{}", text(&done));
     assert_says(&refused(fresh(&mut spring(&run)).args(steps)), &["holds a run already", "--resume"]);
-    assert_says(&refused(spring(&run).args(["--resume", "--seed", "9"])), &["another config", "config.toml"]);
+    assert_says(&refused(spring(&run).args(["--resume", "--seed", "9"])), &["another config", "config.toml", "seed=0"]);
+    let said = refused(spring(&run).args(["--resume", "--set", "join.batch=7"]));
+    assert_says(&said, &["another config", "join.batch=25", "--threads"]);
+    // Where a run computes may change, and the folder says the task.
+    let mut elsewhere = Command::new(env!("CARGO_BIN_EXE_run_physics"));
+    elsewhere.args(["--resume", "--threads", "2", "--seed", "0", "--data"]).arg(dataset()).arg("--out").arg(&run);
+    let done = elsewhere.output().unwrap();
+    assert!(done.status.success() && text(&done).contains("2 threads"), "{}", text(&done));
     // Without its config a run's checkpoints are not taken for the beginning of another run.
     fs::rename(run.join("config.toml"), run.join("away.toml")).unwrap();
     assert_says(&refused(fresh(&mut spring(&run)).args(["--seed", "9"])), &["holds a run already"]);
@@ -152,4 +159,13 @@ fn run_folders_are_guarded() {
     fs::write(&weights, &sound[..sound.len() / 2]).unwrap();
     assert_says(&refused(spring(&run).arg("--resume")), &["weights.safetensors"]);
     assert!(dataset().exists());
+}
+
+#[test]
+fn output_that_cannot_be_written_is_an_error() {
+    let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let mut print = Command::new(env!("CARGO_BIN_EXE_run_physics"));
+    let output = print.args(["--task", "spring_color", "--print-config"]).stdout(full()).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert_says(&text(&output), &["error: cannot write to standard output", "No space left"]);
 }

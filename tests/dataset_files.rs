@@ -17,8 +17,15 @@ use paig::tasks::{Task, find};
 use tch::{Device, Kind};
 use tempfile::TempDir;
 
-const SMALL: ClipShape =
-    ClipShape { task: "spring_color", frames: 3, or_frames: None, side: 4, channels: 3, actions: false };
+const SMALL: ClipShape = ClipShape {
+    task: "spring_color",
+    frames: 3,
+    or_frames: None,
+    side: 4,
+    channels: 3,
+    actions: false,
+    needed: [true; 3],
+};
 const COUNTS: Counts = Counts { train: 12, valid: 2, test: 3 };
 
 fn task() -> &'static Task {
@@ -101,11 +108,40 @@ fn wrong_shapes_are_named() {
     assert_says(&message_for_shape(&[0, 3, 4, 4, 3]), &["no clips"]);
 }
 
+/// A training file of one's own needs no test clips, a test file no training clips.
+#[test]
+fn splits_that_are_not_needed_may_be_missing_or_empty() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("data.npz");
+    let test = ClipShape { needed: [false, false, true], ..SMALL };
+    let none = Array5::<u8>::zeros((0, 3, 4, 4, 3));
+    for arrays in [vec![("test_x", counting(2))], vec![("test_x", counting(2)), ("train_x", none.clone())]] {
+        let arrays: Vec<_> = arrays.into_iter().map(|(name, array)| (name, array.into_dyn())).collect();
+        write_npz(&path, &arrays);
+        let read = DatasetFile::read(&path, &test).unwrap();
+        assert_eq!((read.test, read.train, read.valid), (counting(2), none.clone(), none.clone()));
+        let training = ClipShape { needed: [true, true, false], ..SMALL };
+        assert_says(&format!("{:#}", DatasetFile::read(&path, &training).unwrap_err()), &["train_x"]);
+    }
+}
+
+#[test]
+fn clips_without_light_or_motion_are_refused() {
+    let path = Path::new("mine.npz");
+    let refused = |train| format!("{:#}", DatasetFile { train, ..small() }.check_motion(path).unwrap_err());
+    small().check_motion(path).unwrap();
+    assert_says(&refused(counting(0).mapv(|value| value % 2)), &["train_x", "mine.npz", "brighter than 1", "by 255"]);
+    let still = Array::from_shape_fn((2, 3, 4, 4, 3), |(n, _, y, x, c)| (n * 50 + y * 12 + x * 3 + c) as u8);
+    assert_says(&refused(still), &["train_x", "mine.npz", "nothing moves"]);
+}
+
 #[test]
 fn damaged_and_foreign_files_are_named() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("data.npz");
     assert_says(&message(&path), &["data.npz", "generate --task spring_color"]);
+
+    assert_says(&message(folder.path()), &["is a folder"]);
 
     fs::write(&path, b"not a zip file").unwrap();
     assert_says(&message(&path), &["data.npz", "truncated"]);

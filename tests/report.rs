@@ -187,6 +187,19 @@ fn a_report_can_be_made_again_from_its_records_and_counts_no_run_twice() {
     let done = report(&[second.clone(), runs.clone()], &third);
     assert!(String::from_utf8(done.stdout).unwrap().contains("3 finished, 1 unfinished, 0 unreadable"));
     assert!(fs::read_to_string(third.join("report.md")).unwrap().contains("| 1 | cut off after 77 steps |"));
+    // A report that fails leaves the one before as it was.
+    fs::create_dir_all(runs.join("again/templates.png")).unwrap();
+    let before = read(&third.join("results.json"));
+    let failed = report(std::slice::from_ref(&runs), &third);
+    assert!(!failed.status.success() && String::from_utf8(failed.stderr).unwrap().contains("templates.png"));
+    assert_eq!(read(&third.join("results.json")), before);
+    assert!(third.join("records/spring_color/fast/seed=0/summary.json").exists());
+    assert_eq!(fs::read_dir(&third).unwrap().count(), 5, "something is left of the report that failed");
+    fs::remove_dir(runs.join("again/templates.png")).unwrap();
+    // Names of folders have an end.
+    let place = "a folder of data with a long name/".repeat(9);
+    finished(&runs.join("far"), 0, &[&format!("data.folder={place:?}")], (4.0, 6.0), 0.3);
+    assert!(report(std::slice::from_ref(&runs), &third).status.success());
     // What is not a report's is not removed.
     let foreign = folder.path().join("foreign");
     fs::create_dir_all(foreign.join("pictures")).unwrap();
@@ -224,14 +237,14 @@ fn changed_recipes_stand_beside_the_plain_one_with_a_verdict() {
     assert!(report(&[runs], &out).status.success());
     let page = fs::read_to_string(out.join("report.md")).unwrap();
     for line in [
-        "**The decoder's coordinate scale as the source of the error of l: confirmed.**",
-        "the model's own value is 6.195 [6.194, 6.196], that is 1.0324 [1.0323, 1.0326] of the truth, where the scale \
-         alone makes 1.0323",
-        "**The estimated velocity as the source of the error of k: confirmed.**",
+        "- Where do the paper's errors come from? From the decoder's unit of length: **confirmed** for l of spring_color. \
+         From the estimated velocity: **confirmed** for k of spring_color.",
+        "| spring_color | l | 1.0283 | 1.0324 [1.0323, 1.0326] | 1.0323 | 0.9998 | 3, 3 | confirmed |",
         "## Other parameters at the start: spring_color, fast",
-        "With `join.learning_rate=0.0006, join.max_steps=1000, model.refinement_steps=0` the initial velocity is off by \
-         0.8000 px per time unit (the true one times 0.6000) and k by +15.00\u{a0}%; with the refinement \
-         (`join.learning_rate=0.0006, join.max_steps=1000`) by 0.5000 (the true one times 0.7500) and -1.25\u{a0}%.",
+        "| fast, join.learning_rate=0.0006, join.max_steps=1000, model.refinement_steps=0 | 0.6000 | 0.8000 | 0.3000 | k | \
+         +15.00\u{a0}% | +6.50\u{a0}% | 3 | confirmed |\n\
+         |  | with: otherwise the same training | 0.7500 | 0.5000 | 0.3000 | k | -1.25\u{a0}% |  | 3 |  |",
+        "|  | with: the recipe as it is | 0.8795 [0.8790, 0.8800] | 0.2410 [0.2400, 0.2420] |",
         "| start.k=0.2 | 3.980 |",
         "in 3 such pairs the parameters differ at most: k by 0.01000, l by 0 (the same bits).",
         "| fast, model.exact_shift=false | **6.001 [6.000, 6.002]** (own unit: 6.195 [6.194, 6.196]) |",

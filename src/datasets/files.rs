@@ -1,13 +1,14 @@
 //! Dataset files: `.npz` with `train_x`, `valid_x` and `test_x`, uint8 `[clips, frames, S, S, channels]`, 0..255; where
 //! something acts on the objects from outside, also `train_u`, `valid_u` and `test_u`, float32 `[clips, frames]`: number
-//! t acts from frame t to frame t + 1, so the last one acts after the clip.
+//! t acts from frame t to frame t + 1, so the last one acts after the clip. A training file may lack `test_x`, a test file
+//! `train_x` and `valid_x`.
 //!
 //! The authors' files and ours are the same format. Original: `nn/datasets/generators.py`, `nn/datasets/iterators.py`.
 
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use ndarray::{Array2, Array5, Ix2, Ix5};
+use ndarray::{Array2, Array5, ArrayView4, Axis, Ix2, Ix5};
 
 use super::npz;
 use crate::initial_values::fnv1a;
@@ -47,6 +48,9 @@ pub struct ClipShape {
     pub channels: usize,
     /// Whether the file holds what acts from outside.
     pub actions: bool,
+    /// Whether each split, in the order of [`Split::ALL`], must be there and hold clips. One that is not there is read as
+    /// one without clips.
+    pub needed: [bool; 3],
 }
 
 impl ClipShape {
@@ -59,17 +63,19 @@ impl ClipShape {
             side: task.side,
             channels: task.channels,
             actions: task.cell.actions,
+            needed: [true, true, false],
         }
     }
 
     /// Clips of the task's long test file.
     pub fn test(task: &Task) -> Self {
-        Self { frames: task.test_frames, ..Self::training(task) }
+        Self { frames: task.test_frames, needed: [false, false, true], ..Self::training(task) }
     }
 
-    /// Clips of either file.
-    pub fn of_either(task: &Task) -> Self {
-        Self { or_frames: Some(task.test_frames), ..Self::training(task) }
+    /// Clips of either file, of which one split is wanted.
+    pub fn of_either(task: &Task, wanted: Split) -> Self {
+        let needed = Split::ALL.map(|split| split == wanted);
+        Self { or_frames: Some(task.test_frames), needed, ..Self::training(task) }
     }
 }
 
@@ -102,8 +108,8 @@ impl DatasetFile {
     ///
     /// # Errors
     /// No such file, a damaged file, a missing array, a dtype other than uint8 (actions: than a float), another rank,
-    /// frame size, number of channels or clip length than `expected`, a split without clips, or actions that are not
-    /// finite. Each message says what to do.
+    /// frame size, number of channels or clip length than `expected`, a needed split without clips, or actions that are
+    /// not finite. Each message says what to do.
     pub fn read(path: &Path, expected: &ClipShape) -> Result<Self> {
         if !path.exists() {
             bail!(
@@ -114,8 +120,12 @@ impl DatasetFile {
         let mut archive = npz::Archive::open(path)?;
         let mut read = |split: Split| {
             let name = format!("{}_x", split.name());
+            let needed = expected.needed[split as usize];
+            if !needed && !archive.has(&name) {
+                return Ok(Array5::zeros((0, expected.frames, expected.side, expected.side, expected.channels)));
+            }
             let array = archive.array(&name, "uint8")?;
-            check(array.shape(), expected).with_context(|| {
+            check(array.shape(), expected, needed).with_context(|| {
                 format!("array {name:?} of {path:?} does not fit task {:?} (expected {expected})", expected.task)
             })?;
             Ok::<_, anyhow::Error>(array.into_dimensionality::<Ix5>()?)
@@ -139,8 +149,11 @@ impl DatasetFile {
     /// What acts from outside in the clips of one split, whose frames are known.
     fn read_actions(&self, archive: &mut npz::Archive, split: Split) -> Result<Array2<f32>> {
         let name = format!("{}_u", split.name());
-        let actions = archive.floats(&name)?;
         let (clips, frames, ..) = self.split(split).dim();
+        if clips == 0 {
+            return Ok(Array2::zeros((0, frames)));
+        }
+        let actions = archive.floats(&name)?;
         ensure!(
             actions.shape() == [clips, frames],
             "array {name:?} has shape {:?}, expected [{clips}, {frames}] (clips, frames)",
@@ -148,6 +161,28 @@ impl DatasetFile {
         );
         ensure!(actions.iter().all(|u| u.is_finite()), "array {name:?} holds numbers that are not finite");
         Ok(actions.into_dimensionality::<Ix2>()?)
+    }
+
+    /// Refuses training clips that show nothing to learn from. `path` is named in the message.
+    ///
+    /// # Errors
+    /// Frames that are (all but) black, as those saved from 0..1 are, or clips in which nothing ever moves.
+    pub fn check_motion(&self, path: &Path) -> Result<()> {
+        for split in [Split::Train, Split::Valid] {
+            let (name, clips) = (split.name(), self.split(split));
+            let brightest = clips.iter().max().copied().unwrap_or(0);
+            ensure!(
+                brightest > 1,
+                "array \"{name}_x\" of {path:?}: no pixel is brighter than {brightest} of 255; multiply frames in 0..1 by \
+                 255 before they are saved as uint8"
+            );
+            let moves = |clip: ArrayView4<u8>| clip.outer_iter().any(|frame| frame != clip.index_axis(Axis(0), 0));
+            ensure!(
+                clips.outer_iter().any(moves),
+                "array \"{name}_x\" of {path:?}: nothing moves, all frames of a clip are the same"
+            );
+        }
+        Ok(())
     }
 
     /// Writes the file, compressed, replacing what is there only once all is on the disk.
@@ -184,11 +219,11 @@ impl std::fmt::Display for ClipShape {
     }
 }
 
-fn check(shape: &[usize], expected: &ClipShape) -> Result<()> {
+fn check(shape: &[usize], expected: &ClipShape, needed: bool) -> Result<()> {
     let [clips, frames, height, width, channels] = *shape else {
         bail!("it has shape {shape:?}: {} dimensions, expected 5", shape.len());
     };
-    ensure!(clips > 0, "it has no clips; make the dataset again with at least one clip in each split");
+    ensure!(clips > 0 || !needed, "it has no clips; make the dataset again with at least one clip in each split");
     ensure!(
         (height, width, channels) == (expected.side, expected.side, expected.channels),
         "its frames are {height} x {width} x {channels}, expected {1} x {1} x {0}; is it another task's file?",

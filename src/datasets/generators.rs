@@ -23,6 +23,7 @@ use super::simulate::State;
 use super::sprites::Sprites;
 use super::states::{SplitStates, States};
 use super::variant::Variant;
+use crate::durable;
 use crate::initial_values::fnv1a;
 use crate::progress::Progress;
 use crate::say;
@@ -91,6 +92,8 @@ pub fn generate(plan: &Plan) -> Result<()> {
             continue;
         }
         let start = Instant::now();
+        npz::make_folder(&path)?;
+        durable::check_place(&path)?;
         let (dataset, states) = generate_clips(&plan.variant, &plan.sprites, frames, counts)
             .with_context(|| format!("cannot make the clips of {path:?}"))?;
         // The dataset comes last: where it is, the rest is, too. It is compressed before, which takes longest: what it
@@ -113,7 +116,8 @@ pub fn generate(plan: &Plan) -> Result<()> {
 
 /// Decides about a file that is in the way: the same settings, or not generated here (then it is the user's), are fine.
 fn keep(plan: &Plan, path: &Path, frames: usize, settings: &str) -> Result<()> {
-    let shape = ClipShape { frames, side: plan.variant.side, ..ClipShape::training(plan.variant.task) };
+    let training = ClipShape::training(plan.variant.task);
+    let shape = ClipShape { frames, side: plan.variant.side, needed: [false; 3], ..training };
     let advice = || format!("{path:?} is in the way; pass --force to replace it");
     let dataset = DatasetFile::read(path, &shape).with_context(advice)?;
     match States::read(path, &dataset).with_context(advice)? {

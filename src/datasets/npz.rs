@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{BufReader, Cursor, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use ndarray::ArrayD;
 use ndarray_npy::{NpzReader, NpzWriter, ReadNpyError, ReadNpzError, ReadableElement};
 
@@ -23,6 +23,7 @@ pub(super) struct Archive {
 impl Archive {
     pub(super) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).with_context(|| format!("cannot open {path:?}"))?;
+        ensure!(!path.is_dir(), "{path:?} is a folder, not an npz file");
         let unreadable =
             || format!("{path:?} is not a readable npz file: truncated, or something else; delete it and get it again");
         let mut reader = NpzReader::new(BufReader::new(file)).with_context(unreadable)?;
@@ -41,7 +42,11 @@ impl Archive {
         }
         let array: ArrayD<T> = self.reader.by_name(name).map_err(|error| match error {
             ReadNpzError::Npy(ReadNpyError::WrongDescriptor(found)) => {
-                anyhow!("array {name:?} of {:?} has dtype {found}, expected {dtype}; save it as {dtype}", self.path)
+                anyhow!(
+                    "array {name:?} of {:?} has dtype {found}, expected {dtype}; save it as {dtype}{}",
+                    self.path,
+                    if dtype == "uint8" { ", 0 to 255" } else { "" }
+                )
             }
             error => anyhow::Error::new(error).context(format!(
                 "cannot read array {name:?} of {:?}: the file is damaged; delete it and get it again",
@@ -72,11 +77,15 @@ pub(super) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<(
     bytes.with_context(|| format!("cannot compress the arrays of {path:?}"))
 }
 
+/// Makes the folders in which a file is to lie where missing.
+pub(super) fn make_folder(path: &Path) -> Result<()> {
+    let Some(folder) = path.parent() else { return Ok(()) };
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {folder:?}"))
+}
+
 /// Writes a file in one step, and the folders it lies in where missing.
 pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {folder:?}"))?;
-    }
+    make_folder(path)?;
     durable::write_file(path, |file| Ok(file.write_all(bytes)?)).with_context(|| {
         format!(
             "{path:?} ({} bytes) was not saved, nothing is left of it; check free space and permissions",

@@ -51,14 +51,6 @@ pub struct PredictedFrame {
     pub ssim: f64,
 }
 
-/// Reads a dataset file of a task, with clips as long as in its training or in its test file.
-///
-/// # Errors
-/// As for [`DatasetFile::read`].
-pub fn read_dataset(path: &Path, task: &Task) -> Result<DatasetFile> {
-    DatasetFile::read(path, &ClipShape::of_either(task))
-}
-
 /// The clips of one split, to be scored.
 #[derive(Debug)]
 pub struct ScoredClips {
@@ -74,12 +66,13 @@ pub struct ScoredClips {
 }
 
 impl ScoredClips {
-    /// Reads one split of a dataset file as [`read_dataset`] does, and the true states that lie beside it.
+    /// Reads one split of a dataset file, with clips as long as in its task's training or test file, and the true states
+    /// that lie beside it.
     ///
     /// # Errors
-    /// As for [`read_dataset`] and [`States::read`].
+    /// As for [`DatasetFile::read`] and [`States::read`].
     pub fn read(path: &Path, task: &Task, split: Split, device: Device) -> Result<Self> {
-        let dataset = read_dataset(path, task)?;
+        let dataset = DatasetFile::read(path, &ClipShape::of_either(task, split))?;
         let states = States::read(path, &dataset)?;
         let truth = truth(path, task, states.as_ref());
         let mut notes = Vec::new();

@@ -6,6 +6,7 @@
 
 mod ablations;
 mod criteria;
+mod explanations;
 mod frames;
 mod groups;
 mod html;
@@ -30,6 +31,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
+use self::groups::Group;
 use crate::durable;
 
 /// What was found.
@@ -58,18 +60,41 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<Found> {
     );
     let groups = groups::group(found.runs);
     fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+    // Made aside: whatever goes wrong, the earlier report and its records stay as they are.
+    let new = tempfile::Builder::new().prefix(".new-").tempdir_in(out);
+    let new = new.with_context(|| format!("cannot write into {}", out.display()))?;
+    fill(new.path(), &groups, &found.unreadable, &places)?;
     clear(out)?;
-    let places_of_records = records::write(out, &groups)?;
-    let pictures = pictures::write(out, &groups, &places_of_records)?;
-    let markdown = page::write(&groups, &found.unreadable, &pictures, &places)?;
-    let results = results::of(&groups);
-    durable::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
-    durable::write_file(&out.join("report.md"), |file| Ok(file.write_all(markdown.as_bytes())?))?;
-    let html = html::render(&markdown, out)?;
-    durable::write_file(&out.join("report.html"), |file| Ok(file.write_all(html.as_bytes())?))?;
+    move_into(new.path(), out)?;
     let runs = || groups.iter().flat_map(|group| &group.runs);
     let finished = runs().filter(|run| run.summary.is_some()).count();
     Ok(Found { finished, unfinished: runs().count() - finished, unreadable: found.unreadable.len() })
+}
+
+/// Writes all of a report into an empty folder.
+fn fill(out: &Path, groups: &[Group], unreadable: &[(PathBuf, anyhow::Error)], places: &[String]) -> Result<()> {
+    let places_of_records = records::write(out, groups)?;
+    let pictures = pictures::write(out, groups, &places_of_records)?;
+    let markdown = page::write(groups, unreadable, &pictures, places)?;
+    let results = results::of(groups);
+    durable::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
+    durable::write_file(&out.join("report.md"), |file| Ok(file.write_all(markdown.as_bytes())?))?;
+    let html = html::render(&markdown, out)?;
+    durable::write_file(&out.join("report.html"), |file| Ok(file.write_all(html.as_bytes())?))
+}
+
+/// Moves what is in a folder into another one of the same file system, among what is there.
+fn move_into(from: &Path, to: &Path) -> Result<()> {
+    for entry in fs::read_dir(from).with_context(|| format!("cannot list {}", from.display()))? {
+        let entry = entry?;
+        let (from, to) = (from.join(entry.file_name()), to.join(entry.file_name()));
+        if from.is_dir() && to.is_dir() {
+            move_into(&from, &to)?;
+        } else {
+            fs::rename(&from, &to).with_context(|| format!("cannot write {}", to.display()))?;
+        }
+    }
+    Ok(())
 }
 
 /// Removes what an earlier report would leave among the files of the new one. Folders of these names beside which no

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
+use super::explanations::Explanations;
 use super::groups::{Group, Purpose};
 use super::markdown::{NONE, code, minutes, percent, row, signed, spread, table, text};
 use super::pictures::Pictures;
@@ -33,12 +34,14 @@ pub(super) fn write(
          the test file: squared error summed over a frame, averaged over frames and clips.\n",
         places.join(", ")
     )?;
-    in_short(&mut page, groups, unreadable.len())?;
+    let explanations = Explanations::of(groups);
+    in_short(&mut page, groups, &explanations, unreadable.len())?;
     overview(&mut page, groups)?;
     losses(&mut page, groups)?;
     parameters(&mut page, groups)?;
     writeln!(page, "{}\n", published::SOURCES)?;
     states::write(&mut page, groups)?;
+    explanations.write(&mut page)?;
     ablations::write(&mut page, groups)?;
     reproducible::write(&mut page, groups, pictures)?;
     for (group, pictures) in groups.iter().zip(pictures) {
@@ -53,8 +56,9 @@ pub(super) fn write(
     Ok(page)
 }
 
-/// A line for every task that was run with a recipe as it is, and the answer on the paper's own.
-fn in_short(page: &mut String, groups: &[Group], unreadable: usize) -> Result<()> {
+/// A line for every task that was run with a recipe as it is, where the paper's errors come from, and the answer on its
+/// own protocol.
+fn in_short(page: &mut String, groups: &[Group], explanations: &Explanations, unreadable: usize) -> Result<()> {
     writeln!(page, "## In short\n")?;
     if unreadable > 0 {
         writeln!(page, "**Run folders that cannot be read, in no count and listed at the end: {unreadable}.**\n")?;
@@ -70,6 +74,9 @@ fn in_short(page: &mut String, groups: &[Group], unreadable: usize) -> Result<()
         let (task, label) = (group.task.key, text(&group.label));
         let (succeeded, tried) = (group.count(Outcome::Succeeded), group.runs.len());
         writeln!(page, "- {task}, {label}: **{succeeded} of {tried}** seeds succeeded; {}.", said.join(", "))?;
+    }
+    if let Some(verdicts) = explanations.in_short() {
+        writeln!(page, "- Where do the paper's errors come from? {verdicts}.")?;
     }
     writeln!(page, "- Is the paper reproducible as published? {}\n", reproducible::in_short(groups))?;
     Ok(())

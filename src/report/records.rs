@@ -15,6 +15,9 @@ use crate::run_folder::RECORDS;
 /// The folder of all records, in that of the report.
 pub(super) const FOLDER: &str = "records";
 
+/// Characters of a changed recipe's name that its folder bears: file systems allow 255 in all.
+const LONGEST_NAME: usize = 100;
+
 /// The results in the folder of the report, by which it is known.
 pub(super) const RESULTS: &str = "results.json";
 
@@ -80,7 +83,7 @@ fn group_name(group: &Group) -> String {
     let changes = || (!group.changes.is_empty()).then(|| group.changes.join("-"));
     let Some(name) = group.folder_name().or_else(changes) else { return group.recipe.clone() };
     let plain = |c: char| if c.is_ascii_alphanumeric() || "=._-".contains(c) { c } else { '-' };
-    format!("{}-{}", group.recipe, name.chars().map(plain).collect::<String>())
+    format!("{}-{}", group.recipe, name.chars().map(plain).take(LONGEST_NAME).collect::<String>())
 }
 
 /// The path, or its first numbered version that is still free.

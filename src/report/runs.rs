@@ -195,7 +195,7 @@ pub(super) fn find(folders: &[PathBuf]) -> Result<Found> {
         let context = || format!("cannot list {}", folder.display());
         // Overlapping arguments must not count a run twice.
         let folder = &records::searched(folder);
-        search(folder, &fs::canonicalize(folder).with_context(context)?, &mut places).with_context(context)?;
+        search(folder, &fs::canonicalize(folder).with_context(context)?, &mut places)?;
     }
     let mut found = Found::default();
     for (place, _) in places {

@@ -19,7 +19,7 @@ impl Verdict {
     }
 }
 
-/// The part of the expected excess within which a number counts as equal.
+/// The part of an expected excess within which a number counts as equal, and below which an error explains nothing.
 const TOLERANCE: f64 = 0.25;
 
 pub(super) const SHIFT_RULE: &str = "confirmed if the raw value over the truth lies within a quarter of the expected \
@@ -41,9 +41,9 @@ pub(super) fn shift(raw: f64, expected: f64, exact: f64) -> Verdict {
 
 pub(super) const REFINEMENT_RULE: &str = "confirmed if without the refinement every seed's velocity error and every \
     seed's parameter error are larger than every seed's with it, and the parameter's error has the sign of the \
-    paper's; refuted if the median parameter error is no larger without it, or if it is larger in every seed with the \
-    other sign; undecided otherwise, and where a run without it has lost its objects (L_rec above the original's \
-    yardstick), which says nothing of the parameter";
+    paper's; refuted if the median parameter error is no larger without it or below a quarter of the paper's, or if it \
+    is larger in every seed with the other sign; undecided otherwise, and where a run without it has lost its objects \
+    (L_rec above the original's yardstick), which says nothing of the parameter";
 
 /// What a group of runs says of the velocity and of a parameter.
 #[derive(Debug, Clone, Copy)]
@@ -53,18 +53,18 @@ pub(super) struct Effect {
     /// Error of the parameter in per cent: with its sign, and its size.
     pub error: Spread,
     pub error_size: Spread,
-    /// Runs that do not show the objects any more.
-    pub lost: usize,
 }
 
-/// Whether a badly estimated velocity makes the error of a parameter, `paper` per cent in the paper.
-pub(super) fn refinement(with: &Effect, without: &Effect, paper: f64) -> Verdict {
+/// Whether a badly estimated velocity makes the error of a parameter, `paper` per cent in the paper, where `lost` of the
+/// runs without the refinement do not show their objects any more.
+pub(super) fn refinement(with: &Effect, without: &Effect, lost: usize, paper: f64) -> Verdict {
     let all_larger = |without: &Spread, with: &Spread| without.min > with.max;
     let worse = all_larger(&without.error_size, &with.error_size);
     let same_sign = without.error.median.signum() == paper.signum();
-    if without.lost > 0 {
+    let size = without.error_size.median;
+    if lost > 0 {
         Verdict::Undecided
-    } else if without.error_size.median <= with.error_size.median || worse && !same_sign {
+    } else if size <= with.error_size.median || size < TOLERANCE * paper.abs() || worse && !same_sign {
         Verdict::Refuted
     } else if worse && all_larger(&without.velocity, &with.velocity) {
         Verdict::Confirmed
@@ -96,16 +96,17 @@ mod tests {
             velocity: spread(velocity),
             error: spread(error),
             error_size: spread(error.map(f64::abs)),
-            lost: 0,
         };
+        let refinement = |with: &Effect, without: &Effect, paper| refinement(with, without, 0, paper);
         let with = effect([0.20, 0.21, 0.24], [-0.2, -0.1, -0.3]);
         let slow = [0.9, 1.0, 1.1];
         assert_eq!(refinement(&with, &effect(slow, [4.0, 6.0, 5.0]), 6.5), Verdict::Confirmed);
         assert_eq!(refinement(&with, &effect(slow, [-4.0, -6.0, -5.0]), 6.5), Verdict::Refuted);
         assert_eq!(refinement(&with, &effect(slow, [0.1, 0.1, 0.0]), 6.5), Verdict::Refuted);
         // No objects, no parameter.
-        let lost = Effect { lost: 1, ..effect(slow, [4.0, 6.0, 5.0]) };
-        assert_eq!(refinement(&with, &lost, 6.5), Verdict::Undecided);
+        assert_eq!(super::refinement(&with, &effect(slow, [4.0, 6.0, 5.0]), 1, 6.5), Verdict::Undecided);
+        // Larger, but far too small.
+        assert_eq!(refinement(&with, &effect(slow, [1.4, 1.2, 1.7]), 6.5), Verdict::Refuted);
         // One seed is as good as with the refinement.
         assert_eq!(refinement(&with, &effect(slow, [4.0, 6.0, 0.1]), 6.5), Verdict::Undecided);
         // A larger error, but not from the velocity.

@@ -79,7 +79,8 @@ impl Display {
     }
 }
 
-fn last_line(path: &Path) -> std::io::Result<String> {
+/// The last line of a file that is not empty.
+pub(super) fn last_line(path: &Path) -> std::io::Result<String> {
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
     file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;

@@ -66,7 +66,10 @@ impl Plan {
     /// An unknown task, recipe or key, an unsound name, a change of the recipe without a name.
     pub fn jobs(&self) -> Result<Vec<Job>> {
         let changed = !self.set.is_empty() || self.config.is_some();
-        ensure!(!changed || self.name.is_some(), "a changed recipe needs a --name, which its run folders bear");
+        ensure!(
+            !changed || self.name.is_some(),
+            "--set and --config change the recipe: give it a name with --name, for its run folders"
+        );
         let variant = match &self.name {
             None => self.recipe.clone(),
             Some(name) => {
@@ -168,7 +171,11 @@ impl Job {
 /// # Errors
 /// Anything else, or a range that runs backwards.
 pub fn parse_seeds(text: &str) -> Result<Vec<u64>> {
-    let number = |text: &str| text.trim().parse::<u64>().with_context(|| format!("seeds: {text:?} is not a number"));
+    let number = |text: &str| {
+        let number = text.trim().parse::<u64>().ok();
+        number
+            .with_context(|| format!("--seeds: {text:?} is not a number from 0 on; seeds are given as 0-9 or 1,4,7-8"))
+    };
     let mut seeds = Vec::new();
     for part in text.split(',') {
         match part.split_once('-') {

@@ -11,7 +11,7 @@ use anyhow::{Context, Result};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use super::display::Display;
+use super::display::{Display, last_line};
 use super::{DONE, Job, OUTPUT, Stage};
 use crate::{durable, interrupt};
 
@@ -84,7 +84,11 @@ pub fn run(program: &Path, jobs: &[Job], at_once: usize) -> Result<Summary> {
             let outcome = match status.code() {
                 Some(0) => mark(one.job).map(|()| true),
                 _ if told => Ok(false),
-                _ => Err(anyhow::anyhow!("the run ended with {status}")),
+                // Its last line says why.
+                _ => Err(anyhow::anyhow!(
+                    "the run ended with {status}: {}",
+                    last_line(&one.job.folder.join(OUTPUT)).unwrap_or_default()
+                )),
             };
             match outcome {
                 Ok(true) => {

@@ -1,6 +1,6 @@
 //! Configuration: a recipe, under a file, under the command line. Unknown keys are refused at every layer.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -232,16 +232,16 @@ impl Config {
         Ok(self.differences(&Config::load(None, &Overrides { task, recipe, seed, ..Overrides::default() })?))
     }
 
-    /// What differs from another config, each as `section.key=value` with this one's value (`not set` where there is none),
-    /// in the order of the keys. Device, threads and the data's folder do not count.
+    /// The values that another config has not, each as `section.key=value`, in the order of the keys. Device, threads and
+    /// the data's folder do not count.
     pub fn differences(&self, other: &Config) -> Vec<String> {
         let values = |config: &Config| leaves(&Table::try_from(config).expect("a config is plain data"));
-        let (own, others) = (values(self), values(other));
-        let keys: BTreeSet<_> = own.keys().chain(others.keys()).collect();
-        keys.into_iter()
-            .filter(|key| !["device", "threads", "data.folder"].contains(&key.as_str()))
-            .filter(|key| own.get(*key) != others.get(*key))
-            .map(|key| own.get(key).map_or(format!("{key} not set"), |value| format!("{key}={value}")))
+        let others = values(other);
+        values(self)
+            .into_iter()
+            .filter(|(key, _)| !["device", "threads", "data.folder"].contains(&key.as_str()))
+            .filter(|(key, value)| others.get(key) != Some(value))
+            .map(|(key, value)| format!("{key}={value}"))
             .collect()
     }
 

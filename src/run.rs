@@ -192,13 +192,14 @@ impl RunArgs {
             let given = self.overrides(Some(saved.task.clone()));
             Config::load(self.config.as_deref(), &Overrides { recipe: Some(recipe), seed: Some(seed), ..given })?
         };
-        let differences = saved.differences(&asked);
+        let (begun, asked) = (saved.differences(&asked), asked.differences(saved));
         ensure!(
-            differences.is_empty(),
-            "{0} was begun with another config ({0}/config.toml has {1}); resume it with --out {0} and no option but \
-             --device, --threads, --data, or choose another folder",
+            begun.is_empty() && asked.is_empty(),
+            "{0} was begun with another config ({0}/config.toml: [{1}], asked for: [{2}]); resume it with --out {0} and no \
+             option but --device, --threads, --data, or choose another folder",
             out.display(),
-            differences.join(", ")
+            begun.join(", "),
+            asked.join(", ")
         );
         Ok(config)
     }

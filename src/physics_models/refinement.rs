@@ -1,7 +1,7 @@
 //! State refinement: an estimated state is improved under the physics by Gauss-Newton steps on all input positions.
 //!
-//! The velocity estimator sees one object at a time, so it cannot know the force the others exert; its velocities come
-//! out shrunk and the learned forces too large. Not in the original.
+//! The velocity estimator sees one object at a time and learns through the pictures: from scratch its velocities come out
+//! shrunk and the learned forces too large. Not in the original.
 
 use tch::{Kind, Tensor};
 

@@ -1,7 +1,7 @@
 //! `cell_<kind>`: roll-out, its loss, and the gradients to the initial state and the parameters.
 
 use anyhow::{Result, ensure};
-use paig::cells::{Actions, CellKind, State};
+use paig::network::cells::{Actions, CellKind, State};
 use paig::tasks::{self, Task};
 use tch::Tensor;
 

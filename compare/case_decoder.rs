@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
-use paig::physics_models::{ModelOptions, PhysicsNet};
+use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::tasks::{TASKS, Task};
 use tch::Device;
 

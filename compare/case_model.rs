@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use paig::cells::{Actions, State};
-use paig::checkpoint;
-use paig::optimizers::Optimizer;
-use paig::physics_models::losses::Losses;
-use paig::physics_models::{ForwardPass, ModelOptions, PhysicsNet};
+use paig::network::cells::{Actions, State};
+use paig::network::physics_models::losses::Losses;
+use paig::network::physics_models::{ForwardPass, ModelOptions, PhysicsNet};
+use paig::runs::checkpoint;
+use paig::training::optimizers::Optimizer;
 use tch::{Device, Kind, Tensor};
 
 use crate::checks::{Case, channels_first, channels_last};

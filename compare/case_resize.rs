@@ -1,7 +1,7 @@
 //! `resize_bilinear`: the up-sampling by two.
 
 use anyhow::Result;
-use paig::blocks::resize_bilinear_x2;
+use paig::network::blocks::resize_bilinear_x2;
 
 use crate::checks::{Case, channels_first, channels_last};
 use crate::tolerances::FORWARD;

@@ -1,7 +1,7 @@
 //! `stn`: the spatial transformer with any affine map, and its gradients.
 
 use anyhow::{Result, ensure};
-use paig::stn;
+use paig::network::stn;
 
 use crate::checks::{Case, channels_first, channels_last};
 use crate::tolerances::{FORWARD, GRADIENT, SAMPLED_GRADIENT};

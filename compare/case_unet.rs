@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
-use paig::blocks::{Layers, UNet, uses_deep_unet};
+use paig::network::blocks::{Layers, UNet, uses_deep_unet};
 use tch::Device;
 use tch::nn::VarStore;
 

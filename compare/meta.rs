@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
-use paig::blocks::uses_deep_unet;
-use paig::optimizers::Rule;
+use paig::network::blocks::uses_deep_unet;
 use paig::tasks::{self, Task};
+use paig::training::optimizers::Rule;
 
 /// How a whole-model file was made.
 #[derive(Debug)]

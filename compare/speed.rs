@@ -5,14 +5,14 @@ use std::time::Instant;
 
 use anyhow::Result;
 use clap::Parser;
-use paig::cells::Actions;
-use paig::config::{Config, Overrides};
-use paig::device;
-use paig::optimizers::Optimizer;
-use paig::physics_models::PhysicsNet;
-use paig::physics_models::losses::Losses;
-use paig::run::exit_code;
+use paig::cli::run::exit_code;
+use paig::network::cells::Actions;
+use paig::network::physics_models::PhysicsNet;
+use paig::network::physics_models::losses::Losses;
+use paig::support::device;
 use paig::tasks;
+use paig::training::config::{Config, Overrides};
+use paig::training::optimizers::Optimizer;
 use tch::{Device, Kind, Tensor};
 
 /// Steps before the clock starts: libraries choose and compile their kernels in the first.

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::{Context, Result, ensure};
-use paig::variable_names::{from_tensorflow, layout_from_tensorflow, layout_to_tensorflow};
+use paig::network::variable_names::{from_tensorflow, layout_from_tensorflow, layout_to_tensorflow};
 use tch::nn::VarStore;
 use tch::{Kind, Tensor};
 

@@ -1,5 +1,5 @@
 //! Two coloured balls that bounce off the walls.
 
 fn main() -> std::process::ExitCode {
-    paig::run::one_task("bouncing_balls")
+    paig::cli::run::one_task("bouncing_balls")
 }

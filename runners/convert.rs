@@ -5,13 +5,13 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use paig::config::{Config, Overrides};
-use paig::convert::convert;
-use paig::physics_models::ModelOptions;
-use paig::run::exit_code;
-use paig::run_folder::CONFIG;
+use paig::cli::run::exit_code;
+use paig::network::physics_models::ModelOptions;
+use paig::runs::convert::convert;
+use paig::runs::folder::CONFIG;
 use paig::say;
 use paig::tasks::{self, Task};
+use paig::training::config::{Config, Overrides};
 
 /// Converts a model's weights between a run's checkpoint or a PyTorch state_dict (.safetensors; both have the same names)
 /// and TensorFlow's named variables (.npz). The variables must be exactly those of a model of the task.

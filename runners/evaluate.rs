@@ -5,11 +5,14 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use paig::evaluation::{self, ClipsOfRun, ScoredClips, ScoredRun};
-use paig::physics_models::losses::MeanLosses;
-use paig::run::exit_code;
+use paig::cli::arguments::{ClipsOfRun, ScoredRun};
+use paig::cli::run::exit_code;
+use paig::cli::table::print_frames_and_states;
+use paig::evaluation::{self, ScoredClips};
+use paig::network::physics_models::losses::MeanLosses;
 use paig::say;
-use paig::{durable, viz};
+use paig::support::atomic;
+use paig::viz;
 use serde_json::json;
 
 /// Scores the last checkpoint of a run on any dataset file of its task.
@@ -46,7 +49,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     say!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
     clips.notes.iter().for_each(|note| say!("note: {note}"));
     print_losses(&scores.losses);
-    evaluation::print_frames_and_states(&model.task, &scores);
+    print_frames_and_states(&model.task, &scores);
     if let Some(path) = &arguments.picture {
         viz::write_frame_scores(path, &model.task, &scores.predicted_frames)?;
     }
@@ -56,7 +59,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
             "parameters": model.parameter_values().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
             "scores": scores,
         });
-        durable::write_file(path, |file| Ok(serde_json::to_writer_pretty(file, &all)?))?;
+        atomic::write_file(path, |file| Ok(serde_json::to_writer_pretty(file, &all)?))?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -64,7 +67,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
 /// What cannot be written must not cost the scoring.
 fn check_places(arguments: &Arguments) -> Result<()> {
     for path in arguments.json.iter().chain(&arguments.picture) {
-        durable::check_place(path)?;
+        atomic::check_place(path)?;
     }
     if let Some(picture) = &arguments.picture {
         let png = picture.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));

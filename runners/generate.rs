@@ -5,12 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Parser, ValueEnum};
-use paig::datasets::generators::{Counts, Plan, generate};
-use paig::datasets::scene::{Background, Look};
-use paig::datasets::sprites::Sprites;
-use paig::datasets::variant::{Changes, Variant};
-use paig::run::exit_code;
+use paig::cli::run::exit_code;
+use paig::generators::sprites::Sprites;
+use paig::generators::variant::{Changes, Variant};
+use paig::generators::{Counts, Plan, generate};
 use paig::tasks;
+use paig::tasks::scene::{Background, Look};
 
 /// Makes the videos of a physical system: a training file of short clips and a test file of long ones.
 ///

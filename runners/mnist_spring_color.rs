@@ -1,5 +1,5 @@
 //! Two MNIST digits joined by a spring over a CIFAR-10 background.
 
 fn main() -> std::process::ExitCode {
-    paig::run::one_task("mnist_spring_color")
+    paig::cli::run::one_task("mnist_spring_color")
 }

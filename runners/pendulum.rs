@@ -1,5 +1,5 @@
 //! A pendulum driven by a known torque.
 
 fn main() -> std::process::ExitCode {
-    paig::run::one_task("pendulum")
+    paig::cli::run::one_task("pendulum")
 }

@@ -5,9 +5,10 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use paig::evaluation::{ClipsOfRun, ScoredClips, ScoredRun};
-use paig::rollout;
-use paig::run::exit_code;
+use paig::cli::arguments::{ClipsOfRun, ScoredRun};
+use paig::cli::run::exit_code;
+use paig::evaluation::ScoredClips;
+use paig::evaluation::rollout;
 use paig::say;
 
 /// Predicts frames, positions and velocities from the first frames of a clip, as far as asked.

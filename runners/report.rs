@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Parser;
+use paig::cli::run::exit_code;
 use paig::report;
-use paig::run::exit_code;
 use paig::say;
 
 /// Writes a report of all runs in and under the given folders: report.md, report.html (one file, with its pictures),

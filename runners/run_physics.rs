@@ -1,5 +1,5 @@
 //! Trains and scores PAIG on any task of the task table.
 
 fn main() -> std::process::ExitCode {
-    paig::run::any_task()
+    paig::cli::run::any_task()
 }

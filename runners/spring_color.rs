@@ -1,5 +1,5 @@
 //! Two coloured balls joined by a spring.
 
 fn main() -> std::process::ExitCode {
-    paig::run::one_task("spring_color")
+    paig::cli::run::one_task("spring_color")
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
-use paig::run::exit_code;
+use paig::cli::run::exit_code;
 use paig::say;
 use paig::sweep::{self, Plan, Summary};
 use paig::tasks;

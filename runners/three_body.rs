@@ -1,5 +1,5 @@
 //! Three coloured balls that attract each other.
 
 fn main() -> std::process::ExitCode {
-    paig::run::one_task("3bp_color")
+    paig::cli::run::one_task("3bp_color")
 }

@@ -1,6 +1,6 @@
 //! The physics cells against closed forms, conservation laws and finite differences, in float64.
 
-use paig::cells::{
+use paig::network::cells::{
     Actions, BOUNCING, Cell, CellKind, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING, State,
     Walls,
 };

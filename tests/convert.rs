@@ -6,9 +6,9 @@ use std::process::{Command, Output};
 
 use ndarray::{ArrayD, IxDyn};
 use ndarray_npy::{NpzReader, NpzWriter};
-use paig::config::{Config, Overrides};
-use paig::physics_models::{ModelOptions, PhysicsNet};
+use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::tasks::{self, TASKS};
+use paig::training::config::{Config, Overrides};
 use tch::{Device, Tensor};
 
 fn convert(task: &str, from: &Path, to: &Path, more: &[&str]) -> Output {

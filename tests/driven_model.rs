@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use paig::cells::Actions;
-use paig::initial_values::named_generator;
-use paig::physics_models::{ModelOptions, PhysicsNet};
-use paig::stn;
+use paig::network::cells::Actions;
+use paig::network::physics_models::{ModelOptions, PhysicsNet};
+use paig::network::stn;
+use paig::support::random::named_generator;
 use paig::tasks::find;
 use rand::Rng;
 use tch::{Device, Kind, Tensor};

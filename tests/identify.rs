@@ -1,15 +1,15 @@
 //! The fit of physical parameters to trajectories, from starts a decade away and through template offsets.
 
-use paig::cells::{Actions, State};
-use paig::config::Identify;
-use paig::datasets::generators::{Counts, generate_clips};
-use paig::datasets::sprites::Sprites;
-use paig::datasets::variant::Variant;
-use paig::initial_values::named_generator;
-use paig::physics_models::{ModelOptions, Parameter, PhysicsNet};
-use paig::recipe::identify::{Fit, fit};
-use paig::recipe::velocity_fit;
+use paig::generators::sprites::Sprites;
+use paig::generators::variant::Variant;
+use paig::generators::{Counts, generate_clips};
+use paig::network::cells::{Actions, State};
+use paig::network::physics_models::{ModelOptions, Parameter, PhysicsNet};
+use paig::support::random::named_generator;
 use paig::tasks::{Task, find};
+use paig::training::config::Identify;
+use paig::training::identify::{Fit, fit};
+use paig::training::velocity_fit;
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
 

@@ -4,12 +4,12 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use ndarray::{Array3, Axis};
 use paig::datasets::files::Split;
-use paig::datasets::generators::{Counts, generate_clips};
-use paig::datasets::render::Bar;
-use paig::datasets::scene::Motion;
-use paig::datasets::simulate::{State, World};
-use paig::datasets::sprites::Sprites;
-use paig::datasets::variant::{Changes, Variant};
+use paig::generators::render::Bar;
+use paig::generators::simulate::{State, World};
+use paig::generators::sprites::Sprites;
+use paig::generators::variant::{Changes, Variant};
+use paig::generators::{Counts, generate_clips};
+use paig::tasks::scene::Motion;
 use paig::tasks::{TASKS, find};
 
 const SIDE: usize = 64;

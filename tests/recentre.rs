@@ -1,9 +1,9 @@
 //! Re-centring: positions lose the offset, the picture stays.
 
-use paig::initial_values::named_generator;
-use paig::physics_models::{ModelOptions, PhysicsNet};
-use paig::recipe::recentre::recentre;
+use paig::network::physics_models::{ModelOptions, PhysicsNet};
+use paig::support::random::named_generator;
 use paig::tasks::find;
+use paig::training::recentre::recentre;
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
 

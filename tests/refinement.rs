@@ -1,8 +1,8 @@
 //! State refinement: exact positions give the exact state, whatever the estimate, through bounces as well.
 
-use paig::cells::{Actions, BOUNCING, Cell, CellKind, PENDULUM, SPRING, State, Walls};
-use paig::initial_values::named_generator;
-use paig::physics_models::refinement::refine;
+use paig::network::cells::{Actions, BOUNCING, Cell, CellKind, PENDULUM, SPRING, State, Walls};
+use paig::network::physics_models::refinement::refine;
+use paig::support::random::named_generator;
 use rand::Rng;
 use tch::{Kind, Tensor};
 

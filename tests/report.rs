@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use paig::config::{Config, Overrides};
+use paig::training::config::{Config, Overrides};
 use serde_json::{Value, json};
 
 /// Makes a run folder with its config and a little metrics.jsonl.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use ndarray::{Array1, Array4};
 use ndarray_npy::NpzReader;
-use paig::ssim::ssim;
+use paig::evaluation::ssim::ssim;
 use tch::Tensor;
 
 #[test]

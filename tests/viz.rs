@@ -9,7 +9,7 @@ use image::{AnimationDecoder, RgbImage};
 use ndarray::{Array5, ArrayD, IxDyn};
 use ndarray_npy::NpzReader;
 use paig::datasets::iterators::Clips;
-use paig::physics_models::{ModelOptions, PhysicsNet};
+use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::tasks::{Task, find};
 use paig::viz::examples::Layout;
 use paig::viz::{write_artifacts, write_curves};

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail, ensure};
 use ndarray::{Array2, Array5, ArrayView4, Axis, Ix2, Ix5};
 
 use super::npz;
-use crate::initial_values::fnv1a;
+use crate::support::random::fnv1a;
 use crate::tasks::Task;
 
 /// The three parts of a dataset.
@@ -194,7 +194,7 @@ impl DatasetFile {
     }
 
     /// The bytes of the file to be written to `path`.
-    pub(super) fn compressed(&self, path: &Path) -> Result<Vec<u8>> {
+    pub(crate) fn compressed(&self, path: &Path) -> Result<Vec<u8>> {
         npz::compressed(path, |npz| {
             for split in Split::ALL {
                 npz.add_array(format!("{}_x", split.name()), self.split(split))?;

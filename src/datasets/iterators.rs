@@ -10,8 +10,8 @@ use rand::seq::SliceRandom;
 use tch::kind::Element;
 use tch::{Device, Kind, Tensor};
 
-use crate::cells::Actions;
-use crate::initial_values::named_generator;
+use crate::network::cells::Actions;
+use crate::support::random::named_generator;
 
 /// One split of a dataset on the device.
 #[derive(Debug)]

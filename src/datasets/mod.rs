@@ -1,15 +1,6 @@
-//! Datasets: making them, reading them, serving them in batches.
+//! What a training reads: dataset files, true states for scoring, clips in batches.
 
 pub mod files;
-pub mod generators;
-mod initial;
 pub mod iterators;
-mod npz;
-pub mod render;
-mod resize;
-mod samples;
-pub mod scene;
-pub mod simulate;
-pub mod sprites;
+pub(crate) mod npz;
 pub mod states;
-pub mod variant;

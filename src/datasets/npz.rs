@@ -8,20 +8,20 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use ndarray::ArrayD;
 use ndarray_npy::{NpzReader, NpzWriter, ReadNpyError, ReadNpzError, ReadableElement};
 
-use crate::durable;
+use crate::support::atomic;
 
 /// A compressed npz under construction, in memory.
-pub(super) type Writer = NpzWriter<Cursor<Vec<u8>>>;
+pub(crate) type Writer = NpzWriter<Cursor<Vec<u8>>>;
 
 /// An npz file open for reading.
-pub(super) struct Archive {
+pub(crate) struct Archive {
     path: PathBuf,
     reader: NpzReader<BufReader<File>>,
     names: Vec<String>,
 }
 
 impl Archive {
-    pub(super) fn open(path: &Path) -> Result<Self> {
+    pub(crate) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).with_context(|| format!("cannot open {path:?}"))?;
         ensure!(!path.is_dir(), "{path:?} is a folder, not an npz file");
         let unreadable =
@@ -31,12 +31,12 @@ impl Archive {
         Ok(Self { path: path.to_owned(), reader, names })
     }
 
-    pub(super) fn has(&self, name: &str) -> bool {
+    pub(crate) fn has(&self, name: &str) -> bool {
         self.names.iter().any(|known| known == name)
     }
 
     /// Reads an array of any shape, in row-major order. `dtype` is the name of `T` in messages.
-    pub(super) fn array<T: ReadableElement + Clone>(&mut self, name: &str, dtype: &str) -> Result<ArrayD<T>> {
+    pub(crate) fn array<T: ReadableElement + Clone>(&mut self, name: &str, dtype: &str) -> Result<ArrayD<T>> {
         if !self.has(name) {
             bail!("{:?} has no array {name:?}; its arrays are {:?}", self.path, self.names);
         }
@@ -57,7 +57,7 @@ impl Archive {
     }
 
     /// The same for numbers of either float type, as float32.
-    pub(super) fn floats(&mut self, name: &str) -> Result<ArrayD<f32>> {
+    pub(crate) fn floats(&mut self, name: &str) -> Result<ArrayD<f32>> {
         match self.array::<f64>(name, "float64") {
             Ok(array) => Ok(array.mapv(|value| value as f32)),
             Err(_) => self.array(name, "float32 or float64"),
@@ -66,27 +66,27 @@ impl Archive {
 }
 
 /// Collects arrays into a compressed npz and puts it at `path` in one step.
-pub(super) fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
     write_whole(path, &compressed(path, fill)?)
 }
 
 /// Collects arrays into a compressed npz that is to be written to `path`.
-pub(super) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
+pub(crate) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
     let mut npz = NpzWriter::new_compressed(Cursor::new(Vec::new()));
     let bytes = fill(&mut npz).and_then(|()| Ok(npz.finish()?.into_inner()));
     bytes.with_context(|| format!("cannot compress the arrays of {path:?}"))
 }
 
 /// Makes the folders in which a file is to lie where missing.
-pub(super) fn make_folder(path: &Path) -> Result<()> {
+pub(crate) fn make_folder(path: &Path) -> Result<()> {
     let Some(folder) = path.parent() else { return Ok(()) };
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {folder:?}"))
 }
 
 /// Writes a file in one step, and the folders it lies in where missing.
-pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     make_folder(path)?;
-    durable::write_file(path, |file| Ok(file.write_all(bytes)?)).with_context(|| {
+    atomic::write_file(path, |file| Ok(file.write_all(bytes)?)).with_context(|| {
         format!(
             "{path:?} ({} bytes) was not saved, nothing is left of it; check free space and permissions",
             bytes.len()

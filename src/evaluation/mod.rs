@@ -1,55 +1,26 @@
 //! Scoring a model on a dataset: losses, every predicted frame, and positions where the truth is known.
 
-mod arguments;
+pub mod rollout;
+pub mod ssim;
 mod states;
-mod table;
 
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
-use crate::cells::State;
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::{SplitStates, States};
-use crate::physics_models::PhysicsNet;
-use crate::physics_models::losses::{LossMeans, Losses, MeanLosses};
-use crate::ssim::ssim;
+use crate::evaluation::ssim::ssim;
+use crate::network::cells::State;
+use crate::network::physics_models::PhysicsNet;
+use crate::network::physics_models::losses::{LossAccumulator, Losses};
+use crate::runs::scores::{PredictedFrame, Scores};
 use crate::tasks::{Task, TrueParameter};
-
-pub use arguments::{ClipsOfRun, ScoredRun};
-pub use states::StateErrors;
-pub use table::print_frames_and_states;
 
 /// Clips in one pass, which bounds the memory.
 const BATCH: usize = 25;
-
-/// What a model makes of a set of clips.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Evaluation {
-    pub clips: usize,
-    /// Squared error summed over a frame, averaged over frames and clips.
-    pub losses: MeanLosses,
-    /// In the order of time; the first comes right after the input.
-    pub predicted_frames: Vec<PredictedFrame>,
-    /// None where the true states are not known.
-    pub states: Option<StateErrors>,
-}
-
-/// The scores of one predicted frame, averaged over the clips.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct PredictedFrame {
-    /// Place in the clip, from 0.
-    pub frame: usize,
-    /// Whether it lies behind the frames that are predicted in training: in T_ext, not in T_pred.
-    pub extrapolated: bool,
-    /// Summed over the frame.
-    pub squared_error: f64,
-    /// From -1 to 1; 1 is equal.
-    pub ssim: f64,
-}
 
 /// The clips of one split, to be scored.
 #[derive(Debug)]
@@ -108,11 +79,11 @@ fn truth(path: &Path, task: &Task, states: Option<&States>) -> Vec<TrueParameter
 ///
 /// # Errors
 /// Clips shorter than L + T_pred, states of another number of objects.
-pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Evaluation> {
+pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
     let _guard = tch::no_grad_guard();
     let ScoredClips { clips, states, .. } = scored;
     let task = &model.task;
-    let mut means = LossMeans::default();
+    let mut means = LossAccumulator::default();
     let mut squared_errors = Vec::new();
     let mut similarities = Vec::new();
     let mut seen: [Vec<Tensor>; 3] = Default::default();
@@ -159,5 +130,5 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Evaluation> 
         }
         None => None,
     };
-    Ok(Evaluation { clips: clips.len(), losses: means.values(), predicted_frames, states })
+    Ok(Scores { clips: clips.len(), losses: means.values(), predicted_frames, states })
 }

@@ -6,40 +6,12 @@
 use std::f64::consts::TAU;
 
 use anyhow::{Result, ensure};
-use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor};
 
-use crate::cells::Coordinates;
 use crate::datasets::states::SplitStates;
+use crate::network::cells::Coordinates;
+use crate::runs::scores::StateErrors;
 use crate::tasks::Task;
-
-/// Root mean squares of distances over clips, frames and objects; pixels, and pixels per time unit (radians where the
-/// equation is written in angles).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct StateErrors {
-    /// The model's object for each true one: the order with the least error of the encoded positions.
-    pub objects: Vec<usize>,
-    /// Encoded minus true position of each true object, mean over clips and frames, `[x, y]` or
-    /// `[angle]`.
-    pub offsets: Vec<Vec<f64>>,
-    /// Encoded positions of the first L + T_pred frames.
-    pub encoded: f64,
-    pub encoded_without_offset: f64,
-    /// Rolled-out positions of the T_pred frames after the input.
-    pub predicted: f64,
-    pub predicted_without_offset: f64,
-    /// Of the T_ext frames after those; none where a clip ends before.
-    pub extrapolated: Option<f64>,
-    pub extrapolated_without_offset: Option<f64>,
-    /// Velocity at the last input frame.
-    pub initial_velocity: f64,
-    /// By which factor the true velocity there, all objects and axes together, best explains the estimated one: below 1
-    /// it comes out too small. None where nothing moves.
-    #[serde(default)]
-    pub initial_velocity_slope: Option<f64>,
-    /// Velocity during T_pred.
-    pub predicted_velocity: f64,
-}
 
 /// What a model makes of clips, double, in pixels or radians.
 pub(super) struct Seen {

@@ -3,7 +3,7 @@
 use super::published;
 use super::run_config::RunConfig;
 use super::runs::{Loss, Summary};
-use crate::datasets::scene::Look;
+use crate::tasks::scene::Look;
 use crate::tasks::{PAPER_SPRING_LOSSES, Task};
 
 /// Limits of one task.

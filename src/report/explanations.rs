@@ -12,7 +12,7 @@ use super::runs::{Loss, Summary};
 use super::states::{INITIAL_VELOCITY, VELOCITY_SLOPE};
 use super::statistics::Spread;
 use super::verdicts::{self, Effect, REFINEMENT_RULE, SHIFT_RULE, Verdict};
-use crate::cells::PhysicalParameter;
+use crate::network::cells::PhysicalParameter;
 use crate::tasks::Task;
 
 const ORIGINAL_SHIFT: &str = "model.exact_shift=false";

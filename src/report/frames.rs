@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::groups::Group;
 use super::markdown::{row, table};
 use super::statistics::{Spread, significant};
-use crate::evaluation::PredictedFrame;
+use crate::runs::scores::PredictedFrame;
 use crate::tasks::Task;
 use crate::viz::{self, ScoreAt};
 

@@ -2,8 +2,8 @@
 
 use super::runs::{Loss, Run, Summary};
 use super::statistics::Spread;
-use crate::cells::PhysicalParameter;
-use crate::evaluation::StateErrors;
+use crate::network::cells::PhysicalParameter;
+use crate::runs::scores::StateErrors;
 use crate::tasks::{TASKS, Task};
 use crate::viz::seeds::Outcome;
 

@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 
 use self::groups::Group;
-use crate::durable;
+use crate::support::atomic;
 
 /// What was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,10 +77,10 @@ fn fill(out: &Path, groups: &[Group], unreadable: &[(PathBuf, anyhow::Error)], p
     let pictures = pictures::write(out, groups, &places_of_records)?;
     let markdown = page::write(groups, unreadable, &pictures, places)?;
     let results = results::of(groups);
-    durable::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
-    durable::write_file(&out.join("report.md"), |file| Ok(file.write_all(markdown.as_bytes())?))?;
+    atomic::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
+    atomic::write_file(&out.join("report.md"), |file| Ok(file.write_all(markdown.as_bytes())?))?;
     let html = html::render(&markdown, out)?;
-    durable::write_file(&out.join("report.html"), |file| Ok(file.write_all(html.as_bytes())?))
+    atomic::write_file(&out.join("report.html"), |file| Ok(file.write_all(html.as_bytes())?))
 }
 
 /// Moves what is in a folder into another one of the same file system, among what is there.

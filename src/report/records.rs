@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 
 use super::groups::Group;
-use crate::durable;
-use crate::run_folder::RECORDS;
+use crate::runs::folder::RECORDS;
+use crate::support::atomic;
 
 /// The folder of all records, in that of the report.
 pub(super) const FOLDER: &str = "records";
@@ -74,7 +74,7 @@ pub(super) fn copy(from: &Path, to: &Path) -> Result<bool> {
         return Ok(false);
     }
     let bytes = fs::read(from).with_context(|| format!("cannot read {}", from.display()))?;
-    durable::write_file(to, |file| Ok(file.write_all(&bytes)?))?;
+    atomic::write_file(to, |file| Ok(file.write_all(&bytes)?))?;
     Ok(true)
 }
 

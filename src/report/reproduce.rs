@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 
 use super::groups::Group;
 use super::runs::Run;
-use crate::datasets::generators::{Counts, plain_test_settings};
+use crate::generators::{Counts, plain_test_settings};
 
 /// Where data lie if the config says nothing else, in TOML's notation.
 const DATA_FOLDER: &str = "\"data/datasets\"";

@@ -6,9 +6,9 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use toml::{Table, Value};
 
-use crate::cells::PhysicalParameter;
-use crate::config::{Config, Overrides, leaves};
+use crate::network::cells::PhysicalParameter;
 use crate::tasks::{self, Task};
+use crate::training::config::{Config, Overrides, leaves};
 
 /// The config of a run, of whatever version of the program: only what the report needs is asked for.
 #[derive(Debug)]

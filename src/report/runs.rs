@@ -10,8 +10,9 @@ use serde::{Deserialize, Serialize};
 use super::criteria;
 use super::records;
 use super::run_config::RunConfig;
-use crate::evaluation::{PredictedFrame, StateErrors};
-use crate::run_folder::{CONFIG, METRICS, SUMMARY};
+use crate::runs::folder::{CONFIG, METRICS};
+use crate::runs::scores::{PredictedFrame, StateErrors};
+use crate::runs::summary::SUMMARY;
 use crate::viz::seeds::{Outcome, Trace};
 
 /// One run folder.

@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use super::groups::Group;
 use super::markdown::{row, spread, table, text};
-use crate::evaluation::StateErrors;
+use crate::runs::scores::StateErrors;
 
 /// One of a run's errors.
 pub(super) type StateError = fn(&StateErrors) -> Option<f64>;

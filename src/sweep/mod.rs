@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use crate::config::{Config, Overrides};
+use crate::training::config::{Config, Overrides};
 
 pub use processes::{Summary, run};
 

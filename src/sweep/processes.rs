@@ -13,7 +13,8 @@ use nix::unistd::Pid;
 
 use super::display::{Display, last_line};
 use super::{DONE, Job, OUTPUT, Stage};
-use crate::{durable, interrupt};
+use crate::cli::interrupt;
+use crate::support::atomic;
 
 /// How often the processes are looked at.
 const TICK: Duration = Duration::from_millis(100);
@@ -142,7 +143,7 @@ fn open_output(job: &Job) -> Result<File> {
 
 /// Marks a run as finished.
 fn mark(job: &Job) -> Result<()> {
-    durable::write_file(&job.folder.join(DONE), |_| Ok(()))
+    atomic::write_file(&job.folder.join(DONE), |_| Ok(()))
 }
 
 /// Notes a failure in the run's output and on the display; returns where the output is.

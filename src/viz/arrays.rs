@@ -9,8 +9,8 @@ use tch::{Device, Kind, Tensor};
 
 use super::outputs::{BATCH, Outputs};
 use crate::datasets::iterators::Clips;
-use crate::durable;
-use crate::physics_models::PhysicsNet;
+use crate::network::physics_models::PhysicsNet;
+use crate::support::atomic;
 
 /// Writes what [`super::write_artifacts`] says of the first `count` clips.
 pub(super) fn write_outputs(path: &Path, outputs: &Outputs, count: usize) -> Result<()> {
@@ -57,7 +57,7 @@ fn channels_last(x: &Tensor) -> Tensor {
 
 /// Writes tensors as float32 arrays of a compressed npz.
 pub(crate) fn write(path: &Path, arrays: &[(&str, Tensor)]) -> Result<()> {
-    durable::write_file(path, |file| {
+    atomic::write_file(path, |file| {
         let mut npz = NpzWriter::new_compressed(file);
         for (name, tensor) in arrays {
             let tensor = tensor.to_device(Device::Cpu).to_kind(Kind::Float).contiguous();

@@ -14,7 +14,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontDesc, FontFamily, FontStyle, IntoFont, RGBColor, TextStyle, register_font};
 use tch::{Device, Kind, Tensor};
 
-use crate::durable;
+use crate::support::atomic;
 
 /// The text's colour.
 pub(super) const INK: RGBColor = RGBColor(38, 42, 48);
@@ -69,7 +69,7 @@ impl Canvas {
     }
 
     pub(super) fn write_png(&self, path: &Path) -> Result<()> {
-        durable::write_file(path, |file| {
+        atomic::write_file(path, |file| {
             let encoder = PngEncoder::new_with_quality(file, CompressionType::Best, PngFilter::Adaptive);
             Ok(self.pixels.write_with_encoder(encoder)?)
         })

@@ -8,7 +8,7 @@ use plotters::style::RGBColor;
 
 use super::canvas::{Canvas, drawn};
 use super::chart::{Line, Panel, Phase, Stroke};
-use super::metrics::{self, Kind, Stretch, points};
+use crate::runs::metrics::{self, Kind, Stretch, points};
 use crate::tasks::{Task, TrueParameter};
 
 const WIDTH: u32 = 1600;

@@ -10,7 +10,7 @@ use plotters::style::RGBColor;
 
 use super::chart::{Line, Panel, Phase, Stroke};
 use super::curves;
-use crate::evaluation::PredictedFrame;
+use crate::runs::scores::PredictedFrame;
 use crate::tasks::Task;
 
 const PANEL_HEIGHT: u32 = 520;

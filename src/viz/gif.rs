@@ -7,7 +7,7 @@ use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, DynamicImage, Frame};
 
 use super::canvas::Canvas;
-use crate::durable;
+use crate::support::atomic;
 
 /// Milliseconds. A GIF counts in hundredths of a second, so 8 frames a second cannot be had exactly.
 const FRAME_TIME: u32 = 120;
@@ -17,7 +17,7 @@ const QUANTISER_SPEED: i32 = 10;
 
 /// Writes `frames` pictures as an animation, endless, about 8 of them a second; the last one stands longer.
 pub(super) fn write(path: &Path, frames: usize, draw: impl Fn(usize) -> Result<Canvas>) -> Result<()> {
-    durable::write_file(path, |file| {
+    atomic::write_file(path, |file| {
         let mut encoder = GifEncoder::new_with_speed(file, QUANTISER_SPEED);
         encoder.set_repeat(Repeat::Infinite)?;
         for frame in 0..frames {

@@ -11,7 +11,7 @@ use tch::Tensor;
 use super::canvas::{Canvas, INK, picture};
 use super::enlargement;
 use crate::datasets::iterators::Clips;
-use crate::physics_models::PhysicsNet;
+use crate::network::physics_models::PhysicsNet;
 
 /// Frames shown: the first ones of as many clips.
 const FRAMES: usize = 5;

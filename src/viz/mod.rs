@@ -13,7 +13,6 @@ pub mod examples;
 mod frame_scores;
 mod gif;
 mod masks;
-mod metrics;
 mod outputs;
 pub(crate) mod rollout;
 mod sections;
@@ -26,7 +25,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 
 use crate::datasets::iterators::Clips;
-use crate::physics_models::PhysicsNet;
+use crate::network::physics_models::PhysicsNet;
 use crate::tasks::Task;
 
 pub use curves::write_curves;

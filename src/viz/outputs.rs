@@ -3,9 +3,9 @@
 use anyhow::Result;
 use tch::{Device, Tensor};
 
-use crate::cells::State;
 use crate::datasets::iterators::Clips;
-use crate::physics_models::PhysicsNet;
+use crate::network::cells::State;
+use crate::network::physics_models::PhysicsNet;
 
 /// Clips in one pass, which bounds the memory.
 pub(super) const BATCH: usize = 25;

@@ -10,7 +10,7 @@ use tch::Tensor;
 use super::canvas::{Canvas, INK, enlarge, pictures};
 use super::sections::{Section, section_at, sections};
 use super::{enlargement, gif};
-use crate::rollout::Rollout;
+use crate::evaluation::rollout::Rollout;
 use crate::tasks::Task;
 
 /// Frames in one line of the strip.

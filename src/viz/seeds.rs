@@ -8,7 +8,7 @@ use plotters::style::RGBColor;
 
 use super::chart::{Line, Panel, Phase, Stroke};
 use super::curves;
-use super::metrics::{self, Kind, Record};
+use crate::runs::metrics::{self, Kind, Record};
 use crate::tasks::{self, Task};
 
 const PANEL_HEIGHT: u32 = 520;

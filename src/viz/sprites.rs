@@ -10,7 +10,7 @@ use plotters::style::text_anchor::HPos;
 
 use super::canvas::{Canvas, INK, picture};
 use super::enlargement;
-use crate::physics_models::{BACKGROUND_LOGIT, PhysicsNet};
+use crate::network::physics_models::{BACKGROUND_LOGIT, PhysicsNet};
 
 const ROW_LABELS: [&str; 3] = ["contents", "mask", "masked"];
 const GAP: u32 = 10;

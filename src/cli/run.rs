@@ -1,0 +1,362 @@
+//! One run from the command line: what the runners call.
+//!
+//! Original: `run_physics.py`. The runners in `runners/` hold only a task's name and this call.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::{Args, Parser};
+use tch::Device;
+
+use crate::cli::table::print_frames_and_states;
+use crate::cli::{interrupt, progress};
+use crate::datasets::files::{ClipShape, DatasetFile, Split};
+use crate::datasets::iterators::Clips;
+use crate::evaluation::{self, ScoredClips};
+use crate::network::physics_models::PhysicsNet;
+use crate::runs::checkpoint;
+use crate::runs::checkpoint::RunState;
+use crate::runs::folder::{CONFIG, RunFolder};
+use crate::runs::scores::Scores;
+use crate::runs::summary::{self, Hardware, LearnedParameter, Summary, TestScores};
+use crate::say;
+use crate::support::device;
+use crate::support::device::COMMIT;
+use crate::tasks;
+use crate::training::base::{Outcome, Trainer};
+use crate::training::config::{Config, Overrides};
+use crate::training::join::Joint;
+use crate::viz;
+
+/// Exit code of a run that was asked to stop, as shells have it for SIGINT.
+const INTERRUPTED: u8 = 130;
+
+/// Learns objects, positions and physical parameters from unlabelled video: trains, scores, writes pictures.
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    about,
+    long_about = None,
+    allow_negative_numbers = true,
+    after_help = "Examples:\n  run_physics --task spring_color --seed 1\n  \
+                  run_physics --task 3bp_color --set join.max_steps=400 --out runs/longer\n  \
+                  run_physics --resume --out runs/spring_color/fast/seed=1"
+)]
+pub struct AnyTask {
+    #[arg(long, help = format!("The system to learn: {}", tasks::keys()))]
+    task: Option<String>,
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+/// The same for the task of a per-task runner.
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    allow_negative_numbers = true,
+    about = "Trains PAIG on one task; run_physics --task does the same for any"
+)]
+struct OneTask {
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+struct RunArgs {
+    /// A config (TOML) with what differs from the recipe
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// The recipe to start from: fast (default) or paper
+    #[arg(long)]
+    recipe: Option<String>,
+    /// Set one key of the config, for example --set join.batch=50; may be repeated. --print-config shows all keys, the
+    /// recipes in configs/ say what they mean
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Run folder [default: runs/TASK/RECIPE/seed=N]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Folder of the datasets [default: data/datasets]
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Seed of initial values and of the order of the data [default: 0]
+    #[arg(long)]
+    seed: Option<u64>,
+    /// cpu, cuda or cuda:n [default: cpu]
+    #[arg(long)]
+    device: Option<String>,
+    /// Threads to compute with; 0 for one a core [default: 0]
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Go on with the run in the folder, to the same result as if it had never stopped (to the bit with as many threads).
+    /// Of the other options only --device, --threads and --data may differ from the run's own
+    #[arg(long)]
+    resume: bool,
+    /// Do not train: score the folder's last checkpoint on the test file
+    #[arg(long)]
+    test_mode: bool,
+    /// Print the complete config and stop
+    #[arg(long)]
+    print_config: bool,
+}
+
+/// Entry of `run_physics`.
+pub fn any_task() -> ExitCode {
+    let AnyTask { task, run } = AnyTask::parse();
+    exit_code(run.execute(task))
+}
+
+/// Entry of a task's own runner.
+pub fn one_task(key: &str) -> ExitCode {
+    exit_code(OneTask::parse().run.execute(Some(key.to_string())))
+}
+
+/// Prints an error with its causes on one line. Output that could not be written is one.
+pub fn exit_code(result: Result<ExitCode>) -> ExitCode {
+    result.and_then(|code| progress::ensure_written().map(|()| code)).unwrap_or_else(|error| {
+        let chain = format!("{error:#}");
+        let lines: Vec<_> = chain.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+        eprintln!("error: {}", lines.join(" "));
+        ExitCode::FAILURE
+    })
+}
+
+impl RunArgs {
+    fn execute(self, task: Option<String>) -> Result<ExitCode> {
+        // Before anything is opened: it starts the program over.
+        device::set_environment();
+        if self.print_config {
+            let config = Config::load(self.config.as_deref(), &self.overrides(task))?;
+            say!("{}", config.to_toml().trim_end());
+            return Ok(ExitCode::SUCCESS);
+        }
+        let (opened, config) = self.open(task)?;
+        let device = device::parse(&config.device)?;
+        let threads = device::set_threads(config.threads);
+        let data = if self.test_mode { None } else { Some(TrainingData::load(&config, device)?) };
+        // What can fail at once has been tried: a folder is taken only by a run that begins.
+        let mut folder = match opened {
+            Opened::Earlier(folder) => folder,
+            Opened::New(path) => RunFolder::create(&path, &config)?,
+        };
+        say!("{}", device::banner(device, threads));
+        say!("run folder {}", folder.path().display());
+        match data {
+            Some(data) => train(&config, &mut folder, &data, device, threads),
+            None => score(&config, &folder, device),
+        }
+    }
+
+    /// What is given besides a config file.
+    fn overrides(&self, task: Option<String>) -> Overrides {
+        Overrides {
+            task,
+            recipe: self.recipe.clone(),
+            seed: self.seed,
+            device: self.device.clone(),
+            threads: self.threads,
+            data: self.data.clone(),
+            set: self.set.clone(),
+        }
+    }
+
+    /// The run's folder and config.
+    fn open(&self, task: Option<String>) -> Result<(Opened, Config)> {
+        let load = || Config::load(self.config.as_deref(), &self.overrides(task.clone()));
+        let own = |c: Config| Path::new("runs").join(&c.task).join(&c.recipe).join(format!("seed={}", c.seed));
+        if !(self.resume || self.test_mode) {
+            let out = self.out.clone().map_or_else(|| load().map(own), Ok)?;
+            RunFolder::ensure_free(&out)?;
+            return Ok((Opened::New(out), load()?));
+        }
+        let which = "say which run with --out, or with the options that it was begun with";
+        let out = self.out.clone().map_or_else(|| load().map(own).context(which), Ok)?;
+        let (folder, saved) = RunFolder::reopen(&out)?;
+        if let Some(task) = &task {
+            ensure!(saved.task == *task, "{} holds a run of task {}, not of {task}", out.display(), saved.task);
+        }
+        let config = self.going_on(&saved, &out)?;
+        Ok((Opened::Earlier(folder), config))
+    }
+
+    /// The config of an earlier run with what may change: where it computes and where its data lie. Anything else that is
+    /// given must be as it was.
+    fn going_on(&self, saved: &Config, out: &Path) -> Result<Config> {
+        let mut config = saved.clone();
+        config.device = self.device.clone().unwrap_or(config.device);
+        config.threads = self.threads.unwrap_or(config.threads);
+        config.data.folder = self.data.clone().unwrap_or(config.data.folder);
+        let recipe = self.recipe.clone().unwrap_or(saved.recipe.clone());
+        let seed = self.seed.unwrap_or(saved.seed);
+        // Without what it was changed by, nobody says that a recipe was not changed.
+        let asked = if self.config.is_none() && self.set.is_empty() {
+            Config { recipe, seed, ..saved.clone() }
+        } else {
+            let given = self.overrides(Some(saved.task.clone()));
+            Config::load(self.config.as_deref(), &Overrides { recipe: Some(recipe), seed: Some(seed), ..given })?
+        };
+        let (begun, asked) = (saved.differences(&asked), asked.differences(saved));
+        ensure!(
+            begun.is_empty() && asked.is_empty(),
+            "{0} was begun with another config ({0}/config.toml: [{1}], asked for: [{2}]); resume it with --out {0} and no \
+             option but --device, --threads, --data, or choose another folder",
+            out.display(),
+            begun.join(", "),
+            asked.join(", ")
+        );
+        Ok(config)
+    }
+}
+
+/// Where a run goes.
+enum Opened {
+    /// A folder that is free.
+    New(PathBuf),
+    Earlier(RunFolder),
+}
+
+/// What a training sees.
+struct TrainingData {
+    train: Clips,
+    valid: Clips,
+}
+
+impl TrainingData {
+    /// What would stop the last phase, or the scoring after it, must not cost the phases before: the test file is read,
+    /// too, and dropped, and there must be a batch for `join`.
+    fn load(config: &Config, device: Device) -> Result<Self> {
+        let task = config.task()?;
+        let path = config.data.folder.join(&config.data.train_file);
+        let training = DatasetFile::read(&path, &ClipShape::training(task))?;
+        training.check_motion(&path)?;
+        DatasetFile::read(&test_file(config), &ClipShape::test(task))?;
+        let clips = |split| Clips::new(training.split(split), training.actions(split), device);
+        let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
+        Joint::new(&config.join, &data.train, config.seed)?;
+        Ok(data)
+    }
+}
+
+fn test_file(config: &Config) -> PathBuf {
+    config.data.folder.join(&config.data.test_file)
+}
+
+/// Scores a run's last checkpoint on the test file.
+fn score(config: &Config, folder: &RunFolder, device: Device) -> Result<ExitCode> {
+    let (_, model) = load_model(folder.path(), device)?;
+    let test = ScoredClips::read(&test_file(config), &model.task, Split::Test, device)?;
+    let scores = evaluation::evaluate(&model, &test)?;
+    print_results(&model, &test, &scores);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Trains, scores, writes numbers and pictures.
+fn train(
+    config: &Config,
+    folder: &mut RunFolder,
+    data: &TrainingData,
+    device: Device,
+    threads: usize,
+) -> Result<ExitCode> {
+    let task = config.task()?;
+    interrupt::catch()?;
+    let model = PhysicsNet::new(task, &config.model, device, config.seed);
+    let mut trainer = Trainer::new(config, &model, &data.train, &data.valid, folder)?;
+    if trainer.run()? == Outcome::Interrupted {
+        say!("stopped after step {}; go on with --resume --out {}", trainer.state.steps, folder.path().display());
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    let state = trainer.state.clone();
+    // The true states lie beside the test file: nothing has read them before.
+    let test = ScoredClips::read(&test_file(config), task, Split::Test, device).with_context(|| {
+        format!(
+            "the training is finished and saved, but not scored; --resume --out {} does it",
+            folder.path().display()
+        )
+    })?;
+    let scores = evaluation::evaluate(&model, &test)?;
+    print_results(&model, &test, &scores);
+    let parameters = model.parameter_values().into_iter();
+    let summary = Summary {
+        format: summary::FORMAT,
+        task: config.task.clone(),
+        recipe: config.recipe.clone(),
+        seed: config.seed,
+        parameters: parameters
+            .map(|(name, learned)| (name.to_string(), LearnedParameter { learned, truth: test.truth_of(name) }))
+            .collect(),
+        test: TestScores { scores, made_with: test.made_with.clone() },
+        training_clips: Some(data.train.len()),
+        validation_clips: Some(data.valid.len()),
+        overrides: config.differences_from_recipe()?,
+        steps: state.steps,
+        wall_seconds: state.seconds,
+        phase_seconds: state.phase_seconds.iter().cloned().collect(),
+        device: config.device.clone(),
+        threads,
+        hardware: Some(Hardware { processor: device::processor(), cores: device::cores() }),
+        versions: versions(&state),
+    };
+    summary.write(folder.path())?;
+    viz::write_artifacts(folder.path(), &model, &test.clips, config.output.examples)?;
+    viz::write_curves(folder.path(), task, &test.truth)?;
+    say!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What trained the run, and what scored it where that was another build.
+fn versions(state: &RunState) -> BTreeMap<String, String> {
+    let trained = if state.commits.is_empty() { "unknown".to_string() } else { state.commits.join(", then ") };
+    let scored =
+        (state.commits.last().map(String::as_str) != Some(COMMIT)).then(|| ("scored by".to_string(), COMMIT.into()));
+    let versions = [
+        ("paig".to_string(), env!("CARGO_PKG_VERSION").into()),
+        ("libtorch".to_string(), device::LIBTORCH_VERSION.into()),
+        ("commit".to_string(), trained),
+    ];
+    versions.into_iter().chain(scored).collect()
+}
+
+/// The learned parameters beside the truth, the losses beside the paper's, every frame, the states.
+fn print_results(model: &PhysicsNet, test: &ScoredClips, scores: &Scores) {
+    let (task, losses) = (&model.task, &scores.losses);
+    say!("\n{:<28}{:>12}{:>12}{:>10}", task.key, "learned", "true", "error");
+    for (name, learned) in model.parameter_values() {
+        match test.truth_of(name) {
+            Some(truth) => {
+                let error = 100.0 * (learned / truth - 1.0);
+                say!("{name:<28}{learned:>12.4}{truth:>12.4}{error:>9.2}%");
+            }
+            None => say!("{name:<28}{learned:>12.4}"),
+        }
+    }
+    test.notes.iter().for_each(|note| say!("note: {note}"));
+    say!("\n{:<28}{:>12}{:>12}", "test loss (squared error)", "here", "paper");
+    let published = tasks::paper_losses(task.key);
+    let row = |name: &str, value: f64, paper: Option<f64>| {
+        let paper = paper.map_or("-".to_string(), |paper| format!("{paper:.2}"));
+        say!("{name:<28}{value:>12.4}{paper:>12}");
+    };
+    row("reconstruction L_rec", losses.recons_loss, published.map(|p| p.reconstruction));
+    row("prediction L_pred", losses.pred_loss, published.map(|p| p.prediction));
+    if let Some(loss) = losses.extrap_loss {
+        row("extrapolation L_extrap", loss, None);
+    }
+    say!();
+    print_frames_and_states(task, scores);
+}
+
+/// Reads a run's model back.
+///
+/// # Errors
+/// A folder that holds no run or no checkpoint, or one of another task.
+pub fn load_model(folder: &Path, device: Device) -> Result<(Config, PhysicsNet)> {
+    let path = folder.join(CONFIG);
+    ensure!(path.exists(), "{} is not a run folder: there is no {CONFIG} in it", folder.display());
+    let config = Config::read(&path)?;
+    let model = PhysicsNet::new(config.task()?, &config.model, device, config.seed);
+    checkpoint::load_weights(&checkpoint::find_weights(folder)?, &model)?;
+    Ok((config, model))
+}

@@ -1,0 +1,103 @@
+//! Where the objects of a clip start, how fast, and what acts on them. Original: `nn/datasets/generators.py`.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use rand::Rng;
+
+use super::simulate::{State, World};
+use crate::tasks::scene::Motion;
+
+impl World {
+    /// One draw of the initial state, before any rule of [`World::clip`] is applied.
+    pub(super) fn draw_initial(&self, rng: &mut impl Rng) -> State {
+        match self.motion {
+            Motion::Bouncing => self.draw_free_balls(rng),
+            Motion::Spring { equil, .. } => self.draw_spring(equil, rng),
+            Motion::ThreeBodies { .. } => self.draw_three_bodies(rng),
+            Motion::Falling { bounces, .. } => self.draw_falling(bounces, rng),
+            Motion::Pendulum { angle, spin, .. } => State {
+                positions: vec![either_side(angle, rng)],
+                velocities: vec![either_side(spin, rng)],
+                action: 0.0,
+            },
+        }
+    }
+
+    /// What acts from outside from one frame to the next: a pendulum's torque. A float32, as the file will hold it, so
+    /// that the file says exactly what acted.
+    pub(super) fn draw_action(&self, rng: &mut impl Rng) -> f64 {
+        match self.motion {
+            Motion::Pendulum { torque, .. } => f64::from(either_side(torque, rng) as f32),
+            _ => 0.0,
+        }
+    }
+
+    /// Two balls anywhere off the walls, each in its own direction. The authors released no generator for these; their
+    /// file shows this speed and uniform positions.
+    fn draw_free_balls(&self, rng: &mut impl Rng) -> State {
+        let positions = (0..2).map(|_| self.uniform_point(self.wall_margin, rng)).collect();
+        let velocities = (0..2).map(|_| self.random_velocity(rng)).collect();
+        State::in_plane(positions, velocities)
+    }
+
+    /// Centre of mass at least `radius + equil` from every wall; 1 to 3 `equil` between the balls, in any direction.
+    fn draw_spring(&self, equil: f64, rng: &mut impl Rng) -> State {
+        let centre = self.uniform_point(self.radius + equil, rng);
+        let angle = rng.random_range(0.0..TAU);
+        let arm = equil * rng.random_range(0.5..1.5);
+        let offset = [arm * angle.cos(), arm * angle.sin()];
+        let positions =
+            vec![[centre[0] + offset[0], centre[1] + offset[1]], [centre[0] - offset[0], centre[1] - offset[1]]];
+        let velocities = (0..2).map(|_| self.random_velocity(rng)).collect();
+        State::in_plane(positions, velocities)
+    }
+
+    /// Three bodies on a circle of 0.75 to 1.25 quarter sides around the image centre, 120 degrees apart (the second
+    /// and third up to 0.25 rad off), circling in one sense, with a common drift of up to 0.5 on each axis.
+    fn draw_three_bodies(&self, rng: &mut impl Rng) -> State {
+        let first = rng.random_range(0.0..TAU);
+        let angles = [
+            first,
+            first + TAU / 3.0 + rng.random_range(-0.25..0.25),
+            first + 2.0 * TAU / 3.0 + rng.random_range(-0.25..0.25),
+        ];
+        let distance = rng.random_range(0.75..1.25) * self.side / 4.0;
+        let turn = if rng.random::<bool>() { FRAC_PI_2 } else { -FRAC_PI_2 };
+        let drift = [rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5)];
+        let centre = self.side / 2.0;
+        let positions = angles.iter().map(|a| [centre + distance * a.cos(), centre + distance * a.sin()]).collect();
+        let velocities = angles
+            .iter()
+            .map(|a| {
+                let tangent = a + turn;
+                [tangent.cos() * self.speed[0] + drift[0], tangent.sin() * self.speed[1] + drift[1]]
+            })
+            .collect();
+        State::in_plane(positions, velocities)
+    }
+
+    /// One ball in any direction: anywhere off the walls, or, where it bounces, in the upper half as in the original
+    /// (which let free fall begin there, too, at rest; thrown balls stay in the frame for longer).
+    fn draw_falling(&self, bounces: bool, rng: &mut impl Rng) -> State {
+        let [x, y] = self.uniform_point(self.wall_margin, rng);
+        let y = if bounces { (self.wall_margin + y) / 2.0 } else { y };
+        State::in_plane(vec![[x, y]], vec![self.random_velocity(rng)])
+    }
+
+    /// A point at least `margin` from every wall.
+    fn uniform_point(&self, margin: f64, rng: &mut impl Rng) -> [f64; 2] {
+        let room = self.side - 2.0 * margin;
+        [margin + room * rng.random::<f64>(), margin + room * rng.random::<f64>()]
+    }
+
+    /// A random direction, its components scaled by the speeds of the two axes.
+    fn random_velocity(&self, rng: &mut impl Rng) -> [f64; 2] {
+        let angle = rng.random_range(0.0..TAU);
+        [angle.cos() * self.speed[0], angle.sin() * self.speed[1]]
+    }
+}
+
+/// Uniform between `-largest` and `largest`.
+fn either_side(largest: f64, rng: &mut impl Rng) -> f64 {
+    largest * (2.0 * rng.random::<f64>() - 1.0)
+}

@@ -1,0 +1,258 @@
+//! What to generate: a task's scene with its numbers, some of them changed, and the file name that says so.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail, ensure};
+
+use super::render::{BAR_HALF_WIDTH, BAR_VIEW, DIGIT_RADIUS};
+use super::simulate::{PENDULUM_MAX_SPEED, World};
+use crate::tasks::Task;
+use crate::tasks::scene::{Background, Look, Motion, Scene};
+
+/// Euler steps a frame; the model takes 5.
+pub const SUBSTEPS: usize = 10;
+/// Distance of a digit's centre from a wall at which it touches, pixels: its sprite may hang over the border.
+const DIGIT_WALL_MARGIN: f64 = 2.0;
+/// Largest angle that a pendulum may turn in a substep, radians.
+const LARGEST_TURN: f64 = 0.5;
+/// The numbers of a scene that its law of motion depends on.
+const LAW: [&str; 7] = ["k", "equil", "damping", "g", "m", "length", "a"];
+/// Time between two frames that the authors' file names leave out.
+const UNNAMED_DT: f64 = 0.3;
+
+/// Numbers of a scene to change; `None` keeps the task's.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Changes {
+    pub k: Option<f64>,
+    pub equil: Option<f64>,
+    pub damping: Option<f64>,
+    pub g: Option<f64>,
+    pub m: Option<f64>,
+    pub length: Option<f64>,
+    pub a: Option<f64>,
+    pub torque: Option<f64>,
+    pub angle: Option<f64>,
+    pub spin: Option<f64>,
+    pub vx: Option<f64>,
+    pub vy: Option<f64>,
+    pub radius: Option<f64>,
+    pub dt: Option<f64>,
+    pub substeps: Option<usize>,
+    pub size: Option<usize>,
+    pub background: Option<Background>,
+}
+
+/// The number of a scene that is the model's parameter of this symbol.
+fn number_of(symbol: &str) -> &str {
+    match symbol {
+        "l" => "equil",
+        "c" => "damping",
+        same => same,
+    }
+}
+
+/// Everything that decides what a clip looks like, but its length and its number.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variant {
+    pub task: &'static Task,
+    pub scene: Scene,
+    /// Side of the frames, pixels.
+    pub side: usize,
+    /// Time between two frames.
+    pub dt: f64,
+    pub substeps: usize,
+    pub background: Background,
+    pub seed: u64,
+}
+
+impl Variant {
+    /// A task's scene as the paper has it.
+    pub fn new(task: &'static Task, seed: u64) -> Self {
+        let background = task.scene.look.background();
+        Self { task, scene: task.scene, side: task.side, dt: task.dt, substeps: SUBSTEPS, background, seed }
+    }
+
+    /// The scene with other numbers.
+    ///
+    /// # Errors
+    /// A number that the task's scene does not have, or one out of range.
+    pub fn with(mut self, changes: &Changes) -> Result<Self> {
+        let task = self.task.key;
+        let put = |flag: &str, slot: Option<&mut f64>, value: Option<f64>, minimum: f64| -> Result<()> {
+            let Some(value) = value else { return Ok(()) };
+            let Some(slot) = slot else { bail!("--{flag} means nothing for task {task}; leave it out") };
+            ensure!(value.is_finite() && value >= minimum, "--{flag} must be at least {minimum}, not {value}");
+            *slot = value;
+            Ok(())
+        };
+        let least_mass = if self.scene.look == Look::Bar { 0.01 } else { 0.0 };
+        for (name, value, minimum) in [
+            ("k", changes.k, 0.0),
+            ("equil", changes.equil, 0.1),
+            ("damping", changes.damping, 0.0),
+            ("g", changes.g, 0.0),
+            ("m", changes.m, least_mass),
+            ("length", changes.length, 0.1),
+            ("a", changes.a, 0.0),
+            ("torque", changes.torque, 0.0),
+            ("angle", changes.angle, 0.0),
+            ("spin", changes.spin, 0.0),
+        ] {
+            put(name, self.scene.motion.number(name), value, minimum)?;
+        }
+        let Scene { speed: [vx, vy], radius, look, .. } = &mut self.scene;
+        let moves = *look != Look::Bar;
+        put("vx", moves.then_some(vx), changes.vx, 0.0)?;
+        put("vy", moves.then_some(vy), changes.vy, 0.0)?;
+        // A digit's radius is that of its sprite.
+        put("radius", (*look == Look::Balls).then_some(radius), changes.radius, 0.5)?;
+        put("dt", Some(&mut self.dt), changes.dt, 1e-6)?;
+        self.substeps = changes.substeps.unwrap_or(self.substeps);
+        self.side = changes.size.unwrap_or(self.side);
+        if let Some(background) = changes.background {
+            ensure!(moves, "--background means nothing for task {task}; leave it out");
+            self.background = background;
+        }
+        self.check()?;
+        Ok(self)
+    }
+
+    fn check(&self) -> Result<()> {
+        ensure!((1..=100_000).contains(&self.substeps), "--substeps must be 1 to 100000, not {}", self.substeps);
+        ensure!((8..=512).contains(&self.side), "--size must be 8 to 512 pixels, not {}", self.side);
+        let h = self.dt / self.substeps as f64;
+        if let Motion::Pendulum { length, spin, .. } = self.scene.motion {
+            let longest = BAR_VIEW - BAR_HALF_WIDTH;
+            ensure!(length <= longest, "--length must be at most {longest} to fit into the frame, not {length}");
+            ensure!(spin <= PENDULUM_MAX_SPEED, "--spin must be at most {PENDULUM_MAX_SPEED}, not {spin}");
+            let turn = PENDULUM_MAX_SPEED * h;
+            ensure!(
+                turn <= LARGEST_TURN,
+                "a pendulum may turn by {turn} radians a substep; raise --substeps or lower --dt"
+            );
+            return Ok(());
+        }
+        let world = self.world();
+        let room = self.side as f64;
+        let length = if let Motion::Spring { equil, .. } = self.scene.motion { equil } else { 0.0 };
+        ensure!(
+            2.0 * (world.radius + length) < room,
+            "objects of radius {} with --equil {length} do not fit into --size {}",
+            world.radius,
+            self.side
+        );
+        let fall = if let Motion::Falling { g, .. } = self.scene.motion { (2.0 * g * room).sqrt() } else { 0.0 };
+        let step = (self.scene.speed[0].max(self.scene.speed[1]) + fall) * h;
+        ensure!(
+            step < room / 4.0,
+            "at this speed an object jumps {step} pixels a substep in a frame of {}; raise --substeps or lower --dt",
+            self.side
+        );
+        Ok(())
+    }
+
+    /// The box and the law of motion.
+    pub fn world(&self) -> World {
+        let wall_margin = match self.scene.look {
+            Look::Balls | Look::Bar => self.scene.radius,
+            Look::Digits => DIGIT_WALL_MARGIN,
+        };
+        World {
+            motion: self.scene.motion,
+            speed: self.scene.speed,
+            radius: if self.scene.look == Look::Digits { DIGIT_RADIUS } else { self.scene.radius },
+            wall_margin,
+            side: self.side as f64,
+            dt: self.dt,
+            substeps: self.substeps,
+            pane_frames: self.task.input_steps + self.task.pred_steps,
+        }
+    }
+
+    /// What a model of the task should find in these clips, in the order of the task's true parameters; empty where its
+    /// equation is not that of the clips: another time between two frames, or a number that the model takes as given.
+    pub fn truth(&self) -> Vec<f64> {
+        let (mut here, mut usual) = (self.scene.motion, self.task.scene.motion);
+        // A mass is learned only where the strength of gravity is given, and is given where that is learned.
+        let learned = |number: &str| {
+            let mut symbols = self.task.truth.iter().map(|parameter| parameter.name);
+            symbols.any(|symbol| symbol != "m" && number_of(symbol) == number)
+        };
+        let mut given = LAW.into_iter().filter(|number| !learned(number));
+        if self.dt != self.task.dt || given.any(|number| here.number(number) != usual.number(number)) {
+            return Vec::new();
+        }
+        let value = |symbol: &str| here.number(number_of(symbol)).map(|value| *value);
+        self.task.truth.iter().map(|parameter| parameter.name).filter_map(value).collect()
+    }
+
+    /// Bytes of one frame.
+    pub fn frame_bytes(&self) -> usize {
+        self.side * self.side * self.task.channels
+    }
+
+    /// Numbers that place all objects of a frame.
+    pub fn coordinates(&self) -> usize {
+        self.scene.motion.coordinates() * self.task.objects
+    }
+
+    /// File for clips of `frames` frames, relative to the datasets folder: the authors' naming with this variant's
+    /// values, so the task's own file names where nothing was changed. What their names do not mention is added where
+    /// it differs from the task's. Numbers of clips and seeds are not in the name.
+    pub fn file(&self, frames: usize) -> PathBuf {
+        let [vx, vy] = self.scene.speed;
+        let mut name = match (self.scene.motion, self.scene.look) {
+            (Motion::Bouncing, _) => "color_bounce",
+            (Motion::Spring { .. }, Look::Digits) => "color_mnist_spring",
+            (Motion::Spring { .. }, _) => "color_spring",
+            (Motion::ThreeBodies { .. }, _) => "color_3bp",
+            (Motion::Falling { bounces: false, .. }, _) => "falling_ball",
+            (Motion::Falling { bounces: true, .. }, _) => "falling_bouncing_ball",
+            (Motion::Pendulum { .. }, _) => "color_pendulum",
+        }
+        .to_owned();
+        name += &match self.scene.look {
+            Look::Bar => format!("_sl{frames}"),
+            _ => format!("_vx{vx}_vy{vy}_sl{frames}_r{}", self.world().wall_margin),
+        };
+        match self.scene.motion {
+            Motion::Bouncing => {}
+            Motion::Spring { k, equil, .. } => name += &format!("_k{k}_e{equil}"),
+            Motion::ThreeBodies { g, m } => name += &format!("_g{g}_m{m}"),
+            Motion::Falling { g, .. } => name += &format!("_g{g}"),
+            Motion::Pendulum { g, m, length, a, torque, .. } => {
+                name += &format!("_g{g}_m{m}_l{length}_a{a}_u{torque}");
+            }
+        }
+        if self.dt != UNNAMED_DT {
+            name += &format!("_dt{}", self.dt.to_string().replace('.', ""));
+        }
+        if let Motion::Spring { half_pane: true, .. } = self.scene.motion {
+            name += "_halfpane";
+        }
+        // What the authors' names have no place for, where it is not the task's.
+        let (mut scene, mut usual) = (self.scene.motion, self.task.scene.motion);
+        for number in ["damping", "angle", "spin"] {
+            if let (Some(value), Some(usual)) = (scene.number(number), usual.number(number))
+                && value != usual
+            {
+                name += &format!("_{number}{value}");
+            }
+        }
+        if self.background != self.task.scene.look.background() {
+            name += match self.background {
+                Background::Plain => "_plain",
+                Background::Cifar => "_cifar",
+                Background::RandomCifar => "_randomcifar",
+            };
+        }
+        if self.side != self.task.side {
+            name += &format!("_size{}", self.side);
+        }
+        if self.substeps != SUBSTEPS {
+            name += &format!("_substeps{}", self.substeps);
+        }
+        let folder = std::path::Path::new(self.task.train_file).parent().unwrap_or(std::path::Path::new(""));
+        folder.join(name + ".npz")
+    }
+}

@@ -1,0 +1,280 @@
+//! Building blocks of the network: layers, the up-sampling, the two U-Nets, learned variables.
+//!
+//! Original: `nn/network/blocks.py`. Tensors are `[batch, channels, height, width]`, weights are in PyTorch's layouts
+//! (`[out, in, kh, kw]` and `[out, in]`); names follow the original's scopes, with `weight` for its `kernel`.
+
+use anyhow::Result;
+use tch::nn::Path;
+use tch::{Kind, Tensor};
+
+use crate::network::stn::hat_matrix;
+
+/// What follows a layer's affine map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Activation {
+    None,
+    Relu,
+    Tanh,
+}
+
+impl Activation {
+    /// In place, where the map before it does not need its result again: it never does.
+    fn apply(self, mut x: Tensor) -> Tensor {
+        match self {
+            Activation::None => x,
+            Activation::Relu => x.relu_(),
+            Activation::Tanh => x.tanh_(),
+        }
+    }
+}
+
+/// A square convolution with stride 1 and zero padding that keeps the size (TensorFlow's `SAME`).
+#[derive(Debug)]
+pub struct Conv2d {
+    weight: Tensor,
+    bias: Tensor,
+    padding: i64,
+    activation: Activation,
+}
+
+impl Conv2d {
+    fn forward(&self, x: &Tensor) -> Tensor {
+        self.activation.apply(x.conv2d(&self.weight, Some(&self.bias), 1, self.padding, 1, 1))
+    }
+}
+
+/// A fully connected layer on the last axis.
+#[derive(Debug)]
+pub struct Dense {
+    weight: Tensor,
+    bias: Tensor,
+    activation: Activation,
+}
+
+impl Dense {
+    /// `[.., in]` to `[.., out]`.
+    pub fn forward(&self, x: &Tensor) -> Tensor {
+        self.activation.apply(x.linear(&self.weight, Some(&self.bias)))
+    }
+
+    /// Replaces kernel and bias by the least-squares solution of `inputs -> outputs` (`[rows, in]` to `[rows, out]`, before
+    /// the activation), with a ridge of weight `ridge` per row around the present values.
+    ///
+    /// # Errors
+    /// A singular system.
+    pub fn solve(&self, inputs: &Tensor, outputs: &Tensor, ridge: f64) -> Result<()> {
+        let _guard = tch::no_grad_guard();
+        let inputs = inputs.to_kind(Kind::Double);
+        let design = Tensor::cat(&[&inputs, &inputs.narrow(1, 0, 1).ones_like()], 1);
+        let present = Tensor::cat(&[self.weight.transpose(0, 1), self.bias.unsqueeze(0)], 0).to_kind(Kind::Double);
+        let normal = design.transpose(0, 1).matmul(&design);
+        let identity = Tensor::eye(normal.size()[0], (Kind::Double, normal.device()));
+        let missing = outputs.to_kind(Kind::Double) - design.matmul(&present);
+        let change = Tensor::f_linalg_solve(
+            &(normal + identity * (ridge * design.size()[0] as f64)),
+            &design.transpose(0, 1).matmul(&missing),
+            true,
+        )?;
+        let solved = (present + change).to_kind(self.weight.kind());
+        let inputs = solved.size()[0] - 1;
+        self.weight.shallow_clone().copy_(&solved.narrow(0, 0, inputs).transpose(0, 1));
+        self.bias.shallow_clone().copy_(&solved.select(0, inputs));
+        Ok(())
+    }
+
+    /// Multiplies the kernel by a factor.
+    pub fn scale(&self, factor: f64) {
+        let _guard = tch::no_grad_guard();
+        let _ = self.weight.shallow_clone().g_mul_scalar_(factor);
+    }
+}
+
+/// Makes the layers of one scope and numbers them as TensorFlow does: `conv2d`, `conv2d_1`, .., `dense`, `dense_1`, ..
+///
+/// New weights are zero; [`crate::network::initial_values`] fills a finished model.
+#[derive(Debug)]
+pub struct Layers<'a> {
+    scope: Path<'a>,
+    convolutions: usize,
+    denses: usize,
+}
+
+impl<'a> Layers<'a> {
+    pub fn new(scope: Path<'a>) -> Self {
+        Layers { scope, convolutions: 0, denses: 0 }
+    }
+
+    /// A convolution with a `size` x `size` kernel.
+    pub fn conv2d(&mut self, inputs: usize, outputs: usize, size: usize, activation: Activation) -> Conv2d {
+        let path = &self.scope / numbered("conv2d", &mut self.convolutions);
+        Conv2d {
+            weight: path.zeros("weight", &[outputs as i64, inputs as i64, size as i64, size as i64]),
+            bias: path.zeros("bias", &[outputs as i64]),
+            padding: size as i64 / 2,
+            activation,
+        }
+    }
+
+    pub fn dense(&mut self, inputs: usize, outputs: usize, activation: Activation) -> Dense {
+        let path = &self.scope / numbered("dense", &mut self.denses);
+        Dense {
+            weight: path.zeros("weight", &[outputs as i64, inputs as i64]),
+            bias: path.zeros("bias", &[outputs as i64]),
+            activation,
+        }
+    }
+}
+
+fn numbered(kind: &str, count: &mut usize) -> String {
+    let name = if *count == 0 { kind.to_string() } else { format!("{kind}_{count}") };
+    *count += 1;
+    name
+}
+
+/// Doubles height and width as TensorFlow 1's `resize_bilinear` does (`align_corners=False`, no half-pixel centres):
+/// `out[2i] = in[i]`, `out[2i+1] = (in[i] + in[min(i+1, n-1)]) / 2` on each axis. No mode of PyTorch's `interpolate`
+/// equals it.
+pub fn resize_bilinear_x2(x: &Tensor) -> Tensor {
+    let (batch, channels, height, width) = x.size4().expect("images [batch, channels, h, w]");
+    // A matrix product for each axis, with the channels last: the layout in which the convolutions are fastest.
+    let rows = doubling_matrix(height, x).matmul(&x.permute([0, 2, 3, 1]).reshape([batch, height, width * channels]));
+    let both = doubling_matrix(width, x).matmul(&rows.reshape([batch * 2 * height, width, channels]));
+    both.reshape([batch, 2 * height, 2 * width, channels]).permute([0, 3, 1, 2])
+}
+
+/// `[2n, n]`: row r holds the bilinear weights at r / 2, the last element repeated.
+fn doubling_matrix(n: i64, like: &Tensor) -> Tensor {
+    let halves = Tensor::arange(2 * n, (like.kind(), like.device())) * 0.5;
+    hat_matrix(&halves.clamp_max((n - 1) as f64), n)
+}
+
+/// A U-Net: `levels` times two convolutions and a 2x2 max pooling with the width doubling, and the way back up with
+/// skip connections. Gives one mask logit per object and pixel.
+#[derive(Debug)]
+pub struct UNet {
+    /// Two convolutions for each level, the lowest (not pooled) last.
+    down: Vec<[Conv2d; 2]>,
+    /// From the lowest level up: the linear convolution after the up-sampling, and the two after the concatenation.
+    up: Vec<(Conv2d, [Conv2d; 2])>,
+    logits: Conv2d,
+}
+
+/// Base width and poolings of the two networks (original: `shallow_unet`, `unet`).
+const SHALLOW: (usize, usize) = (8, 2);
+const DEEP: (usize, usize) = (16, 3);
+/// Frames smaller than this go through the shallow network.
+const DEEP_FROM_SIDE: usize = 40;
+
+/// Whether frames of this side go through the deep U-Net (and its masked frames are halved before the dense layers).
+pub fn uses_deep_unet(side: usize) -> bool {
+    side >= DEEP_FROM_SIDE
+}
+
+impl UNet {
+    /// The U-Net the original uses for frames of this side.
+    pub fn for_side(layers: &mut Layers, side: usize, channels: usize, objects: usize) -> Self {
+        let (base, poolings) = if uses_deep_unet(side) { DEEP } else { SHALLOW };
+        let mut down = Vec::new();
+        let (mut inputs, mut width) = (channels, base);
+        for _ in 0..=poolings {
+            down.push([
+                layers.conv2d(inputs, width, 3, Activation::Relu),
+                layers.conv2d(width, width, 3, Activation::Relu),
+            ]);
+            inputs = width;
+            width *= 2;
+        }
+        let mut up = Vec::new();
+        for level in (0..poolings).rev() {
+            let skip = base << level;
+            let upsampled = layers.conv2d(inputs, 2 * base, 3, Activation::None);
+            up.push((
+                upsampled,
+                [
+                    layers.conv2d(2 * base + skip, skip, 3, Activation::Relu),
+                    layers.conv2d(skip, skip, 3, Activation::Relu),
+                ],
+            ));
+            inputs = skip;
+        }
+        UNet { down, up, logits: layers.conv2d(base, objects, 1, Activation::None) }
+    }
+
+    /// `[frames, channels, S, S]` in \[0, 1\] to logits `[frames, objects, S, S]`.
+    pub fn forward(&self, frames: &Tensor) -> Tensor {
+        let mut skips: Vec<Tensor> = Vec::new();
+        let mut h = frames.shallow_clone();
+        for [first, second] in &self.down {
+            if !skips.is_empty() {
+                h = h.max_pool2d(2, 2, 0, 1, false);
+            }
+            h = second.forward(&first.forward(&h));
+            skips.push(h.shallow_clone());
+        }
+        skips.pop();
+        for (upsampled, [first, second]) in &self.up {
+            let skip = skips.pop().expect("one skip connection for each level");
+            h = Tensor::cat(&[upsampled.forward(&resize_bilinear_x2(&h)), skip], 1);
+            h = second.forward(&first.forward(&h));
+        }
+        self.logits.forward(&h)
+    }
+
+    /// Replaces each logit y by `scale (y - mean) + centre`; `mean` is `[objects]`.
+    pub fn rescale_logits(&self, scale: &Tensor, mean: &Tensor, centre: f64) {
+        let _guard = tch::no_grad_guard();
+        let Conv2d { weight, bias, .. } = &self.logits;
+        bias.shallow_clone().copy_(&((bias - mean) * scale + centre));
+        let _ = weight.shallow_clone().g_mul_(scale);
+    }
+}
+
+/// A learned array written as the output of a small network on a constant input, which conditions its training better
+/// than a bare variable (original: `variable_from_network`).
+#[derive(Debug)]
+pub struct VariableFromNetwork {
+    hidden: Dense,
+    output: Dense,
+    shape: Vec<i64>,
+}
+
+const CONSTANT_INPUTS: usize = 10;
+const HIDDEN: usize = 200;
+
+impl VariableFromNetwork {
+    pub fn new(layers: &mut Layers, shape: &[i64]) -> Self {
+        let values: i64 = shape.iter().product();
+        VariableFromNetwork {
+            hidden: layers.dense(CONSTANT_INPUTS, HIDDEN, Activation::Tanh),
+            output: layers.dense(HIDDEN, values as usize, Activation::None),
+            shape: shape.to_vec(),
+        }
+    }
+
+    /// The array, of the shape given at construction.
+    pub fn value(&self) -> Tensor {
+        let weight = &self.hidden.weight;
+        let ones = Tensor::ones([1, CONSTANT_INPUTS as i64], (weight.kind(), weight.device()));
+        self.output.forward(&self.hidden.forward(&ones)).reshape(&self.shape)
+    }
+
+    /// Begins the array at `values` (as many as it has, in its order), with the output kernel scaled by `kernel`.
+    pub fn start_at(&self, values: &Tensor, kernel: f64) {
+        let _guard = tch::no_grad_guard();
+        self.output.scale(kernel);
+        self.output.bias.shallow_clone().copy_(&values.reshape([-1]));
+    }
+
+    /// Applies a linear map to the array by applying it to the output layer; `map` takes and gives
+    /// `[shape.., columns]`.
+    pub fn map(&self, map: impl Fn(&Tensor) -> Tensor) {
+        let _guard = tch::no_grad_guard();
+        let Dense { weight, bias, .. } = &self.output;
+        let columns = Tensor::cat(&[weight, &bias.unsqueeze(1)], 1);
+        let shape: Vec<i64> = self.shape.iter().copied().chain([-1]).collect();
+        let mapped = map(&columns.reshape(&shape)).reshape(columns.size());
+        let inputs = weight.size()[1];
+        weight.shallow_clone().copy_(&mapped.narrow(1, 0, inputs));
+        bias.shallow_clone().copy_(&mapped.select(1, inputs));
+    }
+}

@@ -1,0 +1,8 @@
+//! The network: encoder, velocity estimator, physics, decoder. Original: `nn/network`.
+
+pub mod blocks;
+pub mod cells;
+pub mod initial_values;
+pub mod physics_models;
+pub mod stn;
+pub mod variable_names;

@@ -1,0 +1,167 @@
+//! Coordinate-consistent decoder: each object's learned sprite is moved to its position by a spatial transformer, and
+//! the sprites are composed over a learned background.
+//!
+//! Original: `conv_st_decoder`; paper: section 3.3 and figure 4.
+
+use tch::Tensor;
+use tch::nn::Path;
+
+use super::BACKGROUND_LOGIT;
+use crate::network::blocks::{Layers, VariableFromNetwork};
+use crate::network::cells::Coordinates;
+use crate::network::stn;
+use crate::tasks::Task;
+
+/// Added to a template before it is moved and taken off again after, so that outside its window it is -5.
+const OUTSIDE: f64 = 5.0;
+
+/// Learned sprites and the way they are drawn.
+#[derive(Debug)]
+pub struct Decoder {
+    log_sigma: Tensor,
+    template: VariableFromNetwork,
+    contents: VariableFromNetwork,
+    background: VariableFromNetwork,
+    coordinates: Coordinates,
+    side: usize,
+    objects: i64,
+    /// Pixels by which half a frame's side in position moves a sprite; see [`super::ModelOptions::exact_shift`].
+    half_span: f64,
+}
+
+/// What the decoder has learned to draw, before the sigmoid of the colours.
+#[derive(Debug)]
+pub struct Sprites {
+    /// Mask logits, `[objects, 1, S/2, S/2]`.
+    pub template: Tensor,
+    /// Colour logits, `[objects, channels, S/2, S/2]`.
+    pub contents: Tensor,
+    /// Colours in \[0, 1\], `[1, channels, S, S]`.
+    pub background: Tensor,
+}
+
+/// Drawn frames and their layers.
+#[derive(Debug)]
+pub struct Rendering {
+    /// `[frames, channels, S, S]` in \[0, 1\].
+    pub frames: Tensor,
+    /// Visibility of each object and of the background, summing to 1: `[objects + 1, frames, S, S]`.
+    pub masks: Tensor,
+    /// Each object's moved colours, `[objects, frames, channels, S, S]`.
+    pub contents: Tensor,
+}
+
+impl Decoder {
+    pub fn new(scope: Path, task: &Task, exact_shift: bool) -> Self {
+        let (objects, channels, side) = (task.objects as i64, task.channels as i64, task.side as i64);
+        let window = side / 2;
+        let log_sigma = scope.zeros("logsigma", &[]);
+        let mut layers = Layers::new(scope);
+        Decoder {
+            log_sigma,
+            // Channels last, as the original stores them.
+            template: VariableFromNetwork::new(&mut layers, &[objects, window, window, 1]),
+            contents: VariableFromNetwork::new(&mut layers, &[objects, window, window, channels]),
+            background: VariableFromNetwork::new(&mut layers, &[1, side, side, channels]),
+            coordinates: task.cell.coordinates,
+            side: task.side,
+            objects,
+            half_span: if exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
+        }
+    }
+
+    /// The learned sprites and background.
+    pub fn sprites(&self) -> Sprites {
+        let channels_first = |x: Tensor| x.permute([0, 3, 1, 2]);
+        Sprites {
+            template: channels_first(self.template.value()),
+            contents: channels_first(self.contents.value()),
+            background: channels_first(self.background.value()).sigmoid(),
+        }
+    }
+
+    /// Begins the background at these logits, `[channels, S, S]`, its network's kernel scaled by `kernel`.
+    pub fn start_background(&self, logits: &Tensor, kernel: f64) {
+        self.background.start_at(&logits.permute([1, 2, 0]), kernel);
+    }
+
+    /// Begins every template as a Gaussian bump from `-height` at the window's edge to `height` at its centre; `width` is
+    /// its standard deviation in half windows.
+    pub fn start_templates(&self, height: f64, width: f64) {
+        let window = self.side as i64 / 2;
+        let line = Tensor::linspace(-1.0, 1.0, window, (self.log_sigma.kind(), self.log_sigma.device()));
+        let squared = line.square().unsqueeze(0) + line.square().unsqueeze(1);
+        let bump = ((squared / (-2.0 * width * width)).exp() * 2.0 - 1.0) * height;
+        self.template.start_at(&bump.repeat([self.objects, 1, 1]), 1.0);
+    }
+
+    /// Shifts each object's sprite in its window by `offsets` (`[2 * objects]`, pixels of the frame), so that it is drawn
+    /// where it was when its position loses as much.
+    pub fn shift_sprites(&self, offsets: &Tensor) {
+        let _guard = tch::no_grad_guard();
+        let window = self.side as i64 / 2;
+        // Pixels of the window for one unit of position: the slope of the spatial transformer's map.
+        let scale = self.log_sigma.exp() * (stn::pixel_scale(window) / self.half_span);
+        let shifts = (offsets * scale).reshape([self.objects, 2]);
+        let columns = stn::shift_matrices(&shifts.select(1, 0), window);
+        let rows = stn::shift_matrices(&shifts.select(1, 1), window);
+        let shift = |values: &Tensor| {
+            // [objects, row, column, rest]
+            let by_row = rows.bmm(&values.flatten(2, -1)).reshape(values.size());
+            let turned = by_row.transpose(1, 2);
+            columns.bmm(&turned.flatten(2, -1)).reshape(turned.size()).transpose(1, 2)
+        };
+        self.template.map(shift);
+        self.contents.map(shift);
+    }
+
+    /// Draws the objects at `positions`, `[frames, coordinates * objects]`.
+    pub fn forward(&self, positions: &Tensor) -> Rendering {
+        let sprites = self.sprites();
+        let layers = Tensor::cat(&[sprites.template + OUTSIDE, sprites.contents.sigmoid()], 1);
+        let moved = match self.coordinates {
+            Coordinates::Position => self.shifted(&layers, positions),
+            Coordinates::Angle => self.rotated(&layers, positions),
+        };
+        let channels = moved.size()[2] - 1;
+        let template = moved.select(2, 0) - OUTSIDE;
+        let background_logit = template.narrow(0, 0, 1).full_like(BACKGROUND_LOGIT);
+        let masks = Tensor::cat(&[template, background_logit], 0).softmax(0, positions.kind());
+        let contents = moved.narrow(2, 1, channels);
+        let drawn =
+            (masks.narrow(0, 0, self.objects).unsqueeze(2) * &contents).sum_dim_intlist([0i64].as_slice(), false, None);
+        let frames = drawn + masks.select(0, self.objects).unsqueeze(1) * sprites.background;
+        Rendering { frames, masks, contents }
+    }
+
+    /// Layers `[objects, C, S/2, S/2]` at positions `[frames, 2 * objects]` in pixels: `[objects, frames, C, S, S]`.
+    fn shifted(&self, layers: &Tensor, positions: &Tensor) -> Tensor {
+        // theta = [sigma, 0, (S/2 - x) / t * sigma, 0, sigma, (S/2 - y) / t * sigma]
+        let sigma = self.log_sigma.exp();
+        let half = self.side as f64 / 2.0;
+        let shift = (half - positions) * (&sigma / self.half_span);
+        let shift = shift.reshape([-1, self.objects, 2]).transpose(0, 1);
+        stn::transform_separable(layers, &sigma, &shift, self.side as i64)
+    }
+
+    /// Layers `[objects, C, S/2, S/2]` turned about the frame's middle by angles `[frames, objects]`:
+    /// `[objects, frames, C, S, S]`.
+    fn rotated(&self, layers: &Tensor, angles: &Tensor) -> Tensor {
+        // A point of the frame is turned back into the template: theta = sigma [cos, sin, 0, -sin, cos, 0].
+        let sigma = self.log_sigma.exp();
+        let angles = angles.transpose(0, 1);
+        let (cos, sin) = (angles.cos() * &sigma, angles.sin() * &sigma);
+        let none = cos.zeros_like();
+        let theta = Tensor::stack(&[&cos, &sin, &none, &-&sin, &cos, &none], 2);
+        let frames = angles.size()[1];
+        let [channels, window, side] = [layers.size()[1], layers.size()[2], self.side as i64];
+        let templates = layers.unsqueeze(1).expand([-1, frames, -1, -1, -1], false);
+        stn::transform(&templates.reshape([-1, channels, window, window]), &theta.flatten(0, 1), side).reshape([
+            self.objects,
+            frames,
+            channels,
+            side,
+            side,
+        ])
+    }
+}

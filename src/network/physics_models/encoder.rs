@@ -1,0 +1,113 @@
+//! Encoder: a U-Net segments each frame into objects, a dense network localises each masked object.
+//!
+//! Original: `conv_encoder`; paper: section 3.1 and figure 3.
+
+use anyhow::Result;
+use tch::Tensor;
+use tch::nn::Path;
+
+use super::BACKGROUND_LOGIT;
+use crate::network::blocks::{Activation, Dense, Layers, UNet, uses_deep_unet};
+use crate::tasks::Task;
+
+const HIDDEN: usize = 200;
+/// Positions nearer to the frame's edge than this allows are not asked of the localisation network.
+const LARGEST_TANH: f64 = 0.999;
+
+/// U-Net and localisation network.
+#[derive(Debug)]
+pub struct Encoder {
+    unet: UNet,
+    localisation: [Dense; 3],
+    side: usize,
+    objects: i64,
+}
+
+/// What the encoder makes of frames.
+#[derive(Debug)]
+pub struct Encoding {
+    /// One mask for each object and the background, summing to 1: `[frames, objects + 1, S, S]`.
+    pub masks: Tensor,
+    /// Mask times frame for each object: `[objects, frames, channels, S, S]`.
+    pub masked: Tensor,
+    /// `[frames, 2 * objects]` as `(x0, y0, x1, y1, ..)`, pixels in (0, S).
+    pub positions: Tensor,
+}
+
+impl Encoder {
+    pub fn new(scope: Path, task: &Task) -> Self {
+        let mut layers = Layers::new(scope);
+        let unet = UNet::for_side(&mut layers, task.side, task.channels, task.objects);
+        let seen = if uses_deep_unet(task.side) { task.side / 2 } else { task.side };
+        let localisation = [
+            layers.dense(seen * seen * task.channels, HIDDEN, Activation::Relu),
+            layers.dense(HIDDEN, HIDDEN, Activation::Relu),
+            layers.dense(HIDDEN, 2, Activation::None),
+        ];
+        Encoder { unet, localisation, side: task.side, objects: task.objects as i64 }
+    }
+
+    /// `[frames, channels, S, S]` in \[0, 1\].
+    pub fn forward(&self, frames: &Tensor) -> Encoding {
+        let logits = self.unet.forward(frames);
+        let background = logits.narrow(1, 0, 1).full_like(BACKGROUND_LOGIT);
+        let masks = Tensor::cat(&[logits, background], 1).softmax(1, frames.kind());
+        let object_masks = masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2);
+        let masked = object_masks * frames.unsqueeze(0);
+        Encoding { positions: self.localise(&masked), masks, masked }
+    }
+
+    /// `[objects, frames, channels, S, S]` to positions `[frames, 2 * objects]`.
+    fn localise(&self, masked: &Tensor) -> Tensor {
+        let logits = self.localisation[2].forward(&self.localisation_features(masked));
+        let half = self.side as f64 / 2.0;
+        let positions = logits.tanh() * half + half;
+        positions.reshape([self.objects, -1, 2]).transpose(0, 1).flatten(1, 2)
+    }
+
+    /// What the output layer of the localisation network sees, `[objects * frames, hidden]`.
+    fn localisation_features(&self, masked: &Tensor) -> Tensor {
+        let stacked = masked.flatten(0, 1);
+        let seen = if uses_deep_unet(self.side) { stacked.avg_pool2d(2, 2, 0, false, true, None) } else { stacked };
+        // Flattened in the original's order: height, width, channel.
+        let flat = seen.permute([0, 2, 3, 1]).flatten(1, 3);
+        self.localisation[1].forward(&self.localisation[0].forward(&flat))
+    }
+
+    /// Solves the output layer of the localisation network for `positions` (`[frames, 2 * objects]`) of these frames, by
+    /// least squares on the logits with a ridge around the present weights.
+    ///
+    /// # Errors
+    /// A system that cannot be solved.
+    pub fn solve_localiser(&self, frames: &Tensor, positions: &Tensor, ridge: f64) -> Result<()> {
+        let _guard = tch::no_grad_guard();
+        let features = self.localisation_features(&self.forward(frames).masked);
+        let half = self.side as f64 / 2.0;
+        let wanted = positions.reshape([-1, self.objects, 2]).transpose(0, 1).reshape([-1, 2]);
+        let logits = ((wanted / half - 1.0).clamp(-LARGEST_TANH, LARGEST_TANH)).atanh();
+        self.localisation[2].solve(&features, &logits, ridge)
+    }
+
+    /// Scales the output layer of the localisation network: below 1, positions begin near the middle of the frame.
+    pub fn scale_localiser(&self, factor: f64) {
+        self.localisation[2].scale(factor);
+    }
+
+    /// Gives the objects' logits equal means and a standard deviation of `spread` between them on the moving pixels, so
+    /// that no object starts without a mask and none starts equal to another. A single object only gets the mean.
+    ///
+    /// `frames`: `[frames, channels, S, S]`; `moving`: `[frames, S, S]` in \[0, 1\].
+    pub fn spread_masks(&self, frames: &Tensor, moving: &Tensor, spread: f64) {
+        let _guard = tch::no_grad_guard();
+        let logits = self.unet.forward(frames).transpose(0, 1).flatten(1, 3);
+        let weight = moving.flatten(0, 2);
+        let weight = &weight / weight.sum(weight.kind());
+        let mean = (&logits * &weight).sum_dim_intlist([1i64].as_slice(), false, None);
+        let centred = logits - mean.unsqueeze(1);
+        let between = &centred - centred.mean_dim([0i64].as_slice(), true, None);
+        let deviation = ((between.square() * weight).sum(mean.kind()) / self.objects as f64).sqrt();
+        let scale = if self.objects > 1 { spread / deviation } else { deviation.ones_like() };
+        // The means go to the background's logit: every object begins as likely as the background.
+        self.unet.rescale_logits(&scale, &mean, BACKGROUND_LOGIT);
+    }
+}

@@ -1,0 +1,244 @@
+//! The model: encoder, velocity estimator, physics, decoder, in the order in which the data flow.
+//!
+//! Original: `nn/network/physics_models.py`, class `PhysicsNet`; paper: section 3. Frames are
+//! `[batch, time, channels, S, S]` in \[0, 1\]; positions are `[batch, time, coordinates * objects]`, in pixels or radians
+//! as the equation has them (see [`crate::network::cells::Coordinates`]).
+
+mod coordinates;
+mod decoder;
+mod encoder;
+pub mod losses;
+pub mod refinement;
+mod velocity;
+
+use std::collections::BTreeMap;
+
+use anyhow::Result;
+use serde::{Deserialize, Serialize};
+use tch::nn::VarStore;
+use tch::{Device, Tensor};
+
+use crate::network::cells::{Actions, Cell, Coordinates, PhysicalParameter, State};
+use crate::network::initial_values;
+use crate::tasks::Task;
+
+pub use decoder::{Decoder, Rendering, Sprites};
+pub use encoder::{Encoder, Encoding};
+pub use velocity::VelocityEstimator;
+
+/// The constant logit of the background in the softmax over masks, of the encoder and of the decoder.
+pub(crate) const BACKGROUND_LOGIT: f64 = 1.0;
+
+/// Choices that change what the network computes. All off is the original.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelOptions {
+    /// Estimate the velocity from the differences of the input positions by one linear layer (original: `--alt_vel`).
+    pub alt_vel: bool,
+    /// Give the velocity estimator `(p - S/2) / (S/2)` instead of pixels, which saturate its tanh units at the start.
+    pub centred_velocity_input: bool,
+    /// Move a template by exactly one pixel for one unit of position; the original moves it by (S-1)/S pixels, so its
+    /// lengths come out S/(S-1) too large.
+    pub exact_shift: bool,
+    /// Physical parameters that are held at a value instead of being learned, by symbol. Where none is named, those that
+    /// the cell holds by itself: `m = 1` of gravity. Lengths are in true pixels.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub hold: BTreeMap<String, f64>,
+    /// Improve the estimated state before the roll-out by this many Gauss-Newton steps on all input positions under the
+    /// current physics; 0 starts from the estimate as it is.
+    pub refinement_steps: usize,
+}
+
+impl ModelOptions {
+    /// The original's computation.
+    pub fn original() -> Self {
+        ModelOptions {
+            alt_vel: false,
+            centred_velocity_input: false,
+            exact_shift: false,
+            hold: BTreeMap::new(),
+            refinement_steps: 0,
+        }
+    }
+
+    /// The value at which a parameter is held; none if it is learned.
+    pub fn held(&self, parameter: &PhysicalParameter) -> Option<f64> {
+        if self.hold.is_empty() { parameter.held } else { self.hold.get(parameter.name).copied() }
+    }
+
+    /// True pixels for one unit of position: (S-1)/S in the original's decoder, 1 with `exact_shift`.
+    fn pixels_per_unit(&self, task: &Task) -> f64 {
+        if self.exact_shift { 1.0 } else { (task.side - 1) as f64 / task.side as f64 }
+    }
+
+    /// True pixels for one unit of a coordinate that is a length; 1 for angles.
+    fn length_per_unit(&self, task: &Task) -> f64 {
+        match task.cell.coordinates {
+            Coordinates::Position => self.pixels_per_unit(task),
+            Coordinates::Angle => 1.0,
+        }
+    }
+}
+
+/// A parameter of a model's equation.
+#[derive(Debug)]
+pub struct Parameter {
+    pub kind: &'static PhysicalParameter,
+    /// The logarithm, a scalar; lengths are in the model's unit of position.
+    pub log: Tensor,
+    /// Otherwise it is held.
+    pub learned: bool,
+}
+
+/// Encoder, velocity estimator, physics cell and decoder of one task, with their variables.
+#[derive(Debug)]
+pub struct PhysicsNet {
+    pub task: Task,
+    pub options: ModelOptions,
+    pub variables: VarStore,
+    pub encoder: Encoder,
+    pub velocity: VelocityEstimator,
+    pub cell: Box<dyn Cell>,
+    /// In the cell's order.
+    pub parameters: Vec<Parameter>,
+    pub decoder: Decoder,
+}
+
+/// Everything one pass over clips computes.
+#[derive(Debug)]
+pub struct ForwardPass {
+    /// Masks, masked frames and positions of the first L + T_pred frames.
+    pub encoding: Encoding,
+    /// Encoded positions in the equation's coordinates, `[batch, L + T_pred, coordinates * objects]`.
+    pub positions: Tensor,
+    /// State at the last input frame.
+    pub initial: State,
+    /// Rolled-out states, one for each frame after the input.
+    pub states: Vec<State>,
+    /// Decoded encoder positions, `[batch, L + T_pred, channels, S, S]`.
+    pub reconstructions: Tensor,
+    /// Decoded roll-out, `[batch, T - L, channels, S, S]`.
+    pub predictions: Tensor,
+}
+
+impl PhysicsNet {
+    /// A fresh model with initial values drawn from `seed`.
+    pub fn new(task: &Task, options: &ModelOptions, device: Device, seed: u64) -> Self {
+        let variables = VarStore::new(device);
+        let root = variables.root();
+        let encoder = Encoder::new(&root / "encoder", task);
+        let decoder = Decoder::new(&root / "decoder", task, options.exact_shift);
+        let velocity = VelocityEstimator::new(&root / "init_vel", task, options);
+        let scope = &root / task.cell.scope;
+        let length = options.length_per_unit(task);
+        let parameter = |kind: &'static PhysicalParameter| {
+            let held = options.held(kind).map(|value| (value / length.powi(kind.length_power)).ln() as f32);
+            let log = held.map_or_else(|| scope.zeros(kind.variable, &[]), |log| Tensor::from(log).to_device(device));
+            Parameter { kind, log, learned: held.is_none() }
+        };
+        let parameters: Vec<_> = task.cell.parameters.iter().map(parameter).collect();
+        let logs: Vec<_> = parameters.iter().map(|parameter| parameter.log.shallow_clone()).collect();
+        let cell = task.build_cell(&logs);
+        initial_values::glorot_uniform(&variables, seed);
+        PhysicsNet {
+            task: task.clone(),
+            options: options.clone(),
+            variables,
+            encoder,
+            velocity,
+            cell,
+            parameters,
+            decoder,
+        }
+    }
+
+    /// All variables with their names, sorted by name.
+    pub fn named_variables(&self) -> Vec<(String, Tensor)> {
+        let mut named: Vec<_> = self.variables.variables().into_iter().collect();
+        named.sort_by(|a, b| a.0.cmp(&b.0));
+        named
+    }
+
+    /// The parameters that are learned.
+    pub fn learned(&self) -> impl Iterator<Item = &Parameter> {
+        self.parameters.iter().filter(|parameter| parameter.learned)
+    }
+
+    /// Sets the logarithm of a parameter that is learned.
+    pub fn set_log(&self, parameter: &Parameter, log: f64) {
+        let _guard = tch::no_grad_guard();
+        let _ = parameter.log.shallow_clone().fill_(log);
+    }
+
+    /// The learned parameters as `(symbol, value)`, lengths in true pixels whatever the decoder's scale.
+    pub fn parameter_values(&self) -> Vec<(&'static str, f64)> {
+        self.learned().map(|p| (p.kind.name, p.log.double_value(&[]).exp() * self.true_unit(p.kind))).collect()
+    }
+
+    /// What one model unit of a parameter is in true pixels.
+    pub fn true_unit(&self, kind: &PhysicalParameter) -> f64 {
+        self.options.length_per_unit(&self.task).powi(kind.length_power)
+    }
+
+    /// True pixels for one unit of position.
+    pub fn pixels_per_unit(&self) -> f64 {
+        self.options.pixels_per_unit(&self.task)
+    }
+
+    /// True pixels for one unit of a coordinate that is a length; 1 for angles.
+    pub fn length_per_unit(&self) -> f64 {
+        self.options.length_per_unit(&self.task)
+    }
+
+    /// Positions of frames `[batch, time, channels, S, S]` in the equation's coordinates, `[batch, time, coordinates *
+    /// objects]`, with the encoder's masks.
+    pub fn encode(&self, frames: &Tensor) -> (Encoding, Tensor) {
+        let (batch, time) = (frames.size()[0], frames.size()[1]);
+        let encoding = self.encoder.forward(&frames.flatten(0, 1));
+        let positions = self.coordinates(&encoding).reshape([batch, time, -1]);
+        (encoding, coordinates::continuous(self.task.cell.coordinates, positions))
+    }
+
+    /// Positions of single frames in the equation's coordinates, `[frames, coordinates * objects]`.
+    pub fn coordinates(&self, encoding: &Encoding) -> Tensor {
+        coordinates::of(self.task.cell.coordinates, &encoding.positions, self.task.side)
+    }
+
+    /// The state at the last of the input positions `[batch, L, coordinates * objects]`: encoded position, estimated
+    /// velocity, both refined under the physics if the options say so. `actions` begin at the first frame.
+    pub fn initial_state(&self, input_positions: &Tensor, actions: &Actions) -> State {
+        let last = input_positions.select(1, input_positions.size()[1] - 1);
+        let estimate = State { pos: last, vel: self.velocity.forward(input_positions) };
+        let steps = self.options.refinement_steps;
+        refinement::refine(self.cell.as_ref(), self.task.dt, input_positions, actions, estimate, steps)
+    }
+
+    /// Decodes the positions `[batch, coordinates * objects]` of states and of encoded frames in one call.
+    fn decode(&self, reconstructed: &Tensor, states: &[State]) -> (Tensor, Tensor) {
+        let (batch, encoded_frames) = (reconstructed.size()[0], reconstructed.size()[1]);
+        let predicted: Vec<_> = states.iter().map(|state| state.pos.shallow_clone()).collect();
+        let predicted = Tensor::stack(&predicted, 1);
+        let positions = Tensor::cat(&[reconstructed, &predicted], 1);
+        let rendering = self.decoder.forward(&positions.flatten(0, 1));
+        let [channels, side] = [self.task.channels as i64, self.task.side as i64];
+        let frames = rendering.frames.reshape([batch, -1, channels, side, side]);
+        let total = frames.size()[1];
+        (frames.narrow(1, 0, encoded_frames), frames.narrow(1, encoded_frames, total - encoded_frames))
+    }
+
+    /// The whole model on clips `[batch, time, channels, S, S]` and what acts during them: the first L + T_pred frames are
+    /// encoded, and all frames after the first L are predicted.
+    ///
+    /// # Errors
+    /// A clip that is shorter than L + T_pred.
+    pub fn forward(&self, clips: &Tensor, actions: &Actions) -> Result<ForwardPass> {
+        let (input, encoded) = (self.task.input_steps, self.task.input_steps + self.task.pred_steps);
+        let time = clips.size()[1] as usize;
+        anyhow::ensure!(time >= encoded, "a clip has {time} frames; task {} needs at least {encoded}", self.task.key);
+        let (encoding, positions) = self.encode(&clips.narrow(1, 0, encoded as i64));
+        let initial = self.initial_state(&positions.narrow(1, 0, input as i64), actions);
+        let states = self.cell.roll_out(&initial, &actions.since(input - 1), self.task.dt, time - input);
+        let (reconstructions, predictions) = self.decode(&positions, &states);
+        Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions })
+    }
+}

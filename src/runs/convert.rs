@@ -1,0 +1,135 @@
+//! Converts the weights of a model between this port, the PyTorch reference and TensorFlow.
+//!
+//! | form | file | names | kernels |
+//! |---|---|---|---|
+//! | checkpoint of a run | folder or `.safetensors` | `encoder.conv2d_3.weight` | `[out, in, kh, kw]`, `[out, in]` |
+//! | PyTorch `state_dict` | `.safetensors` | the same | the same |
+//! | named variables of TensorFlow | `.npz` | `net/encoder/conv2d_3/kernel` | `[kh, kw, in, out]`, `[in, out]` |
+//!
+//! Our names and layouts are those of a PyTorch `state_dict`, so the first two forms are one. The names and layouts of
+//! TensorFlow are translated by [`crate::network::variable_names`], and by nothing else. All values are float32 and are moved,
+//! never computed with: a file that goes there and back is the same to the bit. What is no variable is not converted:
+//! the choices of [`ModelOptions`] with which a model was trained have to be made again by whoever computes with it.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Cursor, Write};
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use ndarray::{ArrayD, IxDyn};
+use ndarray_npy::{NpzReader, NpzWriter};
+use safetensors::Dtype;
+use safetensors::tensor::{TensorView, serialize};
+use tch::{Device, Tensor};
+
+use super::checkpoint;
+use crate::network::physics_models::{ModelOptions, PhysicsNet};
+use crate::network::variable_names::{from_tensorflow, layout_from_tensorflow, layout_to_tensorflow, to_tensorflow};
+use crate::support::atomic;
+use crate::tasks::Task;
+
+/// Form of a weights file, told by its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// Ours and PyTorch's; a folder is a run's or a checkpoint's.
+    Safetensors,
+    /// TensorFlow's named variables.
+    Npz,
+}
+
+impl Form {
+    /// # Errors
+    /// A file that is neither `.safetensors` nor `.npz`.
+    pub fn of(path: &Path) -> Result<Self> {
+        match path.extension().and_then(|extension| extension.to_str()) {
+            Some("safetensors") => Ok(Form::Safetensors),
+            Some("npz") => Ok(Form::Npz),
+            _ if path.is_dir() => Ok(Form::Safetensors),
+            _ => bail!("{}: neither .safetensors, nor .npz, nor a run folder", path.display()),
+        }
+    }
+}
+
+/// Reads `from`, checks it against a model of the task with these options and writes `to`; gives the number of
+/// variables.
+///
+/// # Errors
+/// A file that cannot be read or written, or whose variables are not exactly those of a model of the task: the same
+/// names, shapes and float32.
+pub fn convert(task: &Task, options: &ModelOptions, from: &Path, to: &Path) -> Result<usize> {
+    let target = Form::of(to)?;
+    ensure!(!to.is_dir(), "{} is a folder; a file is written", to.display());
+    let model = PhysicsNet::new(task, options, Device::Cpu, 0);
+    match Form::of(from)? {
+        Form::Safetensors => checkpoint::load_weights(&checkpoint::find_weights(from)?, &model)?,
+        Form::Npz => load_npz(from, &model).with_context(|| from.display().to_string())?,
+    }
+    let variables = model.named_variables();
+    for (name, variable) in &variables {
+        ensure!(checkpoint::is_finite(variable), "{}: variable {name} holds a NaN or an infinity", from.display());
+    }
+    match target {
+        Form::Safetensors => save_safetensors(to, &variables)?,
+        Form::Npz => save_npz(to, &variables)?,
+    }
+    Ok(variables.len())
+}
+
+/// Fills a model from TensorFlow's named variables.
+fn load_npz(path: &Path, model: &PhysicsNet) -> Result<()> {
+    let _guard = tch::no_grad_guard();
+    let file = File::open(path).context("cannot be opened")?;
+    let mut archive = NpzReader::new(file).context("not a whole .npz archive (cut short?)")?;
+    let mut variables: BTreeMap<String, Tensor> = model.named_variables().into_iter().collect();
+    for original_name in archive.names().context("the archive's directory is damaged")? {
+        let name = from_tensorflow(&original_name)?;
+        let variable = variables.remove(&name).with_context(|| {
+            format!("variable {original_name} is unknown to a model of task {}, or twice there", model.task.key)
+        })?;
+        let array: ArrayD<f32> = archive
+            .by_name(&original_name)
+            .with_context(|| format!("variable {original_name} is no whole array of float32"))?;
+        let shape: Vec<i64> = array.shape().iter().map(|&n| n as i64).collect();
+        let expected = layout_to_tensorflow(&name, &variable)?.size();
+        ensure!(shape == expected, "variable {original_name}: found shape {shape:?}, expected {expected:?}");
+        let values: Vec<f32> = array.iter().copied().collect();
+        let values = Tensor::from_slice(&values).reshape(&shape);
+        variable.shallow_clone().copy_(&layout_from_tensorflow(&name, &values)?);
+    }
+    match variables.keys().next() {
+        Some(name) => {
+            bail!("variable {} is missing (a model of task {} needs it)", to_tensorflow(name)?, model.task.key)
+        }
+        None => Ok(()),
+    }
+}
+
+fn save_safetensors(path: &Path, variables: &[(String, Tensor)]) -> Result<()> {
+    let arrays = variables.iter().map(|(name, variable)| {
+        let (shape, values) = shape_and_values(&variable.detach())?;
+        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        Ok((name.as_str(), shape, bytes))
+    });
+    let arrays: Vec<_> = arrays.collect::<Result<_>>()?;
+    let views =
+        arrays.iter().map(|(name, shape, bytes)| Ok((*name, TensorView::new(Dtype::F32, shape.clone(), bytes)?)));
+    let bytes = serialize(views.collect::<Result<Vec<_>>>()?, None)?;
+    atomic::write_file(path, |file| Ok(file.write_all(&bytes)?))
+}
+
+fn save_npz(path: &Path, variables: &[(String, Tensor)]) -> Result<()> {
+    let mut archive = NpzWriter::new(Cursor::new(Vec::new()));
+    for (name, variable) in variables {
+        let (shape, values) = shape_and_values(&layout_to_tensorflow(name, &variable.detach())?)?;
+        archive.add_array(to_tensorflow(name)?, &ArrayD::from_shape_vec(IxDyn(&shape), values)?)?;
+    }
+    let bytes = archive.finish()?.into_inner();
+    atomic::write_file(path, |file| Ok(file.write_all(&bytes)?))
+}
+
+/// Values in row-major order.
+fn shape_and_values(tensor: &Tensor) -> Result<(Vec<usize>, Vec<f32>)> {
+    let shape = tensor.size().iter().map(|&n| n as usize).collect();
+    Ok((shape, Vec::try_from(tensor.reshape([-1]))?))
+}

@@ -1,0 +1,59 @@
+//! What a model scores on a set of clips, as it stands in files.
+
+use serde::{Deserialize, Serialize};
+
+use crate::network::physics_models::losses::MeanLosses;
+
+/// What a model makes of a set of clips.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    pub clips: usize,
+    #[serde(flatten)]
+    pub losses: MeanLosses,
+    /// In the order of time; the first comes right after the input.
+    #[serde(default)]
+    pub predicted_frames: Vec<PredictedFrame>,
+    /// None where the true states are not known.
+    pub states: Option<StateErrors>,
+}
+
+/// The scores of one predicted frame, averaged over the clips.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PredictedFrame {
+    /// Place in the clip, from 0.
+    pub frame: usize,
+    /// Whether it lies behind the frames that are predicted in training: in T_ext, not in T_pred.
+    pub extrapolated: bool,
+    /// Summed over the frame.
+    pub squared_error: f64,
+    /// From -1 to 1; 1 is equal.
+    pub ssim: f64,
+}
+
+/// Root mean squares of distances over clips, frames and objects; pixels, and pixels per time unit (radians where the
+/// equation is written in angles).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StateErrors {
+    /// The model's object for each true one: the order with the least error of the encoded positions.
+    pub objects: Vec<usize>,
+    /// Encoded minus true position of each true object, mean over clips and frames, `[x, y]` or
+    /// `[angle]`.
+    pub offsets: Vec<Vec<f64>>,
+    /// Encoded positions of the first L + T_pred frames.
+    pub encoded: f64,
+    pub encoded_without_offset: f64,
+    /// Rolled-out positions of the T_pred frames after the input.
+    pub predicted: f64,
+    pub predicted_without_offset: f64,
+    /// Of the T_ext frames after those; none where a clip ends before.
+    pub extrapolated: Option<f64>,
+    pub extrapolated_without_offset: Option<f64>,
+    /// Velocity at the last input frame.
+    pub initial_velocity: f64,
+    /// By which factor the true velocity there, all objects and axes together, best explains the estimated one: below 1
+    /// it comes out too small. None where nothing moves.
+    #[serde(default)]
+    pub initial_velocity_slope: Option<f64>,
+    /// Velocity during T_pred.
+    pub predicted_velocity: f64,
+}

@@ -12,12 +12,16 @@ const GIT_LOG: &str = ".git/logs/HEAD";
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rustc-env=PAIG_COMMIT={}", commit());
+    if std::env::var_os("CARGO_FEATURE_DOC_ONLY").is_some() {
+        println!("cargo:rustc-env=PAIG_LIBTORCH_VERSION=none");
+        return;
+    }
     let library = std::env::var("DEP_TCH_LIBTORCH_LIB")
         .expect("torch-sys did not say where libtorch is; run `make libtorch`, or set LIBTORCH");
     println!("cargo:rustc-link-arg=-Wl,-rpath,{library}");
     let version = std::fs::read_to_string(format!("{library}/../build-version")).unwrap_or_else(|_| "2.11".into());
     println!("cargo:rustc-env=PAIG_LIBTORCH_VERSION={}", version.trim());
-    println!("cargo:rustc-env=PAIG_COMMIT={}", commit());
     // Nothing names a symbol of libtorch_cuda, so a linker that drops unused libraries would drop the GPU with it:
     // keep libtorch.so, which brings in whatever the installed libtorch has.
     println!("cargo:rustc-link-arg=-Wl,--no-as-needed");

@@ -5,13 +5,15 @@ use std::time::Instant;
 
 use anyhow::Result;
 use clap::Parser;
+use paig::cli::environment;
 use paig::cli::run::exit_code;
 use paig::network::cells::Actions;
 use paig::network::physics_models::PhysicsNet;
 use paig::network::physics_models::losses::Losses;
 use paig::support::device;
 use paig::tasks;
-use paig::training::config::{Config, Overrides};
+use paig::training::config::Config;
+use paig::training::layers::Overrides;
 use paig::training::optimizers::Optimizer;
 use tch::{Device, Kind, Tensor};
 
@@ -23,7 +25,7 @@ const WARM_UP: usize = 2;
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Arguments {
-    #[arg(long, help = format!("One of {}", tasks::keys()))]
+    #[arg(long, help = format!("One of {}", tasks::names()))]
     task: String,
     /// Clips in a step
     #[arg(long, default_value_t = 25)]
@@ -38,22 +40,22 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<ExitCode> {
-    device::set_environment();
+    environment::set();
     device::set_threads(1);
     let (task, recipe) = (Some(arguments.task.clone()), Some("paper".into()));
     let config = Config::load(None, &Overrides { task, recipe, ..Overrides::default() })?;
-    let (task, join) = (config.task()?, &config.join);
-    let model = PhysicsNet::new(task, &config.model, Device::Cpu, 0);
+    let (task, join) = (&config.task, &config.join);
+    let model = PhysicsNet::new(&task.system, &config.model, Device::Cpu, 0)?;
     let variables = model.named_variables();
-    let mut optimizer = Optimizer::new(join.optimizer, Some(join.clip), &variables);
+    let mut optimizer = Optimizer::new(join.optimizer, Some(join.clip_gradients), &variables);
     let [batch, frames, channels, side] =
-        [arguments.batch, task.train_frames, task.channels, task.side].map(|n| n as i64);
+        [arguments.batch, task.train_frames, task.system.channels, task.system.side].map(|n| n as i64);
     // What the frames show costs nothing.
     let clips = Tensor::rand([batch, frames, channels, side, side], (Kind::Float, Device::Cpu));
     let mut seconds = Vec::new();
     for _ in 0..WARM_UP + arguments.steps {
         let began = Instant::now();
-        Losses::new(&model.forward(&clips, &Actions::none())?, &clips, task).train(join.alpha).backward();
+        Losses::new(&model.forward(&clips, &Actions::none())?, &clips, &task.system).train(join.alpha).backward();
         optimizer.step(&variables, |_| join.learning_rate);
         seconds.push(began.elapsed().as_secs_f64());
     }

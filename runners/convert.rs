@@ -8,10 +8,11 @@ use clap::Parser;
 use paig::cli::run::exit_code;
 use paig::network::physics_models::ModelOptions;
 use paig::runs::convert::convert;
-use paig::runs::folder::CONFIG;
+use paig::runs::names::CONFIG;
 use paig::say;
 use paig::tasks::{self, Task};
-use paig::training::config::{Config, Overrides};
+use paig::training::config::Config;
+use paig::training::layers::Overrides;
 
 /// Converts a model's weights between a run's checkpoint or a PyTorch state_dict (.safetensors; both have the same names)
 /// and TensorFlow's named variables (.npz). The variables must be exactly those of a model of the task.
@@ -22,16 +23,15 @@ use paig::training::config::{Config, Overrides};
                   convert --task spring_color weights.npz weights.safetensors"
 )]
 struct Arguments {
-    /// System that the model was made for
-    #[arg(long, value_parser = tasks::TASKS.iter().map(|task| task.key).collect::<Vec<_>>())]
+    #[arg(long, help = format!("System that the model was made for: a task file (.toml), or one of {}", tasks::names()))]
     task: String,
     /// The model has the original's other velocity estimator (its --alt_vel)
     #[arg(long)]
     alt_vel: bool,
-    /// The model holds this parameter and learns the others (model.hold), for example g=60; may be repeated. A run
+    /// The model has this parameter fixed and learns the others (model.fixed), for example g=60; may be repeated. A run
     /// folder says by itself what its model is like
     #[arg(long, value_name = "SYMBOL=VALUE")]
-    hold: Vec<String>,
+    fixed: Vec<String>,
     /// Replace the file to write if it is there
     #[arg(long)]
     force: bool,
@@ -49,7 +49,7 @@ fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { from, to, .. } = arguments;
     ensure!(arguments.force || !to.exists(), "{} is there already; --force replaces it", to.display());
     let task = tasks::find(&arguments.task)?;
-    let count = convert(task, &options(arguments, task)?, from, to)?;
+    let count = convert(&task.system, &options(arguments, &task)?, from, to)?;
     say!("{count} variables from {} to {}", from.display(), to.display());
     Ok(())
 }
@@ -58,16 +58,16 @@ fn run(arguments: &Arguments) -> Result<()> {
 fn options(arguments: &Arguments, task: &Task) -> Result<ModelOptions> {
     let config = arguments.from.join(CONFIG);
     if !config.exists() {
-        let mut set: Vec<_> = arguments.hold.iter().map(|held| format!("model.hold.{held}")).collect();
+        let mut set: Vec<_> = arguments.fixed.iter().map(|fixed| format!("model.fixed.{fixed}")).collect();
         set.push(format!("model.alt_vel={}", arguments.alt_vel));
-        let (task, recipe) = (Some(task.key.into()), Some("paper".into()));
-        return Ok(Config::load(None, &Overrides { task, recipe, set, ..Overrides::default() })?.model);
+        let overrides = Overrides { recipe: Some("paper".into()), set, ..Overrides::default() };
+        return Ok(Config::load_task(task.clone(), None, &overrides)?.model);
     }
     let config = Config::read(&config)?;
-    ensure!(config.task == task.key, "{} holds a run of task {}", arguments.from.display(), config.task);
+    ensure!(config.task.system == task.system, "{} holds a run of task {}", arguments.from.display(), config.task.name);
     ensure!(
-        !arguments.alt_vel && arguments.hold.is_empty(),
-        "{} says by itself what its model is like; leave out --alt-vel and --hold",
+        !arguments.alt_vel && arguments.fixed.is_empty(),
+        "{} says by itself what its model is like; leave out --alt-vel and --fixed",
         arguments.from.display()
     );
     Ok(config.model)

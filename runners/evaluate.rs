@@ -10,10 +10,10 @@ use paig::cli::run::exit_code;
 use paig::cli::table::print_frames_and_states;
 use paig::evaluation::{self, ScoredClips};
 use paig::network::physics_models::losses::MeanLosses;
+use paig::runs::scores::{FrameSpread, ScoresFile};
 use paig::say;
 use paig::support::atomic;
 use paig::viz;
-use serde_json::json;
 
 /// Scores the last checkpoint of a run on any dataset file of its task.
 ///
@@ -43,23 +43,28 @@ fn main() -> ExitCode {
 fn execute(arguments: &Arguments) -> Result<ExitCode> {
     check_places(arguments)?;
     let ClipsOfRun { config, model, file, split, device } = arguments.run.open()?;
-    let clips = ScoredClips::read(&file, &model.task, split, device)?;
+    let clips = ScoredClips::read(&file, &config.task, split, device)?;
     let run = &arguments.run.run;
     let scores = evaluation::evaluate(&model, &clips)?;
     say!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
     clips.notes.iter().for_each(|note| say!("note: {note}"));
     print_losses(&scores.losses);
-    print_frames_and_states(&model.task, &scores);
+    print_frames_and_states(&model.system, &scores);
     if let Some(path) = &arguments.picture {
-        viz::write_frame_scores(path, &model.task, &scores.predicted_frames)?;
+        let frames = FrameSpread::of([&scores.predicted_frames[..]]);
+        viz::write_frame_scores(path, &config.task, &frames)?;
     }
     if let Some(path) = &arguments.json {
-        let all = json!({
-            "task": config.task, "run": run, "file": file, "split": split.name(),
-            "parameters": model.parameter_values().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
-            "scores": scores,
-        });
-        atomic::write_file(path, |file| Ok(serde_json::to_writer_pretty(file, &all)?))?;
+        ScoresFile {
+            format: ScoresFile::FORMAT,
+            task: config.task.name.clone(),
+            run: run.clone(),
+            file,
+            split: split.name().into(),
+            parameters: model.parameter_values().into_iter().map(|(name, value)| (name.into(), value)).collect(),
+            scores,
+        }
+        .write(path)?;
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -5,10 +5,11 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Parser, ValueEnum};
+use paig::cli::generate_display::Display;
 use paig::cli::run::exit_code;
-use paig::generators::sprites::Sprites;
+use paig::generators::source_images::SourceImages;
 use paig::generators::variant::{Changes, Variant};
-use paig::generators::{Counts, Plan, generate};
+use paig::generators::{Counts, DatasetJob, generate};
 use paig::tasks;
 use paig::tasks::scene::{Background, Look};
 
@@ -25,8 +26,7 @@ use paig::tasks::scene::{Background, Look};
                   --train 5000 --valid 500 --test 500 --seed 0"
 )]
 struct Arguments {
-    /// System to film
-    #[arg(long, value_parser = tasks::TASKS.iter().map(|task| task.key).collect::<Vec<_>>())]
+    #[arg(long, help = format!("System to film: a task file (.toml), or one of {}", tasks::names()))]
     task: String,
     /// Datasets folder; files go into the task's folder in it
     #[arg(long, default_value = "data/datasets")]
@@ -162,27 +162,28 @@ fn run(arguments: Arguments) -> Result<()> {
         size,
         background,
     };
-    let variant = Variant::new(task, arguments.seed).with(&changes)?;
+    let variant = Variant::new(&task, arguments.seed)?.with(&changes)?;
     let threads = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build();
     let threads = threads.with_context(|| format!("cannot start {} threads", arguments.threads))?;
-    let sprites = sprites(&arguments, &variant)?;
-    let plan = Plan {
+    let images = source_images(&arguments, &variant)?;
+    let job = DatasetJob {
         variant,
         counts: Counts { train: arguments.train, valid: arguments.valid, test: arguments.test },
-        sprites,
+        images,
         folder: arguments.out,
         force: arguments.force,
     };
-    threads.install(|| generate(&plan))
+    let display = Display::default();
+    threads.install(|| generate(&job, &|event| display.show(event)))
 }
 
-fn sprites(arguments: &Arguments, variant: &Variant) -> Result<Sprites> {
-    let task = variant.task.key;
+fn source_images(arguments: &Arguments, variant: &Variant) -> Result<SourceImages> {
+    let task = &variant.task.name;
     let digits = variant.scene.look == Look::Digits;
     ensure!(digits || arguments.mnist_dir.is_none(), "--mnist-dir means nothing for task {task}; leave it out");
-    let mut sprites = Sprites::original()?;
+    let mut images = SourceImages::original()?;
     if let (Some(folder), &[first, second]) = (&arguments.mnist_dir, &arguments.mnist_indices[..]) {
-        sprites = sprites.with_mnist(folder, [first, second])?;
+        images = images.with_mnist(folder, [first, second])?;
     }
     match (variant.background, &arguments.cifar_dir, arguments.cifar_index) {
         (Background::Plain, Some(_), _) => {
@@ -190,8 +191,8 @@ fn sprites(arguments: &Arguments, variant: &Variant) -> Result<Sprites> {
         }
         (Background::RandomCifar, None, _) => bail!("--background random-cifar needs --cifar-dir"),
         (Background::RandomCifar, _, Some(_)) => bail!("--cifar-index means nothing with --background random-cifar"),
-        (Background::RandomCifar, Some(folder), None) => sprites.with_all_cifar(folder),
-        (Background::Cifar, Some(folder), index) => sprites.with_cifar(folder, index.unwrap_or(1)),
-        (_, None, _) => Ok(sprites),
+        (Background::RandomCifar, Some(folder), None) => images.with_all_cifar(folder),
+        (Background::Cifar, Some(folder), index) => images.with_cifar(folder, index.unwrap_or(1)),
+        (_, None, _) => Ok(images),
     }
 }

@@ -10,6 +10,7 @@ use paig::cli::run::exit_code;
 use paig::evaluation::ScoredClips;
 use paig::evaluation::rollout;
 use paig::say;
+use paig::viz;
 
 /// Predicts frames, positions and velocities from the first frames of a clip, as far as asked.
 ///
@@ -39,8 +40,8 @@ fn main() -> ExitCode {
 }
 
 fn execute(arguments: &Arguments) -> Result<ExitCode> {
-    let ClipsOfRun { model, file, split, device, .. } = arguments.run.open()?;
-    let ScoredClips { clips, notes, .. } = ScoredClips::read(&file, &model.task, split, device)?;
+    let ClipsOfRun { config, model, file, split, device } = arguments.run.open()?;
+    let ScoredClips { clips, notes, .. } = ScoredClips::read(&file, &config.task, split, device)?;
     notes.iter().for_each(|note| say!("note: {note}"));
     ensure!(
         arguments.clip < clips.len(),
@@ -51,9 +52,9 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
         clips.len()
     );
     let clip = clips.batch(&[arguments.clip as i64], clips.time()).squeeze_dim(0);
-    let frames = arguments.frames.unwrap_or(clips.time() - model.task.input_steps);
+    let frames = arguments.frames.unwrap_or(clips.time() - model.system.input_steps);
     let prediction = rollout::roll_out(&model, &clip, &clips.actions(&[arguments.clip as i64]), frames)?;
-    rollout::write(&arguments.out, &model.task, &prediction)?;
+    viz::write_rollout(&arguments.out, &model.system, &prediction)?;
     let frames = if frames == 1 { "1 frame".into() } else { format!("{frames} frames") };
     say!("{frames} after the input of clip {}: {}", arguments.clip, arguments.out.display());
     Ok(ExitCode::SUCCESS)

@@ -31,7 +31,7 @@ fn main() -> ExitCode {
 
 fn run(arguments: &Arguments) -> Result<ExitCode> {
     let found = report::write(&arguments.runs, &arguments.out)?;
-    let report::Found { finished, unfinished, unreadable } = found;
+    let report::RunCounts { finished, unfinished, unreadable } = found;
     say!("{finished} finished, {unfinished} unfinished, {unreadable} unreadable runs");
     say!("{}", arguments.out.join("report.html").display());
     Ok(ExitCode::SUCCESS)

@@ -5,9 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
+use paig::cli::arguments::parse_seeds;
+use paig::cli::interrupt;
 use paig::cli::run::exit_code;
+use paig::cli::sweep_display::SweepDisplay;
 use paig::say;
-use paig::sweep::{self, Plan, Summary};
+use paig::sweep::{self, SweepPlan, SweepSummary};
 use paig::tasks;
 
 /// Trains tasks x seeds as processes of run_physics, a few at a time.
@@ -24,8 +27,8 @@ use paig::tasks;
                   sweep --task spring_color --seeds 0-9 --dry-run > commands.txt && parallel < commands.txt"
 )]
 struct Arguments {
-    /// System to learn; may be repeated
-    #[arg(long, required = true, value_parser = tasks::TASKS.iter().map(|task| task.key).collect::<Vec<_>>())]
+    #[arg(long, required = true)]
+    #[arg(help = format!("System to learn: a task file (.toml), or one of {}; may be repeated", tasks::names()))]
     task: Vec<String>,
     /// Seeds, such as 0-9 or 1,4,7-8
     #[arg(long, default_value = "0")]
@@ -70,9 +73,9 @@ fn main() -> ExitCode {
 fn run(arguments: Arguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let plan = Plan {
+    let plan = SweepPlan {
         tasks: unique(arguments.task),
-        seeds: unique(sweep::parse_seeds(&arguments.seeds)?),
+        seeds: unique(parse_seeds(&arguments.seeds)?),
         recipe: arguments.recipe,
         name: arguments.name,
         config: arguments.config,
@@ -97,13 +100,16 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
     }
     let program = this.with_file_name("run_physics");
     ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
-    let summary = sweep::run(&program, &jobs, arguments.jobs)?;
+    interrupt::catch()?;
+    let mut display = SweepDisplay::new(jobs.len());
+    let summary = sweep::run(&program, &jobs, arguments.jobs, &interrupt::asked, &mut |event| display.show(event))?;
+    display.close();
     Ok(ExitCode::from(conclude(&summary)))
 }
 
 /// Prints how the sweep ended; returns the exit code.
-fn conclude(summary: &Summary) -> u8 {
-    let Summary { finished, skipped, stopped, failed } = summary;
+fn conclude(summary: &SweepSummary) -> u8 {
+    let SweepSummary { finished, skipped, stopped, failed } = summary;
     say!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed", failed.len());
     for output in failed {
         say!("failed: see {}", output.display());

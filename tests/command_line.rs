@@ -33,11 +33,13 @@ fn unknown_keys_and_values_are_refused() {
     assert_says(&said("join.batch"), &["key=value"]);
     assert_says(&said("start.g=3"), &["start.g", "\"k\", \"l\""]);
     assert_says(&said("start.k=-1"), &["start.k", "positive"]);
-    assert_says(&said("model.hold={g=1.0}"), &["model.hold.g", "\"k\", \"l\""]);
+    assert_says(&said("model.fixed={g=1.0}"), &["model.fixed.g", "\"k\", \"l\""]);
     assert_says(
         &refused(spring(&run).args(["--set", "start.k=2", "--set", "model.hold={k=4.0}"])),
-        &["start.k", "held"],
+        &["start.k", "fixed"],
     );
+    // The name that the key had in earlier versions.
+    assert_says(&said("model.hold={g=1.0}"), &["model.fixed.g"]);
     assert_says(&said("identify.horizons=[3,99]"), &["horizons", "12"]);
     for (set, words) in [
         ("identify.horizons=[]", ["horizons", "at least one"]),
@@ -63,6 +65,84 @@ fn unknown_keys_and_values_are_refused() {
     let mut any = Command::new(env!("CARGO_BIN_EXE_run_physics"));
     assert_says(&refused(any.args(["--task", "springs"])), &["springs", "spring_color", "3bp_color"]);
     assert_says(&refused(&mut Command::new(env!("CARGO_BIN_EXE_run_physics"))), &["--task"]);
+    assert!(!run.exists(), "a refused run left a folder");
+}
+
+/// A task of one's own, of which each test changes one thing.
+const TASK: &str = "name = \"mine\"\n\
+    [system]\nside = 32\nchannels = 3\nobjects = 2\ninput_steps = 4\npred_steps = 6\ndt = 0.3\nequation = \"spring\"\n\
+    [data]\ntrain_frames = 12\ntest_frames = 30\n";
+
+#[test]
+fn task_files_that_cannot_be_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, run) = (folder.path().join("mine.toml"), folder.path().join("run"));
+    let of_file = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_run_physics"));
+        command.arg("--task").arg(&file).arg("--out").arg(&run);
+        command
+    };
+    assert_says(&refused(&mut of_file()), &["mine.toml", "No such file"]);
+    for (here, there, words) in [
+        ("side = 32", "side = = 32", ["line 3", "extra `=`"]),
+        ("side = 32", "sides = 32", ["line 3", "unknown field `sides`"]),
+        ("name =", "colour = 1\nname =", ["line 1", "unknown field `colour`"]),
+        ("side = 32", "side = 50", ["side = 50", "the nearest side is 48"]),
+        ("objects = 2", "objects = 3", ["objects = 3", "\"spring\" is written for exactly 2"]),
+        ("\"spring\"", "\"gravity\"", ["objects = 2", "\"gravity\" is written for exactly 3"]),
+        ("\"spring\"", "\"springs\"", ["unknown equation \"springs\"", "damped_spring, gravity"]),
+        ("\"mine\"", "\"pendulum\"", ["task name \"pendulum\"", "built-in"]),
+    ] {
+        fs::write(&file, TASK.replacen(here, there, 1)).unwrap();
+        let said = refused(&mut of_file());
+        assert_says(&said, &words);
+        assert_says(&said, &["mine.toml"]);
+    }
+    // As it is there is nothing wrong with it.
+    fs::write(&file, TASK).unwrap();
+    let output = of_file().arg("--print-config").output().unwrap();
+    assert!(output.status.success(), "{}", text(&output));
+    assert_says(&text(&output), &["name = \"mine\"", "train_file = \"mine/train.npz\""]);
+    assert!(!run.exists(), "a refused run left a folder");
+}
+
+/// A model would learn wrong numbers from them, and no loss would show it.
+#[test]
+fn data_of_another_system_are_refused_with_the_way_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, run) = (folder.path().join("data"), folder.path().join("run"));
+    for (task, option, way_out, [short, long]) in [
+        (
+            "spring_color",
+            ["--dt", "0.2"],
+            "task.system.dt=0.2",
+            [12, 30].map(|frames| format!("spring_color/color_spring_vx8_vy8_sl{frames}_r2_k4_e6_dt02.npz")),
+        ),
+        (
+            "bouncing_balls",
+            ["--radius", "4"],
+            "task.system.wall_margin=4.0",
+            [12, 30].map(|frames| format!("bouncing/color_bounce_vx8_vy8_sl{frames}_r4.npz")),
+        ),
+    ] {
+        for changes in [&[][..], &option] {
+            let mut generate = Command::new(env!("CARGO_BIN_EXE_generate"));
+            generate.args(["--task", task, "--train", "2", "--valid", "1", "--test", "1", "--out"]);
+            let made = generate.arg(&data).args(changes).output().unwrap();
+            assert!(made.status.success(), "{}", text(&made));
+        }
+        let train = |set: &[&str]| {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_run_physics"));
+            command.args(["--task", task, "--data"]).arg(&data).arg("--out").arg(&run);
+            command.args(set.iter().flat_map(|assignment| ["--set", assignment]));
+            refused(&mut command)
+        };
+        let (train_file, test_file) = (format!("data.train_file={short:?}"), format!("data.test_file={long:?}"));
+        assert_says(&train(&[&train_file]), &[&short, task, &format!("--set {way_out}\n")]);
+        assert_says(&train(&[&test_file]), &[&long, task, &format!("--set {way_out}\n")]);
+        // That way leads to the next check.
+        assert_says(&train(&[&train_file, &test_file, way_out]), &["2 training clips", "batch of 25"]);
+    }
     assert!(!run.exists(), "a refused run left a folder");
 }
 

@@ -9,37 +9,42 @@ use ndarray_npy::{NpzWriter, WritableElement};
 use paig::datasets::files::{ClipShape, DatasetFile, Split};
 use paig::datasets::iterators::Clips;
 use paig::datasets::states::States;
-use paig::generators::sprites::Sprites;
+use paig::generators::source_images::SourceImages;
 use paig::generators::variant::{Changes, Variant};
-use paig::generators::{Counts, Plan, generate, generate_clips};
+use paig::generators::{Counts, DatasetJob, generate, generate_clips};
 use paig::tasks::scene::Background;
 use paig::tasks::{Task, find};
 use tch::{Device, Kind};
 use tempfile::TempDir;
 
-const SMALL: ClipShape = ClipShape {
-    task: "spring_color",
-    frames: 3,
-    or_frames: None,
-    side: 4,
-    channels: 3,
-    actions: false,
-    needed: [true; 3],
-};
 const COUNTS: Counts = Counts { train: 12, valid: 2, test: 3 };
 
-fn task() -> &'static Task {
+/// What [`small`] holds.
+fn shape() -> ClipShape {
+    ClipShape {
+        task: "spring_color".into(),
+        frames: 3,
+        or_frames: None,
+        side: 4,
+        channels: 3,
+        actions: false,
+        needed: [true; 3],
+    }
+}
+
+fn task() -> Task {
     find("spring_color").unwrap()
 }
 
-fn plan(folder: &Path, seed: u64, force: bool) -> Plan {
-    Plan {
-        variant: Variant::new(task(), seed),
+fn make(folder: &Path, seed: u64, force: bool) -> anyhow::Result<()> {
+    let job = DatasetJob {
+        variant: Variant::new(&task(), seed).unwrap(),
         counts: COUNTS,
-        sprites: Sprites::original().unwrap(),
+        images: SourceImages::original().unwrap(),
         folder: folder.to_owned(),
         force,
-    }
+    };
+    generate(&job, &|_| {})
 }
 
 fn files_in(folder: &Path) -> Vec<String> {
@@ -62,7 +67,7 @@ fn files_come_back_as_written() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("new/folder/data.npz");
     small().write(&path).unwrap();
-    assert_eq!(DatasetFile::read(&path, &SMALL).unwrap(), small());
+    assert_eq!(DatasetFile::read(&path, &shape()).unwrap(), small());
     assert_eq!(files_in(path.parent().unwrap()), ["data.npz"]);
 }
 
@@ -71,7 +76,7 @@ fn files_come_back_as_written() {
 fn numpy_files_are_read() {
     for name in ["numpy_savez.npz", "numpy_savez_compressed.npz"] {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name);
-        assert_eq!(DatasetFile::read(&path, &SMALL).unwrap(), small(), "{name}");
+        assert_eq!(DatasetFile::read(&path, &shape()).unwrap(), small(), "{name}");
     }
 }
 
@@ -92,7 +97,7 @@ fn message_for_shape(shape: &[usize]) -> String {
 }
 
 fn message(path: &Path) -> String {
-    format!("{:#}", DatasetFile::read(path, &SMALL).unwrap_err())
+    format!("{:#}", DatasetFile::read(path, &shape()).unwrap_err())
 }
 
 fn assert_says(message: &str, parts: &[&str]) {
@@ -113,14 +118,14 @@ fn wrong_shapes_are_named() {
 fn splits_that_are_not_needed_may_be_missing_or_empty() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("data.npz");
-    let test = ClipShape { needed: [false, false, true], ..SMALL };
+    let test = ClipShape { needed: [false, false, true], ..shape() };
     let none = Array5::<u8>::zeros((0, 3, 4, 4, 3));
     for arrays in [vec![("test_x", counting(2))], vec![("test_x", counting(2)), ("train_x", none.clone())]] {
         let arrays: Vec<_> = arrays.into_iter().map(|(name, array)| (name, array.into_dyn())).collect();
         write_npz(&path, &arrays);
         let read = DatasetFile::read(&path, &test).unwrap();
         assert_eq!((read.test, read.train, read.valid), (counting(2), none.clone(), none.clone()));
-        let training = ClipShape { needed: [true, true, false], ..SMALL };
+        let training = ClipShape { needed: [true, true, false], ..shape() };
         assert_says(&format!("{:#}", DatasetFile::read(&path, &training).unwrap_err()), &["train_x"]);
     }
 }
@@ -170,7 +175,7 @@ fn arrays_in_fortran_order_are_read() {
     let fortran =
         |offset| counting(offset).reversed_axes().as_standard_layout().into_owned().reversed_axes().into_dyn();
     write_npz(&path, &[("train_x", fortran(0)), ("valid_x", fortran(1)), ("test_x", fortran(2))]);
-    let dataset = DatasetFile::read(&path, &SMALL).unwrap();
+    let dataset = DatasetFile::read(&path, &shape()).unwrap();
     assert_eq!(dataset, small());
     assert!(dataset.train.is_standard_layout());
 }
@@ -187,14 +192,14 @@ fn write_with_actions(path: &Path, actions: &[(&str, Array2<f64>)]) {
 fn actions_are_read_where_they_are_needed() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("data.npz");
-    let driven = ClipShape { task: "pendulum", actions: true, ..SMALL };
+    let driven = ClipShape { task: "pendulum".into(), actions: true, ..shape() };
     let values = |offset: f32| Array2::from_shape_fn((2, 3), |(n, t)| offset + n as f32 - 0.25 * t as f32);
     let written = DatasetFile { actions: Some([values(0.0), values(1.0), values(2.0)]), ..small() };
     written.write(&path).unwrap();
     let read = DatasetFile::read(&path, &driven).unwrap();
     assert_eq!(read, written);
     assert_eq!(read.actions(Split::Test), Some(&values(2.0)));
-    assert_eq!(DatasetFile::read(&path, &SMALL).unwrap(), small());
+    assert_eq!(DatasetFile::read(&path, &shape()).unwrap(), small());
 
     let wide = |offset: f32| values(offset).mapv(f64::from);
     let message = || format!("{:#}", DatasetFile::read(&path, &driven).unwrap_err());
@@ -244,13 +249,17 @@ fn states_stay_with_their_frames() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("data.npz");
     let counts = Counts { train: 2, valid: 1, test: 1 };
-    let sprites = Sprites::original().unwrap();
-    let (dataset, states) = generate_clips(&Variant::new(task(), 0), &sprites, 12, counts).unwrap();
+    let images = SourceImages::original().unwrap();
+    let made = |seed| {
+        let variant = Variant::new(&task(), seed).unwrap();
+        generate_clips(&variant, &images, 12, counts, &|_| {}).unwrap()
+    };
+    let (dataset, states) = made(0);
     assert_eq!(States::read(&path, &dataset).unwrap(), None);
     states.write(&path, &dataset).unwrap();
     assert_eq!(files_in(folder.path()), ["data_states.npz"]);
     assert_eq!(States::read(&path, &dataset).unwrap(), Some(states));
-    let (other, _) = generate_clips(&Variant::new(task(), 1), &sprites, 12, counts).unwrap();
+    let (other, _) = made(1);
     let error = States::read(&path, &other).unwrap_err().to_string();
     assert_says(&error, &["data_states.npz", "other frames"]);
 }
@@ -258,11 +267,11 @@ fn states_stay_with_their_frames() {
 #[test]
 fn generate_makes_both_files_and_keeps_them() {
     let folder = TempDir::new().unwrap();
-    generate(&plan(folder.path(), 0, false)).unwrap();
+    make(folder.path(), 0, false).unwrap();
     let (train, test) = (folder.path().join(task().train_file), folder.path().join(task().test_file));
     let read = |path: &PathBuf, shape: ClipShape| DatasetFile::read(path, &shape).unwrap();
-    let short = read(&train, ClipShape::training(task()));
-    let long = read(&test, ClipShape::test(task()));
+    let short = read(&train, ClipShape::training(&task()));
+    let long = read(&test, ClipShape::test(&task()));
     assert_eq!(short.train.dim(), (12, 12, 32, 32, 3));
     assert_eq!((long.train.dim().0, long.valid.dim().0, long.test.dim().0), (10, 2, 3));
     assert!(States::read(&train, &short).unwrap().is_some() && States::read(&test, &long).unwrap().is_some());
@@ -272,19 +281,19 @@ fn generate_makes_both_files_and_keeps_them() {
     assert_eq!((picture.width(), picture.height()), (12 * 130 + 2, 3 * 130 + 2));
 
     let before = fs::metadata(&train).unwrap().modified().unwrap();
-    generate(&plan(folder.path(), 0, false)).unwrap();
+    make(folder.path(), 0, false).unwrap();
     assert_eq!(fs::metadata(&train).unwrap().modified().unwrap(), before);
-    let error = format!("{:#}", generate(&plan(folder.path(), 1, false)).unwrap_err());
+    let error = format!("{:#}", make(folder.path(), 1, false).unwrap_err());
     assert_says(&error, &["--force", "seed 0", "seed 1"]);
-    assert_eq!(read(&train, ClipShape::training(task())), short);
-    generate(&plan(folder.path(), 1, true)).unwrap();
-    assert_ne!(read(&train, ClipShape::training(task())), short);
+    assert_eq!(read(&train, ClipShape::training(&task())), short);
+    make(folder.path(), 1, true).unwrap();
+    assert_ne!(read(&train, ClipShape::training(&task())), short);
 
     // Without states the file is the user's own.
     fs::remove_file(States::path_beside(&train)).unwrap();
-    let own = read(&train, ClipShape::training(task()));
-    generate(&plan(folder.path(), 1, false)).unwrap();
-    assert_eq!(read(&train, ClipShape::training(task())), own);
+    let own = read(&train, ClipShape::training(&task()));
+    make(folder.path(), 1, false).unwrap();
+    assert_eq!(read(&train, ClipShape::training(&task())), own);
 }
 
 #[test]
@@ -322,32 +331,52 @@ fn the_command_reports_errors_once() {
     let (code, errors) = command(&["--task", "falling", "--background", "random-cifar"]);
     assert_eq!((code, errors.as_str()), (Some(1), "error: --background random-cifar needs --cifar-dir\n"));
     let (code, errors) = command(&["--task", "trebuchet"]);
-    assert_eq!(code, Some(2));
-    assert_says(&errors, &["trebuchet", "spring_color", "pendulum"]);
+    assert_eq!((code, errors.lines().count()), (Some(1), 1));
+    assert_says(&errors, &["error: unknown task \"trebuchet\"", "a task file (.toml)", "spring_color", "pendulum"]);
     let (code, errors) = command(&["--task", "spring_color", "--damping", "-1"]);
     assert_eq!((code, errors.as_str()), (Some(1), "error: --damping must be at least 0, not -1\n"));
     let (code, errors) = command(&["--task", "pendulum", "--torque", "0.5"]);
     assert_eq!(code, Some(0), "{errors}");
     let made = folder.path().join("pendulum/color_pendulum_sl14_g10_m1_l1_a1_u0.5_dt005.npz");
-    let dataset = DatasetFile::read(&made, &ClipShape::training(find("pendulum").unwrap())).unwrap();
+    let dataset = DatasetFile::read(&made, &ClipShape::training(&find("pendulum").unwrap())).unwrap();
     assert!(dataset.actions(Split::Train).unwrap().iter().all(|u| u.abs() <= 0.5));
-    let (code, errors) = command(&["--task", "spring_color", "--size", "4"]);
-    assert_eq!(code, Some(1));
-    assert_says(&errors, &["error: --size must be 8 to 512 pixels, not 4"]);
+}
+
+/// The network halves a frame several times: what it could not learn from is not made.
+#[test]
+fn sizes_that_the_network_cannot_halve_are_refused() {
+    let folder = TempDir::new().unwrap();
+    for (size, multiple, nearest) in [(4, 4, 12), (33, 4, 32), (50, 8, 48), (520, 8, 512)] {
+        let output = Command::new(env!("CARGO_BIN_EXE_generate"))
+            .args(["--task", "spring_color", "--size", &size.to_string(), "--out"])
+            .arg(folder.path())
+            .output()
+            .unwrap();
+        let errors = String::from_utf8(output.stderr).unwrap();
+        assert_eq!((output.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
+        let words = [
+            format!("error: --size {size}: "),
+            "12 to 512 pixels a side".into(),
+            format!("a multiple of {multiple} "),
+            format!("the nearest side is {nearest}\n"),
+        ];
+        assert_says(&errors, &words.each_ref().map(String::as_str));
+    }
+    assert!(files_in(folder.path()).is_empty());
 }
 
 #[test]
 fn other_source_images_are_read() {
     let folder = TempDir::new().unwrap();
-    let original = Sprites::original().unwrap();
+    let original = SourceImages::original().unwrap();
     let error = format!("{:#}", original.clone().with_mnist(folder.path(), [0, 1]).unwrap_err());
     assert_says(&error, &["train-images-idx3-ubyte"]);
 
     let mut idx = vec![0, 0, 8, 3, 0, 0, 0, 3, 0, 0, 0, 28, 0, 0, 0, 28];
     (0..3_u8).for_each(|image| idx.extend([image; 28 * 28]));
     fs::write(folder.path().join("train-images-idx3-ubyte"), &idx).unwrap();
-    let sprites = original.clone().with_mnist(folder.path(), [2, 1]).unwrap();
-    assert_eq!((sprites.digits[0][[5, 5]], sprites.digits[1][[27, 27]]), (2, 1));
+    let images = original.clone().with_mnist(folder.path(), [2, 1]).unwrap();
+    assert_eq!((images.digits[0][[5, 5]], images.digits[1][[27, 27]]), (2, 1));
     let error = format!("{:#}", original.clone().with_mnist(folder.path(), [0, 3]).unwrap_err());
     assert_says(&error, &["image 3", "3 images"]);
     idx.truncate(idx.len() - 1);
@@ -362,8 +391,8 @@ fn other_source_images_are_read() {
         std::iter::once(label).chain((0..3_u8).flat_map(|channel| [10 * channel + label; 1024])).collect()
     };
     fs::write(folder.path().join("data_batch_1.bin"), [record(1), record(2)].concat()).unwrap();
-    let sprites = original.clone().with_cifar(folder.path(), 1).unwrap();
-    assert_eq!((sprites.pictures.dim(), sprites.pictures[[0, 31, 0, 2]]), ((1, 32, 32, 3), 22));
+    let images = original.clone().with_cifar(folder.path(), 1).unwrap();
+    assert_eq!((images.pictures.dim(), images.pictures[[0, 31, 0, 2]]), ((1, 32, 32, 3), 22));
     let error = format!("{:#}", original.clone().with_cifar(folder.path(), 2).unwrap_err());
     assert_says(&error, &["incomplete"]);
     let error = format!("{:#}", original.with_cifar(folder.path(), 10_001).unwrap_err());
@@ -386,17 +415,17 @@ fn write_cifar(folder: &Path) {
 fn each_clip_has_a_random_background() {
     let folder = TempDir::new().unwrap();
     write_cifar(folder.path());
-    let sprites = Sprites::original().unwrap().with_all_cifar(folder.path()).unwrap();
-    assert_eq!(sprites.pictures.dim(), (10, 32, 32, 3));
+    let images = SourceImages::original().unwrap().with_all_cifar(folder.path()).unwrap();
+    assert_eq!(images.pictures.dim(), (10, 32, 32, 3));
     let counts = Counts { train: 40, valid: 1, test: 1 };
     for key in ["bouncing_balls", "falling", "mnist_spring_color"] {
-        let plain = Variant::new(find(key).unwrap(), 0);
+        let plain = Variant::new(&find(key).unwrap(), 0).unwrap();
         let background = Some(Background::RandomCifar);
         let random = plain.clone().with(&Changes { background, ..Changes::default() }).unwrap();
-        assert!(random.file(12).to_str().unwrap().ends_with("_randomcifar.npz"));
+        assert!(random.files()[0].1.to_str().unwrap().ends_with("_randomcifar.npz"));
         let make = |variant: &Variant, threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| generate_clips(variant, &sprites, 4, counts)).unwrap()
+            pool.install(|| generate_clips(variant, &images, 4, counts, &|_| {})).unwrap()
         };
         let (dataset, states) = make(&random, 1);
         assert_eq!(make(&random, 3), (dataset.clone(), states.clone()));
@@ -432,10 +461,10 @@ fn each_clip_has_a_random_background() {
     }
 
     fs::write(folder.path().join("data_batch_4.bin"), [0; 3074]).unwrap();
-    let error = format!("{:#}", Sprites::original().unwrap().with_all_cifar(folder.path()).unwrap_err());
+    let error = format!("{:#}", SourceImages::original().unwrap().with_all_cifar(folder.path()).unwrap_err());
     assert_says(&error, &["data_batch_4.bin", "3074 bytes", "incomplete"]);
     fs::remove_file(folder.path().join("data_batch_4.bin")).unwrap();
-    let error = format!("{:#}", Sprites::original().unwrap().with_all_cifar(folder.path()).unwrap_err());
+    let error = format!("{:#}", SourceImages::original().unwrap().with_all_cifar(folder.path()).unwrap_err());
     assert_says(&error, &["no CIFAR-10 training images", "data_batch_4.bin", "download"]);
 }
 
@@ -443,8 +472,8 @@ fn each_clip_has_a_random_background() {
 fn balls_cover_the_picture_behind_them() {
     let counts = Counts { train: 20, valid: 1, test: 1 };
     let changes = Changes { background: Some(Background::Cifar), ..Changes::default() };
-    let variant = Variant::new(find("spring_color").unwrap(), 0).with(&changes).unwrap();
-    let (dataset, states) = generate_clips(&variant, &Sprites::original().unwrap(), 3, counts).unwrap();
+    let variant = Variant::new(&task(), 0).unwrap().with(&changes).unwrap();
+    let (dataset, states) = generate_clips(&variant, &SourceImages::original().unwrap(), 3, counts, &|_| {}).unwrap();
     for (clip, frames) in dataset.train.outer_iter().enumerate() {
         // The second ball lies above the first. Its middle is one colour: nothing of the picture shines through but what
         // the blur brings from 2 px off, some percent.
@@ -456,9 +485,9 @@ fn balls_cover_the_picture_behind_them() {
 
 #[test]
 fn datasets_that_no_file_holds_are_refused() {
-    let variant = Variant::new(find("mnist_spring_color").unwrap(), 0);
-    let sprites = Sprites::original().unwrap();
-    let message = |counts| generate_clips(&variant, &sprites, 12, counts).unwrap_err().to_string();
+    let variant = Variant::new(&find("mnist_spring_color").unwrap(), 0).unwrap();
+    let images = SourceImages::original().unwrap();
+    let message = |counts| generate_clips(&variant, &images, 12, counts, &|_| {}).unwrap_err().to_string();
     assert_says(&message(Counts { train: 100_000, ..COUNTS }), &["--train 100000", "4 GiB", "at most"]);
     assert_says(&message(Counts { test: 0, ..COUNTS }), &["--test must be at least 1"]);
 }

@@ -22,16 +22,16 @@ fn uniform(purpose: &str, shape: &[i64]) -> Tensor {
 fn each_frame_is_predicted_with_its_own_torque() {
     let task = find("pendulum").unwrap();
     let options = ModelOptions { refinement_steps: 2, ..ModelOptions::original() };
-    let model = PhysicsNet::new(task, &options, Device::Cpu, 1);
+    let model = PhysicsNet::new(&task.system, &options, Device::Cpu, 1).unwrap();
     let _guard = tch::no_grad_guard();
-    let (time, input) = (task.train_frames as i64, task.input_steps as i64);
+    let (time, input) = (task.train_frames as i64, task.system.input_steps as i64);
     let torques = uniform("torques", &[2, time]) * 4.0 - 2.0;
     let clips = uniform("clips", &[2, time, 3, 64, 64]);
     let pass = model.forward(&clips, &Actions::new(Some(torques.shallow_clone()))).unwrap();
     let mut state = &pass.initial;
     assert_eq!(pass.states.len() as i64, time - input);
     for (frame, next) in (input - 1..).zip(&pass.states) {
-        let expected = model.cell.step(state, Some(&torques.narrow(1, frame, 1)), task.dt);
+        let expected = model.cell.step(state, Some(&torques.narrow(1, frame, 1)), task.system.dt);
         assert_eq!(next.joined(), expected.joined(), "frame {frame}");
         state = next;
     }
@@ -40,9 +40,10 @@ fn each_frame_is_predicted_with_its_own_torque() {
 #[test]
 fn what_is_held_is_no_variable() {
     let task = find("3bp_color").unwrap();
-    let variables = |hold: &[(&str, f64)]| {
-        let hold: BTreeMap<String, f64> = hold.iter().map(|(name, value)| (name.to_string(), *value)).collect();
-        let model = PhysicsNet::new(task, &ModelOptions { hold, ..ModelOptions::original() }, Device::Cpu, 1);
+    let variables = |fixed: &[(&str, f64)]| {
+        let fixed: BTreeMap<String, f64> = fixed.iter().map(|(name, value)| (name.to_string(), *value)).collect();
+        let options = ModelOptions { fixed, ..ModelOptions::original() };
+        let model = PhysicsNet::new(&task.system, &options, Device::Cpu, 1).unwrap();
         let names = model.named_variables().into_iter().map(|(name, _)| name);
         names.filter_map(|name| name.strip_prefix("gravity_ode_cell.").map(String::from)).collect::<Vec<_>>()
     };
@@ -55,9 +56,9 @@ fn what_is_held_is_no_variable() {
 fn a_length_is_held_in_true_pixels_whatever_the_decoders_scale() {
     let task = find("spring_color").unwrap();
     for (exact_shift, units) in [(true, 6.0), (false, 6.0 * 32.0 / 31.0)] {
-        let hold = BTreeMap::from([("l".to_string(), 6.0)]);
-        let options = ModelOptions { hold, exact_shift, ..ModelOptions::original() };
-        let model = PhysicsNet::new(task, &options, Device::Cpu, 1);
+        let fixed = BTreeMap::from([("l".to_string(), 6.0)]);
+        let options = ModelOptions { fixed, exact_shift, ..ModelOptions::original() };
+        let model = PhysicsNet::new(&task.system, &options, Device::Cpu, 1).unwrap();
         let l = model.parameters.iter().find(|parameter| parameter.kind.name == "l").unwrap();
         assert!((l.log.double_value(&[]).exp() / units - 1.0).abs() < 1e-6, "exact_shift {exact_shift}");
     }
@@ -76,7 +77,8 @@ fn a_theta_that_is_not_a_number_shows_in_the_frame() {
 
 #[test]
 fn sprites_turn_clockwise_about_the_middle() {
-    let model = PhysicsNet::new(find("pendulum").unwrap(), &ModelOptions::original(), Device::Cpu, 3);
+    let task = find("pendulum").unwrap();
+    let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 3).unwrap();
     let _guard = tch::no_grad_guard();
     // A bump makes the sprite visible; its colours vary smoothly from the top left to the bottom right.
     model.decoder.start_templates(3.0, 0.3);

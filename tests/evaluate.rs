@@ -58,8 +58,12 @@ fn a_run_is_scored_and_rolled_out() {
     assert!(done.status.success() && text(&done).contains("T_ext begins"), "{}", text(&done));
     assert!(picture.exists());
     let scores = read(&scores);
+    assert_eq!(
+        (&scores["format"], &scores["task"], &scores["split"]),
+        (&1.into(), &"spring_color".into(), &"test".into())
+    );
     for loss in ["recons_loss", "pred_loss", "extrap_loss"] {
-        let [here, there] = [&scores["scores"]["losses"][loss], &summary["test"][loss]].map(|x| x.as_f64().unwrap());
+        let [here, there] = [&scores["scores"][loss], &summary["test"][loss]].map(|x| x.as_f64().unwrap());
         assert!((here / there - 1.0).abs() < 1e-5, "{loss}: {here}, but {there} after the training");
     }
     near(&scores["scores"]["predicted_frames"], &summary["test"]["predicted_frames"]);

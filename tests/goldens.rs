@@ -9,6 +9,15 @@ fn goldens() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("compare/goldens")
 }
 
+fn golden(name: &str) -> PathBuf {
+    goldens().join(name)
+}
+
+/// Three bodies under gravity that nearly collide again and again; from tests/data/make_near_collisions.py.
+fn near_collisions() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/cell_gravity_near_collisions.npz")
+}
+
 fn compare(folder: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_compare")).arg("--goldens").arg(folder).output().expect("compare starts")
 }
@@ -19,10 +28,10 @@ fn texts(output: &Output) -> (String, String) {
 }
 
 /// Writes a copy of a golden file with its entries changed: each gives its `.npy` name and bytes and gets new ones.
-fn rewritten(name: &str, change: impl Fn(String, Vec<u8>) -> (String, Vec<u8>)) -> tempfile::TempDir {
+fn rewritten(path: &Path, change: impl Fn(String, Vec<u8>) -> (String, Vec<u8>)) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let mut from = zip::ZipArchive::new(File::open(goldens().join(name)).unwrap()).unwrap();
-    let mut to = zip::ZipWriter::new(File::create(folder.path().join(name)).unwrap());
+    let mut from = zip::ZipArchive::new(File::open(path).unwrap()).unwrap();
+    let mut to = zip::ZipWriter::new(File::create(folder.path().join(path.file_name().unwrap())).unwrap());
     for index in 0..from.len() {
         let mut entry = from.by_index(index).unwrap();
         let mut bytes = Vec::new();
@@ -36,9 +45,9 @@ fn rewritten(name: &str, change: impl Fn(String, Vec<u8>) -> (String, Vec<u8>)) 
 }
 
 /// Changes the bytes of one tensor.
-fn with_tensor(file: &str, tensor: &str, edit: impl Fn(&mut Vec<u8>)) -> tempfile::TempDir {
+fn with_tensor(path: &Path, tensor: &str, edit: impl Fn(&mut Vec<u8>)) -> tempfile::TempDir {
     let entry = format!("{tensor}.npy");
-    rewritten(file, |name, mut bytes| {
+    rewritten(path, |name, mut bytes| {
         if name == entry {
             edit(&mut bytes);
         }
@@ -82,6 +91,7 @@ fn every_golden_tensor_is_matched() {
     }
     let summary = stdout.lines().last().unwrap();
     assert!(summary.starts_with(&format!("{files} files")), "{summary}");
+    assert!(summary.contains(" 0 failed, 0 uninformative;"), "{summary}");
 }
 
 #[test]
@@ -94,7 +104,7 @@ fn changed_value_fails_by_name() {
         ("spring_color_train.npz", "out/output"),
         ("spring_color_train.npz", "train/loss_before_each_step"),
     ] {
-        let folder = with_tensor(file, tensor, |bytes| set_last_float(bytes, |value| value * 1.01 + 0.01));
+        let folder = with_tensor(&golden(file), tensor, |bytes| set_last_float(bytes, |value| value * 1.01 + 0.01));
         let output = compare(folder.path());
         let (stdout, stderr) = texts(&output);
         assert_eq!(output.status.code(), Some(1), "{file} {tensor}: {stdout}{stderr}");
@@ -102,9 +112,54 @@ fn changed_value_fails_by_name() {
     }
 }
 
+/// The line of a table on one tensor.
+fn line<'a>(stdout: &'a str, tensor: &str) -> &'a str {
+    let about = format!(" {tensor} ");
+    stdout.lines().find(|line| line.contains(&about)).unwrap_or_else(|| panic!("no line on {tensor} in {stdout}"))
+}
+
+#[test]
+fn what_rounding_alone_decides_is_counted_as_uninformative() {
+    let folder = rewritten(&near_collisions(), |name, bytes| (name, bytes));
+    let output = compare(folder.path());
+    let (stdout, stderr) = texts(&output);
+    assert_eq!(output.status.code(), Some(0), "{stdout}{stderr}");
+    for tensor in ["out/pos", "out/vel"] {
+        let held = format!("held by \"{tensor}, step by step\"");
+        let line = line(&stdout, tensor);
+        assert!(line.contains("uninformative") && line.contains(&held), "{line}");
+    }
+    for tensor in ["out/loss", "grad/pos", "grad/vel", "grad/log_g"] {
+        let line = line(&stdout, tensor);
+        assert!(line.contains("uninformative") && line.contains("not held by a single step"), "{line}");
+    }
+    for tensor in ["out/pos, step by step", "out/vel, step by step"] {
+        assert!(line(&stdout, tensor).trim_end().ends_with("pass"), "{stdout}");
+    }
+    let summary = stdout.lines().last().unwrap();
+    assert!(summary.contains("0 failed, 6 uninformative (4 of them not held by a single step)"), "{summary}");
+}
+
+#[test]
+fn uninformative_tensor_fails_with_its_single_steps() {
+    // Another last position; a body's force that is 1 % off, which no whole trajectory of this file could show.
+    for (changed, failing) in [("out/pos", &["out/pos"] as &[&str]), ("param/log_g", &["out/pos", "out/vel"])] {
+        let folder = with_tensor(&near_collisions(), changed, |bytes| set_last_float(bytes, |value| value * 1.01));
+        let output = compare(folder.path());
+        let (stdout, stderr) = texts(&output);
+        assert_eq!(output.status.code(), Some(1), "{changed}: {stdout}{stderr}");
+        for tensor in failing {
+            assert!(line(&stdout, &format!("{tensor}, step by step")).contains("FAIL"), "{changed}: {stdout}");
+            assert!(line(&stdout, tensor).contains("FAIL (uninformative, and"), "{changed}: {stdout}");
+        }
+        // Neither pass nor fail: nothing holds it.
+        assert!(line(&stdout, "grad/pos").contains("uninformative (rounding"), "{changed}: {stdout}");
+    }
+}
+
 #[test]
 fn nan_is_bad_input() {
-    let folder = with_tensor("stn.npz", "out/y", |bytes| set_last_float(bytes, |_| f32::NAN));
+    let folder = with_tensor(&golden("stn.npz"), "out/y", |bytes| set_last_float(bytes, |_| f32::NAN));
     assert_bad_input(folder.path(), &["stn.npz", "out/y", "NaN"]);
 }
 
@@ -114,24 +169,24 @@ fn file_cut_short_is_bad_input() {
     let bytes = fs::read(goldens().join("stn.npz")).unwrap();
     fs::write(folder.path().join("stn.npz"), &bytes[..bytes.len() / 2]).unwrap();
     assert_bad_input(folder.path(), &["stn.npz", "cut short"]);
-    let folder = with_tensor("stn.npz", "in/theta", |bytes| bytes.truncate(bytes.len() - 1));
+    let folder = with_tensor(&golden("stn.npz"), "in/theta", |bytes| bytes.truncate(bytes.len() - 1));
     assert_bad_input(folder.path(), &["stn.npz", "in/theta"]);
 }
 
 #[test]
 fn renamed_tensor_is_bad_input() {
-    let folder = rewritten("cell_spring.npz", |name, bytes| (name.replace("out/vel", "out/velocity"), bytes));
+    let folder = rewritten(&golden("cell_spring.npz"), |name, bytes| (name.replace("out/vel", "out/velocity"), bytes));
     assert_bad_input(folder.path(), &["cell_spring.npz", "out/vel", "missing"]);
 }
 
 #[test]
 fn unknown_tensor_is_bad_input() {
-    let folder = rewritten("decoder_mnist_spring_color.npz", |name, bytes| {
+    let folder = rewritten(&golden("decoder_mnist_spring_color.npz"), |name, bytes| {
         (name.replace("dense_5/bias", "dense_6/bias"), bytes)
     });
     assert_bad_input(folder.path(), &["decoder_mnist_spring_color.npz", "grad/net/decoder/dense_5/bias"]);
     // Out of a case's sight: a second copy of a tensor that it has no use for.
-    let folder = rewritten("cell_bouncing.npz", |name, bytes| (name, bytes));
+    let folder = rewritten(&golden("cell_bouncing.npz"), |name, bytes| (name, bytes));
     let path = folder.path().join("cell_bouncing.npz");
     let mut archive = zip::ZipWriter::new_append(File::options().read(true).write(true).open(&path).unwrap()).unwrap();
     archive.start_file("out/energy.npy", zip::write::SimpleFileOptions::default()).unwrap();
@@ -143,7 +198,8 @@ fn unknown_tensor_is_bad_input() {
 
 #[test]
 fn wrong_shape_is_bad_input() {
-    let folder = with_tensor("cell_spring.npz", "out/pos", |bytes| replace(bytes, b"(20, 64, 4)", b"(64, 20, 4)"));
+    let folder =
+        with_tensor(&golden("cell_spring.npz"), "out/pos", |bytes| replace(bytes, b"(20, 64, 4)", b"(64, 20, 4)"));
     assert_bad_input(folder.path(), &["cell_spring.npz", "out/pos", "shape"]);
 }
 
@@ -156,7 +212,8 @@ fn bad_meta_is_bad_input() {
         ("opt=rmsprop", "opt=rmsprob", "tensor meta"),
         ("batch=2", "batch=9", "tensor out/enc_pos"),
     ] {
-        let folder = with_tensor("spring_color_train.npz", "meta", |bytes| replace(bytes, &utf32(old), &utf32(new)));
+        let folder =
+            with_tensor(&golden("spring_color_train.npz"), "meta", |bytes| replace(bytes, &utf32(old), &utf32(new)));
         assert_bad_input(folder.path(), &["spring_color_train.npz", named]);
     }
 }

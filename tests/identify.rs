@@ -1,15 +1,15 @@
 //! The fit of physical parameters to trajectories, from starts a decade away and through template offsets.
 
-use paig::generators::sprites::Sprites;
+use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, generate_clips};
 use paig::network::cells::{Actions, State};
 use paig::network::physics_models::{ModelOptions, Parameter, PhysicsNet};
 use paig::support::random::named_generator;
 use paig::tasks::{Task, find};
-use paig::training::config::Identify;
-use paig::training::identify::{Fit, fit};
-use paig::training::velocity_fit;
+use paig::training::identify::Identify;
+use paig::training::identify::fit::{Fit, fit};
+use paig::training::identify::velocity_fit;
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
 
@@ -40,11 +40,11 @@ const NOISE: f64 = 0.1;
 
 /// The fit of all of a task's parameters, or of those that are `learned`, from `start`.
 fn fitted(task: &Task, positions: &Tensor, actions: &Actions, start: &[f64], learned: &[bool]) -> Fit {
-    fit(&settings(), task, positions, actions, &parameters(task, start, learned)).unwrap()
+    fit(&settings(), &task.system, positions, actions, &parameters(task, start, learned)).unwrap()
 }
 
 fn parameters(task: &Task, start: &[f64], learned: &[bool]) -> Vec<Parameter> {
-    let rows = task.cell.parameters.iter().zip(start).zip(learned);
+    let rows = task.system.cell.parameters.iter().zip(start).zip(learned);
     rows.map(|((kind, value), &learned)| Parameter { kind, log: log(*value), learned }).collect()
 }
 
@@ -69,7 +69,7 @@ fn observed(
         vel: Tensor::from_slice(vel.0) + normal("velocities", n) * vel.1,
     };
     let logs: Vec<_> = parameters.iter().map(|value| log(*value)).collect();
-    let rolled = task.build_cell(&logs).roll_out(&first, actions, task.dt, FRAMES - 1);
+    let rolled = task.system.build_cell(&logs).roll_out(&first, actions, task.system.dt, FRAMES - 1);
     let seen: Vec<_> = std::iter::once(&first).chain(&rolled).map(|state| &state.pos).collect();
     let noise = normal("noise", FRAMES * n).reshape([CLIPS, FRAMES as i64, n as i64]) * noise;
     Tensor::stack(&seen, 1) + Tensor::from_slice(offsets) + noise
@@ -83,9 +83,9 @@ fn scattered_springs(task: &Task, parameters: &[f64], offsets: &[f64]) -> Tensor
 fn spring_is_found_from_every_start_and_through_offsets() {
     let offsets = [1.5, -0.4, -1.5, 0.4];
     let task = find("spring_color").unwrap();
-    let seen = scattered_springs(task, &[4.0, 6.0], &offsets);
+    let seen = scattered_springs(&task, &[4.0, 6.0], &offsets);
     for start in [[1.0f64, 1.0], [10.0, 1.0], [0.1, 3.0], [1.0, 12.0]] {
-        let fit = fitted(task, &seen, &Actions::none(), &start, &[true; 2]);
+        let fit = fitted(&task, &seen, &Actions::none(), &start, &[true; 2]);
         let (k, l) = (fit.logs[0].exp(), fit.logs[1].exp());
         // 200 clips of 12 frames at 0.1 px of noise leave some 0.1 % on either.
         assert!((k / 4.0 - 1.0).abs() < 0.01 && (l / 6.0 - 1.0).abs() < 0.01, "from {start:?}: k {k}, l {l}");
@@ -104,15 +104,15 @@ fn spring_is_found_from_every_start_and_through_offsets() {
 fn gravity_or_mass_is_found_from_far_starts() {
     let task = find("3bp_color").unwrap();
     let (pos, vel) = ([18.0, 9.0, 25.8, 22.5, 10.2, 22.5], [2.0, 0.0, -1.0, 1.7, -1.0, -1.7]);
-    let seen = observed(task, &[60.0, 1.0], &Actions::none(), (&pos, 0.7), (&vel, 0.3), &[0.0; 6], NOISE);
+    let seen = observed(&task, &[60.0, 1.0], &Actions::none(), (&pos, 0.7), (&vel, 0.3), &[0.0; 6], NOISE);
     for start in [1.0f64, 10.0, 300.0] {
-        let fit = fitted(task, &seen, &Actions::none(), &[start, 1.0], &[true, false]);
+        let fit = fitted(&task, &seen, &Actions::none(), &[start, 1.0], &[true, false]);
         let g = fit.logs[0].exp();
         assert!((g / 60.0 - 1.0).abs() < 0.02, "from {start}: g {g}");
         assert_eq!(fit.logs[1], 0.0, "m is held");
     }
     for start in [0.2f64, 4.0] {
-        let fit = fitted(task, &seen, &Actions::none(), &[60.0, start], &[false, true]);
+        let fit = fitted(&task, &seen, &Actions::none(), &[60.0, start], &[false, true]);
         let m = fit.logs[1].exp();
         assert!((m - 1.0).abs() < 0.01, "from {start}: m {m}");
         assert_eq!(fit.logs[0], 60f64.ln(), "g is held");
@@ -124,9 +124,9 @@ fn gravity_or_mass_is_found_from_far_starts() {
 fn a_damped_spring_is_found() {
     let task = find("damped_spring").unwrap();
     let truth: Vec<f64> = task.truth.iter().map(|parameter| parameter.value).collect();
-    let seen = scattered_springs(task, &truth, &[0.0; 4]);
-    let fit = fitted(task, &seen, &Actions::none(), &[1.0; 3], &[true; 3]);
-    for ((log, parameter), tolerance) in fit.logs.iter().zip(task.truth).zip([0.01, 0.01, 0.03]) {
+    let seen = scattered_springs(&task, &truth, &[0.0; 4]);
+    let fit = fitted(&task, &seen, &Actions::none(), &[1.0; 3], &[true; 3]);
+    for ((log, parameter), tolerance) in fit.logs.iter().zip(&task.truth).zip([0.01, 0.01, 0.03]) {
         // Friction is a small force: ten times the spring's relative error.
         let found = log.exp();
         assert!((found / parameter.value - 1.0).abs() < tolerance, "{} {found}", parameter.name);
@@ -137,8 +137,8 @@ fn a_damped_spring_is_found() {
 fn a_driven_pendulum_is_found_through_an_offset() {
     let task = find("pendulum").unwrap();
     let actions = Actions::new(Some(normal("torque", FRAMES) * 1.2));
-    let seen = observed(task, &[10.0, 1.0], &actions, (&[0.0], 0.9), (&[0.0], 1.2), &[0.05], 0.01);
-    let fit = fitted(task, &seen, &actions, &[1.0; 2], &[true; 2]);
+    let seen = observed(&task, &[10.0, 1.0], &actions, (&[0.0], 0.9), (&[0.0], 1.2), &[0.05], 0.01);
+    let fit = fitted(&task, &seen, &actions, &[1.0; 2], &[true; 2]);
     // 200 clips of half a second at 0.01 rad leave some 0.5 % on a, less on g.
     let (g, a) = (fit.logs[0].exp(), fit.logs[1].exp());
     assert!((g / 10.0 - 1.0).abs() < 0.01 && (a - 1.0).abs() < 0.02, "g {g}, a {a}");
@@ -149,8 +149,8 @@ fn a_driven_pendulum_is_found_through_an_offset() {
 fn positions_that_are_not_numbers_are_refused() {
     let task = find("spring_color").unwrap();
     let seen = Tensor::full([4, 12, 4], f64::NAN, (Kind::Double, tch::Device::Cpu));
-    let start = parameters(task, &[1.0; 2], &[true; 2]);
-    let error = fit(&settings(), task, &seen, &Actions::none(), &start).unwrap_err();
+    let start = parameters(&task, &[1.0; 2], &[true; 2]);
+    let error = fit(&settings(), &task.system, &seen, &Actions::none(), &start).unwrap_err();
     assert!(error.to_string().contains("not finite"), "{error}");
 }
 
@@ -159,12 +159,18 @@ fn positions_that_are_not_numbers_are_refused() {
 fn true_trajectories_give_the_spring_up_to_the_integration_step() {
     let task = find("spring_color").unwrap();
     let counts = Counts { train: 300, valid: 1, test: 1 };
-    let (_, states) =
-        generate_clips(&Variant::new(task, 5), &Sprites::original().unwrap(), task.train_frames, counts).unwrap();
+    let (_, states) = generate_clips(
+        &Variant::new(&task, 5).unwrap(),
+        &SourceImages::original().unwrap(),
+        task.train_frames,
+        counts,
+        &|_| {},
+    )
+    .unwrap();
     let positions = states.train.positions;
     let shape: Vec<i64> = positions.shape().iter().map(|&n| n as i64).collect();
     let seen = Tensor::from_slice(positions.as_slice().unwrap()).reshape(&shape);
-    let fit = fitted(task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]);
+    let fit = fitted(&task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]);
     let (k, l) = (fit.logs[0].exp(), fit.logs[1].exp());
     println!("k {k}, l {l}, residual {} px", fit.residual);
     assert!((k / 4.0 - 0.998).abs() < 0.001, "k {k}");
@@ -175,7 +181,7 @@ fn true_trajectories_give_the_spring_up_to_the_integration_step() {
 #[test]
 fn the_velocity_estimator_learns_free_motion() {
     let task = find("spring_color").unwrap();
-    let model = PhysicsNet::new(task, &ModelOptions::original(), Device::Cpu, 3);
+    let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 3).unwrap();
     let stiffness = model.learned().find(|parameter| parameter.kind.name == "k").unwrap();
     model.set_log(stiffness, 1e-6f64.ln());
     let start = Tensor::from_slice(&[21.0, 16.0, 9.0, 16.0]) + normal("positions", 4);

@@ -5,19 +5,19 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use ndarray::{Array3, Axis};
 use paig::datasets::files::Split;
 use paig::generators::render::Bar;
-use paig::generators::simulate::{State, World};
-use paig::generators::sprites::Sprites;
+use paig::generators::simulate::{SceneState, World};
+use paig::generators::source_images::SourceImages;
 use paig::generators::variant::{Changes, Variant};
 use paig::generators::{Counts, generate_clips};
 use paig::tasks::scene::Motion;
-use paig::tasks::{TASKS, find};
+use paig::tasks::{self, find};
 
 const SIDE: usize = 64;
 /// Pixels in the unit of length: the frame shows 2.2 to each side of the hub.
 const UNIT: f64 = SIDE as f64 / 4.4;
 
 fn variant(changes: &Changes) -> Variant {
-    Variant::new(find("pendulum").unwrap(), 3).with(changes).unwrap()
+    Variant::new(&find("pendulum").unwrap(), 3).unwrap().with(changes).unwrap()
 }
 
 /// One time unit to a frame, in many substeps.
@@ -25,11 +25,11 @@ fn fine(changes: &Changes) -> World {
     World { dt: 1.0, substeps: 100_000, ..variant(changes).world() }
 }
 
-fn state(angle: f64, speed: f64, action: f64) -> State {
-    State { positions: vec![angle], velocities: vec![speed], action }
+fn state(angle: f64, speed: f64, action: f64) -> SceneState {
+    SceneState { positions: vec![angle], velocities: vec![speed], action }
 }
 
-fn run(world: &World, state: &mut State, time: f64) {
+fn run(world: &World, state: &mut SceneState, time: f64) {
     let steps = (time / world.dt * world.substeps as f64).round() as usize;
     (0..steps).for_each(|_| world.substep(state));
 }
@@ -39,7 +39,7 @@ fn energy_changes_by_the_work_of_the_torque() {
     let (g, m, length, a) = (7.0, 2.0, 0.5, 1.5);
     let changes = Changes { g: Some(g), m: Some(m), length: Some(length), a: Some(a), ..Changes::default() };
     // A rod about its end: moment of inertia m l^2 / 3, centre of mass at l / 2.
-    let energy = |state: &State| {
+    let energy = |state: &SceneState| {
         m * (length * state.velocities[0]).powi(2) / 6.0 + m * g * length / 2.0 * state.positions[0].cos()
     };
     for torque in [-1.7, 0.0, 2.0] {
@@ -124,7 +124,7 @@ fn bars_lie_where_their_angle_says() {
 fn clips_obey_the_equation_with_the_torques_of_the_file() {
     let counts = Counts { train: 60, valid: 2, test: 2 };
     let variant = variant(&Changes::default());
-    let (dataset, states) = generate_clips(&variant, &Sprites::original().unwrap(), 30, counts).unwrap();
+    let (dataset, states) = generate_clips(&variant, &SourceImages::original().unwrap(), 30, counts, &|_| {}).unwrap();
     let torques = dataset.actions(Split::Train).unwrap();
     assert_eq!((torques.dim(), states.train.positions.dim()), ((60, 30), (60, 30, 1)));
     assert!(torques.iter().all(|u| u.abs() <= 2.0));
@@ -157,10 +157,12 @@ fn clips_obey_the_equation_with_the_torques_of_the_file() {
 
 #[test]
 fn only_the_pendulum_has_actions() {
-    for task in TASKS {
-        assert_eq!(task.cell.actions, matches!(task.scene.motion, Motion::Pendulum { .. }), "{}", task.key);
+    for task in tasks::all() {
+        let pendulum = matches!(task.scene.unwrap().motion, Motion::Pendulum { .. });
+        assert_eq!(task.system.cell.actions, pendulum, "{}", task.name);
     }
     let changes = Changes { torque: Some(0.5), spin: Some(1.0), length: Some(1.5), ..Changes::default() };
-    let name = variant(&changes).file(14);
-    assert_eq!(name.to_str().unwrap(), "pendulum/color_pendulum_sl14_g10_m1_l1.5_a1_u0.5_dt005_spin1.npz");
+    let [(frames, name), _] = variant(&changes).files();
+    let expected = "pendulum/color_pendulum_sl14_g10_m1_l1.5_a1_u0.5_dt005_spin1.npz";
+    assert_eq!((frames, name.to_str().unwrap()), (14, expected));
 }

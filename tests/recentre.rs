@@ -3,7 +3,7 @@
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::support::random::named_generator;
 use paig::tasks::find;
-use paig::training::recentre::recentre;
+use paig::training::identify::recentre::recentre;
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
 
@@ -25,7 +25,8 @@ fn frames(count: i64) -> Tensor {
 #[test]
 fn recentring_moves_positions_and_keeps_the_picture() {
     let options = ModelOptions { exact_shift: true, ..ModelOptions::original() };
-    let model = PhysicsNet::new(find("spring_color").unwrap(), &options, Device::Cpu, 1);
+    let task = find("spring_color").unwrap();
+    let model = PhysicsNet::new(&task.system, &options, Device::Cpu, 1).unwrap();
     let _guard = tch::no_grad_guard();
     // Smooth sprites: on noise a shift by a fraction of a pixel must blur.
     model.decoder.start_templates(3.0, 0.3);

@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use paig::training::config::{Config, Overrides};
+use paig::training::config::Config;
+use paig::training::layers::Overrides;
 use serde_json::{Value, json};
 
 /// Makes a run folder with its config and a little metrics.jsonl.
@@ -231,7 +232,7 @@ fn changed_recipes_stand_beside_the_plain_one_with_a_verdict() {
         run("fast-long", &long, (3.95, 6.0), 0.5);
         run("fast-long-estimate", &[&["model.refinement_steps=0"], &long[..]].concat(), (4.6, 6.0), 0.8);
         run("fast-start", &["start.k=0.2"], (3.98, 5.999), 0.24);
-        run("fast-l", &["model.hold.k=4"], (4.0, 6.0), 0.24);
+        run("fast-l", &["model.fixed.k=4"], (4.0, 6.0), 0.24);
     }
     let out = folder.path().join("report");
     assert!(report(&[runs], &out).status.success());
@@ -255,12 +256,12 @@ fn changed_recipes_stand_beside_the_plain_one_with_a_verdict() {
         "sweep --task spring_color --recipe fast --seeds '0,1,2' --set 'model.exact_shift=false' --name shift",
         "| 1000, 100, 10 | Some Processor | 64 | 1 | cpu |",
         "No run of the `paper` recipe is among the runs given",
-        "| spring_color | l | 6 | 6.17 | +2.83\u{a0}% | fast, model.hold.k=4.0 | **6.000** |",
+        "| spring_color | l | 6 | 6.17 | +2.83\u{a0}% | fast, model.fixed.k=4.0 | **6.000** |",
     ] {
         assert!(page.contains(line), "{line:?} is not in:\n{page}");
     }
     // What is held is not learned.
-    assert!(!page.contains("| spring_color | k | 4 | 4.26 | +6.50\u{a0}% | fast, model.hold"));
+    assert!(!page.contains("| spring_color | k | 4 | 4.26 | +6.50\u{a0}% | fast, model.fixed"));
     let results = read(&out.join("results.json"));
     let plain = &results["tasks"][0];
     assert_eq!((&plain["recipe"], &plain["overrides"]), (&json!("fast"), &json!([])));

@@ -9,7 +9,7 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use common::{dataset, text, write_config};
-use paig::sweep::parse_seeds;
+use paig::cli::arguments::parse_seeds;
 
 /// A run that takes seconds.
 const TINY: &str = "[discover]\nframes = 8\nmax_steps = 6\n\

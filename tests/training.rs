@@ -115,6 +115,8 @@ fn a_killed_run_resumes_to_the_same_bits() {
     }
     assert!(kills > 0, "the run finished before it could be killed");
     assert!(last_weights(&whole) == last_weights(&killed), "weights differ after {kills} kills");
+    let begin = serde_json::json!({"kind": "begin", "phase": "", "step": 0, "format": 1});
+    assert_eq!(metrics(&whole)[0], begin);
     assert_eq!(metrics(&whole), metrics(&killed));
     assert_eq!(fs::read(whole.join("log.txt")).unwrap(), fs::read(killed.join("log.txt")).unwrap());
 }

@@ -11,19 +11,19 @@ use ndarray_npy::NpzReader;
 use paig::datasets::iterators::Clips;
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::tasks::{Task, find};
-use paig::viz::examples::Layout;
+use paig::viz::examples::layout;
 use paig::viz::{write_artifacts, write_curves};
 use tch::Device;
 
 /// Pixels that differ everywhere: clip, time, row, column and channel all matter.
 fn synthetic(clips: usize, task: &Task) -> Array5<u8> {
-    let shape = (clips, task.test_frames, task.side, task.side, task.channels);
+    let shape = (clips, task.test_frames, task.system.side, task.system.side, task.system.channels);
     Array5::from_shape_fn(shape, |(n, t, y, x, c)| (n * 101 + t * 37 + y * 5 + x * 3 + c * 71 + y * x) as u8)
 }
 
 fn artifacts(folder: &Path, task: &Task, pixels: &Array5<u8>, examples: usize) {
     tch::set_num_threads(1);
-    let model = PhysicsNet::new(task, &ModelOptions::original(), Device::Cpu, 3);
+    let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 3).unwrap();
     write_artifacts(folder, &model, &Clips::new(pixels, None, Device::Cpu), examples).unwrap();
 }
 
@@ -48,56 +48,63 @@ fn check_example(task: &Task, times: u32) {
     let pixels = synthetic(2, task);
     artifacts(folder.path(), task, &pixels, 5);
     assert!(!folder.path().join("example2.png").exists(), "there are only two clips");
-    let layout = Layout::new(task, task.test_frames);
+    let grid = layout(&task.system, task.test_frames);
     for clip in 0..2 {
         let picture = png(&folder.path().join(format!("example{clip}.png")));
-        assert_eq!(picture.dimensions(), layout.size());
-        assert_eq!(layout.cell(), task.side as u32 * times);
+        assert_eq!(picture.dimensions(), grid.size());
+        assert_eq!(grid.cell, task.system.side as u32 * times);
         for time in 0..task.test_frames {
-            let truth = layout.corner(1, time);
+            let truth = grid.corner(1, time);
             assert!(shows(&picture, truth, &pixels, clip, time, times), "truth, clip {clip} frame {time}");
-            let is_input = time < task.input_steps;
-            let model = layout.corner(0, time);
+            let is_input = time < task.system.input_steps;
+            let model = grid.corner(0, time);
             assert_eq!(shows(&picture, model, &pixels, clip, time, times), is_input, "clip {clip} frame {time}");
-            let (x, y) = layout.corner(2, time);
-            let blank = (0..layout.cell()).all(|i| picture.get_pixel(x + i, y + i).0 == [255; 3]);
-            assert_eq!(blank, time >= task.input_steps + task.pred_steps, "reconstruction of frame {time}");
+            let (x, y) = grid.corner(2, time);
+            let blank = (0..grid.cell).all(|i| picture.get_pixel(x + i, y + i).0 == [255; 3]);
+            assert_eq!(
+                blank,
+                time >= task.system.input_steps + task.system.pred_steps,
+                "reconstruction of frame {time}"
+            );
         }
     }
 }
 
 #[test]
 fn examples_show_the_clip_at_the_right_place() {
-    check_example(find("spring_color").unwrap(), 4);
+    check_example(&find("spring_color").unwrap(), 4);
 }
 
 #[test]
 fn large_frames_are_enlarged_less() {
-    check_example(find("mnist_spring_color").unwrap(), 2);
+    check_example(&find("mnist_spring_color").unwrap(), 2);
 }
 
 #[test]
 fn one_channel_becomes_grey() {
-    check_example(&Task { channels: 1, ..find("spring_color").unwrap().clone() }, 4);
+    let mut task = find("spring_color").unwrap();
+    task.system.channels = 1;
+    check_example(&task, 4);
 }
 
 #[test]
 fn clips_that_end_with_the_prediction_have_no_extrapolation() {
-    let task = find("spring_color").unwrap();
+    let mut task = find("spring_color").unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let frames = task.input_steps + task.pred_steps;
-    let pixels = synthetic(1, &Task { test_frames: frames, ..task.clone() });
-    artifacts(folder.path(), task, &pixels, 1);
+    let frames = task.system.input_steps + task.system.pred_steps;
+    task.test_frames = frames;
+    let pixels = synthetic(1, &task);
+    artifacts(folder.path(), &task, &pixels, 1);
     let picture = png(&folder.path().join("example0.png"));
-    assert_eq!(picture.dimensions(), Layout::new(task, frames).size());
+    assert_eq!(picture.dimensions(), layout(&task.system, frames).size());
 }
 
 #[test]
 fn arrays_are_channels_last_and_hold_the_clips() {
     let task = find("3bp_color").unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let pixels = synthetic(2, task);
-    artifacts(folder.path(), task, &pixels, 1);
+    let pixels = synthetic(2, &task);
+    artifacts(folder.path(), &task, &pixels, 1);
     let read = |file: &str, name: &str| -> ArrayD<f32> {
         NpzReader::new(File::open(folder.path().join(file)).unwrap()).unwrap().by_name(name).unwrap()
     };
@@ -114,7 +121,8 @@ fn arrays_are_channels_last_and_hold_the_clips() {
     // The roll-out begins at the encoded position of the last input frame.
     let (positions, states) = (read("outputs.npz", "enc_pos"), read("outputs.npz", "pos_vel_seq"));
     for place in 0..6 {
-        let (start, encoded) = (states[IxDyn(&[1, 0, place])], positions[IxDyn(&[1, task.input_steps - 1, place])]);
+        let (start, encoded) =
+            (states[IxDyn(&[1, 0, place])], positions[IxDyn(&[1, task.system.input_steps - 1, place])]);
         assert!((start - encoded).abs() < 1e-4, "coordinate {place}: {start}, {encoded}");
     }
     for (name, shape) in [
@@ -139,7 +147,7 @@ fn arrays_are_channels_last_and_hold_the_clips() {
 fn pictures_of_all_kinds_are_written_whole() {
     let task = find("bouncing_balls").unwrap();
     let folder = tempfile::tempdir().unwrap();
-    artifacts(folder.path(), task, &synthetic(2, task), 0);
+    artifacts(folder.path(), &task, &synthetic(2, &task), 0);
     let gif = GifDecoder::new(BufReader::new(File::open(folder.path().join("animation.gif")).unwrap())).unwrap();
     let frames = gif.into_frames().collect_frames().unwrap();
     assert_eq!(frames.len(), task.test_frames);
@@ -157,9 +165,9 @@ fn pictures_of_all_kinds_are_written_whole() {
 fn an_empty_test_set_is_an_error() {
     let task = find("spring_color").unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let model = PhysicsNet::new(task, &ModelOptions::original(), Device::Cpu, 3);
+    let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 3).unwrap();
     let error =
-        write_artifacts(folder.path(), &model, &Clips::new(&synthetic(0, task), None, Device::Cpu), 1).unwrap_err();
+        write_artifacts(folder.path(), &model, &Clips::new(&synthetic(0, &task), None, Device::Cpu), 1).unwrap_err();
     assert!(error.to_string().contains("no test clips"), "{error:#}");
 }
 
@@ -175,7 +183,7 @@ fn curves(metrics: &str, task: &str) -> (tempfile::TempDir, anyhow::Result<()>) 
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("metrics.jsonl"), metrics).unwrap();
     let task = find(task).unwrap();
-    let result = write_curves(folder.path(), task, task.truth);
+    let result = write_curves(folder.path(), &task, &task.truth);
     (folder, result)
 }
 
@@ -222,6 +230,6 @@ fn damaged_or_missing_metrics_are_named() {
     let message = format!("{:#}", curves("", "spring_color").1.unwrap_err());
     assert!(message.contains("holds no losses"), "{message}");
     let empty = tempfile::tempdir().unwrap();
-    let message = format!("{:#}", write_curves(empty.path(), find("spring_color").unwrap(), &[]).unwrap_err());
+    let message = format!("{:#}", write_curves(empty.path(), &find("spring_color").unwrap(), &[]).unwrap_err());
     assert!(message.contains("cannot read") && message.contains("metrics.jsonl"), "{message}");
 }

@@ -1,1 +1,1 @@
-"""One folder for each submodule: what is drawn (case.py), what is computed (README.md), the tolerances."""
+"""One folder for each submodule: what is computed, in words (README.md), what is drawn (case.py), the port's side (mod.rs)."""

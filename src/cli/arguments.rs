@@ -1,16 +1,19 @@
-//! What `evaluate` and `predict` are given alike: a run, and clips to look at.
+//! What programs are given: a run and clips to look at, seeds.
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
-use clap::Args;
+use anyhow::{Context, Result, ensure};
+use clap::{Args, ValueEnum};
 use tch::Device;
 
-use crate::cli::run;
 use crate::datasets::files::Split;
 use crate::network::physics_models::PhysicsNet;
+use crate::runs::checkpoint::SavedWeights;
 use crate::support::device;
 use crate::training::config::Config;
+use crate::training::saved::load_model;
+
+use super::environment;
 
 /// A run, a part of a dataset file, and where to compute.
 #[derive(Debug, Args)]
@@ -23,12 +26,31 @@ pub struct ScoredRun {
     /// Part of the file
     #[arg(long, default_value = "test", value_parser = Split::ALL.map(Split::name))]
     split: String,
+    /// Weights of the last checkpoint, or those with the best validation score of the last phase
+    #[arg(long, default_value = "last")]
+    checkpoint: Weights,
     /// cpu, cuda or cuda:n
     #[arg(long, default_value = "cpu")]
     device: String,
     /// Threads to compute with; 0 for one a core
     #[arg(long, default_value_t = 0)]
     threads: usize,
+}
+
+/// Which of a run's weights.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Weights {
+    Last,
+    Best,
+}
+
+impl From<Weights> for SavedWeights {
+    fn from(weights: Weights) -> Self {
+        match weights {
+            Weights::Last => SavedWeights::Last,
+            Weights::Best => SavedWeights::Best,
+        }
+    }
 }
 
 /// A trained model and where the clips are.
@@ -48,13 +70,37 @@ impl ScoredRun {
     /// # Errors
     /// A GPU that is not there, a folder that holds no run or no checkpoint.
     pub fn open(&self) -> Result<ClipsOfRun> {
-        device::set_environment();
+        environment::set();
         let device = device::parse(&self.device)?;
         device::set_threads(self.threads);
-        let (config, model) = run::load_model(&self.run, device)?;
-        let own = || config.data.folder.join(&config.data.test_file);
+        let (config, model) = load_model(&self.run, self.checkpoint.into(), device)?;
+        let own = || config.data.test_path();
         let file = self.file.clone().unwrap_or_else(own);
         let split = Split::ALL.into_iter().find(|split| split.name() == self.split).context("unknown split")?;
         Ok(ClipsOfRun { config, model, file, split, device })
     }
+}
+
+/// Seeds as people write them: `0-9`, `1,4,7-8`.
+///
+/// # Errors
+/// Anything else, or a range that runs backwards.
+pub fn parse_seeds(text: &str) -> Result<Vec<u64>> {
+    let number = |text: &str| {
+        let number = text.trim().parse::<u64>().ok();
+        number
+            .with_context(|| format!("--seeds: {text:?} is not a number from 0 on; seeds are given as 0-9 or 1,4,7-8"))
+    };
+    let mut seeds = Vec::new();
+    for part in text.split(',') {
+        match part.split_once('-') {
+            None => seeds.push(number(part)?),
+            Some((first, last)) => {
+                let (first, last) = (number(first)?, number(last)?);
+                ensure!(first <= last, "seeds: {part:?} runs backwards");
+                seeds.extend(first..=last);
+            }
+        }
+    }
+    Ok(seeds)
 }

@@ -1,7 +1,10 @@
 //! What the programs share: arguments, lines on the screen, signals.
 
 pub mod arguments;
+pub mod environment;
+pub mod generate_display;
 pub mod interrupt;
 pub mod progress;
 pub mod run;
+pub mod sweep_display;
 pub mod table;

@@ -8,6 +8,9 @@ use anyhow::{Context, Result};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::training::observer::{Event, Observer};
+use crate::training::recorder;
+
 /// Why the first line that could not be written was not, unless its reader had gone away.
 static UNWRITTEN: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
@@ -74,5 +77,52 @@ impl Progress {
 
     pub fn finish(&self) {
         self.bar.finish_and_clear();
+    }
+}
+
+/// Shows a training: a bar for each phase, and a line for each record.
+#[derive(Debug, Default)]
+pub struct Screen {
+    progress: Option<Progress>,
+}
+
+impl Screen {
+    /// A line that stays.
+    fn line(&self, text: &str) {
+        match &self.progress {
+            Some(progress) => progress.line(text),
+            None => say!("{text}"),
+        }
+    }
+}
+
+impl Observer for Screen {
+    fn observe(&mut self, event: &Event) -> Result<()> {
+        match event {
+            Event::Resumed { steps, checkpoint } => say!("resuming after step {steps} ({checkpoint})"),
+            Event::PhaseBegins { phase, done, of } => {
+                self.progress = (*of > 0).then(|| Progress::new(phase, *of, *done));
+            }
+            Event::Step { loss, model } => {
+                if let Some(progress) = &self.progress {
+                    let values =
+                        || model.parameter_values().into_iter().map(|(name, value)| format!("{name}={value:.3}"));
+                    progress.step(|| format!("loss {loss:.3} {}", values().collect::<Vec<_>>().join(" ")));
+                }
+            }
+            Event::Recorded(record) => {
+                if let Some(line) = recorder::line(record) {
+                    self.line(&format!("{:>9} {line} ({:.0} s)", record.phase, record.seconds.unwrap_or_default()));
+                }
+            }
+            Event::Note(line) => self.line(line),
+            Event::Checkpoint { .. } => {}
+            Event::PhaseEnds { .. } => {
+                if let Some(progress) = self.progress.take() {
+                    progress.finish();
+                }
+            }
+        }
+        Ok(())
     }
 }

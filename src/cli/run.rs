@@ -10,25 +10,26 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, Parser};
 use tch::Device;
 
-use crate::cli::table::print_frames_and_states;
-use crate::cli::{interrupt, progress};
+use super::progress::Screen;
+use super::table::{print_frames_and_states, print_results};
+use super::{environment, interrupt, progress};
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
+use crate::datasets::states::States;
 use crate::evaluation::{self, ScoredClips};
 use crate::network::physics_models::PhysicsNet;
-use crate::runs::checkpoint;
-use crate::runs::checkpoint::RunState;
-use crate::runs::folder::{CONFIG, RunFolder};
-use crate::runs::scores::Scores;
+use crate::runs::checkpoint::{RunState, SavedWeights, Store};
+use crate::runs::folder::RunFolder;
+use crate::runs::names::CONFIG;
 use crate::runs::summary::{self, Hardware, LearnedParameter, Summary, TestScores};
-use crate::say;
-use crate::support::device;
-use crate::support::device::COMMIT;
-use crate::tasks;
-use crate::training::base::{Outcome, Trainer};
-use crate::training::config::{Config, Overrides};
-use crate::training::join::Joint;
-use crate::viz;
+use crate::support::device::{self, COMMIT};
+use crate::training::base::Outcome;
+use crate::training::config::Config;
+use crate::training::layers::Overrides;
+use crate::training::recorder::Recorder;
+use crate::training::saved::load_model;
+use crate::training::trainer::Trainer;
+use crate::{say, tasks, viz};
 
 /// Exit code of a run that was asked to stop, as shells have it for SIGINT.
 const INTERRUPTED: u8 = 130;
@@ -45,7 +46,7 @@ const INTERRUPTED: u8 = 130;
                   run_physics --resume --out runs/spring_color/fast/seed=1"
 )]
 pub struct AnyTask {
-    #[arg(long, help = format!("The system to learn: {}", tasks::keys()))]
+    #[arg(long, help = format!("The system to learn: a task file (.toml), or one of {}", tasks::names()))]
     task: Option<String>,
     #[command(flatten)]
     run: RunArgs,
@@ -126,7 +127,7 @@ pub fn exit_code(result: Result<ExitCode>) -> ExitCode {
 impl RunArgs {
     fn execute(self, task: Option<String>) -> Result<ExitCode> {
         // Before anything is opened: it starts the program over.
-        device::set_environment();
+        environment::set();
         if self.print_config {
             let config = Config::load(self.config.as_deref(), &self.overrides(task))?;
             say!("{}", config.to_toml().trim_end());
@@ -137,14 +138,14 @@ impl RunArgs {
         let threads = device::set_threads(config.threads);
         let data = if self.test_mode { None } else { Some(TrainingData::load(&config, device)?) };
         // What can fail at once has been tried: a folder is taken only by a run that begins.
-        let mut folder = match opened {
+        let folder = match opened {
             Opened::Earlier(folder) => folder,
-            Opened::New(path) => RunFolder::create(&path, &config)?,
+            Opened::New(path) => RunFolder::create(&path, &config.to_toml())?,
         };
-        say!("{}", device::banner(device, threads));
+        say!("{}", environment::banner(device, threads));
         say!("run folder {}", folder.path().display());
         match data {
-            Some(data) => train(&config, &mut folder, &data, device, threads),
+            Some(data) => train(&config, &folder, &data, device, threads),
             None => score(&config, &folder, device),
         }
     }
@@ -165,7 +166,7 @@ impl RunArgs {
     /// The run's folder and config.
     fn open(&self, task: Option<String>) -> Result<(Opened, Config)> {
         let load = || Config::load(self.config.as_deref(), &self.overrides(task.clone()));
-        let own = |c: Config| Path::new("runs").join(&c.task).join(&c.recipe).join(format!("seed={}", c.seed));
+        let own = |c: Config| Path::new("runs").join(&c.task.name).join(&c.recipe).join(format!("seed={}", c.seed));
         if !(self.resume || self.test_mode) {
             let out = self.out.clone().map_or_else(|| load().map(own), Ok)?;
             RunFolder::ensure_free(&out)?;
@@ -173,29 +174,32 @@ impl RunArgs {
         }
         let which = "say which run with --out, or with the options that it was begun with";
         let out = self.out.clone().map_or_else(|| load().map(own).context(which), Ok)?;
-        let (folder, saved) = RunFolder::reopen(&out)?;
+        let folder = RunFolder::reopen(&out)?;
+        let saved = Config::read(&out.join(CONFIG))?;
         if let Some(task) = &task {
-            ensure!(saved.task == *task, "{} holds a run of task {}, not of {task}", out.display(), saved.task);
+            let (asked, name) = (tasks::find(task)?, &saved.task.name);
+            ensure!(*name == asked.name, "{} holds a run of task {name}, not of {}", out.display(), asked.name);
         }
-        let config = self.going_on(&saved, &out)?;
+        let config = self.going_on(&saved, task, &out)?;
         Ok((Opened::Earlier(folder), config))
     }
 
     /// The config of an earlier run with what may change: where it computes and where its data lie. Anything else that is
     /// given must be as it was.
-    fn going_on(&self, saved: &Config, out: &Path) -> Result<Config> {
+    fn going_on(&self, saved: &Config, task: Option<String>, out: &Path) -> Result<Config> {
         let mut config = saved.clone();
         config.device = self.device.clone().unwrap_or(config.device);
         config.threads = self.threads.unwrap_or(config.threads);
         config.data.folder = self.data.clone().unwrap_or(config.data.folder);
         let recipe = self.recipe.clone().unwrap_or(saved.recipe.clone());
         let seed = self.seed.unwrap_or(saved.seed);
-        // Without what it was changed by, nobody says that a recipe was not changed.
+        let task = task.map_or_else(|| Ok(saved.task.clone()), |task| tasks::find(&task))?;
+        // Nothing given changes a recipe that the run may have begun with.
         let asked = if self.config.is_none() && self.set.is_empty() {
-            Config { recipe, seed, ..saved.clone() }
+            Config { task, recipe, seed, ..saved.clone() }
         } else {
-            let given = self.overrides(Some(saved.task.clone()));
-            Config::load(self.config.as_deref(), &Overrides { recipe: Some(recipe), seed: Some(seed), ..given })?
+            let given = Overrides { recipe: Some(recipe), seed: Some(seed), ..self.overrides(None) };
+            Config::load_task(task, self.config.as_deref(), &given)?
         };
         let (begun, asked) = (saved.differences(&asked), asked.differences(saved));
         ensure!(
@@ -227,61 +231,75 @@ impl TrainingData {
     /// What would stop the last phase, or the scoring after it, must not cost the phases before: the test file is read,
     /// too, and dropped, and there must be a batch for `join`.
     fn load(config: &Config, device: Device) -> Result<Self> {
-        let task = config.task()?;
-        let path = config.data.folder.join(&config.data.train_file);
-        let training = DatasetFile::read(&path, &ClipShape::training(task))?;
+        let path = config.data.train_path();
+        let training = DatasetFile::read(&path, &ClipShape::training(&config.task))?;
         training.check_motion(&path)?;
-        DatasetFile::read(&test_file(config), &ClipShape::test(task))?;
+        check_settings(&path, config)?;
+        let path = config.data.test_path();
+        DatasetFile::read(&path, &ClipShape::test(&config.task))?;
+        check_settings(&path, config)?;
         let clips = |split| Clips::new(training.split(split), training.actions(split), device);
         let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
-        Joint::new(&config.join, &data.train, config.seed)?;
+        config.join.check_clips(data.train.len())?;
         Ok(data)
     }
 }
 
-fn test_file(config: &Config) -> PathBuf {
-    config.data.folder.join(&config.data.test_file)
+/// Refuses a file that was made for another system.
+fn check_settings(path: &Path, config: &Config) -> Result<()> {
+    match States::settings_beside(path) {
+        Ok(Some(settings)) => {
+            let context = || format!("{} does not fit task {}", path.display(), config.task.name);
+            settings.check(&config.task.system).with_context(context)
+        }
+        Ok(None) => Ok(()),
+        // A training needs nothing of that file.
+        Err(error) => {
+            say!("note: {error:#}; how {} was made is not known", path.display());
+            Ok(())
+        }
+    }
 }
 
 /// Scores a run's last checkpoint on the test file.
 fn score(config: &Config, folder: &RunFolder, device: Device) -> Result<ExitCode> {
-    let (_, model) = load_model(folder.path(), device)?;
-    let test = ScoredClips::read(&test_file(config), &model.task, Split::Test, device)?;
+    let (_, model) = load_model(folder.path(), SavedWeights::Last, device)?;
+    let test = ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device)?;
     let scores = evaluation::evaluate(&model, &test)?;
-    print_results(&model, &test, &scores);
+    print_results(&config.task, &model, &test, &scores.losses);
+    print_frames_and_states(&config.task.system, &scores);
     Ok(ExitCode::SUCCESS)
 }
 
 /// Trains, scores, writes numbers and pictures.
-fn train(
-    config: &Config,
-    folder: &mut RunFolder,
-    data: &TrainingData,
-    device: Device,
-    threads: usize,
-) -> Result<ExitCode> {
-    let task = config.task()?;
+fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Device, threads: usize) -> Result<ExitCode> {
     interrupt::catch()?;
-    let model = PhysicsNet::new(task, &config.model, device, config.seed);
-    let mut trainer = Trainer::new(config, &model, &data.train, &data.valid, folder)?;
+    let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
+    let (mut recorder, mut screen) = (Recorder::new(folder)?, Screen::default());
+    let mut trainer = Trainer::new(config, &model, &data.train, &data.valid)?
+        .save_to(Store::new(folder.path()))
+        .observed_by(&mut recorder)
+        .observed_by(&mut screen)
+        .stop_when(interrupt::asked);
     if trainer.run()? == Outcome::Interrupted {
-        say!("stopped after step {}; go on with --resume --out {}", trainer.state.steps, folder.path().display());
+        say!("stopped after step {}; go on with --resume --out {}", trainer.state().steps, folder.path().display());
         return Ok(ExitCode::from(INTERRUPTED));
     }
-    let state = trainer.state.clone();
-    // The true states lie beside the test file: nothing has read them before.
-    let test = ScoredClips::read(&test_file(config), task, Split::Test, device).with_context(|| {
+    let state = trainer.state().clone();
+    // The true states lie beside the test file: nothing has learned from them before.
+    let test = ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device).with_context(|| {
         format!(
             "the training is finished and saved, but not scored; --resume --out {} does it",
             folder.path().display()
         )
     })?;
     let scores = evaluation::evaluate(&model, &test)?;
-    print_results(&model, &test, &scores);
+    print_results(&config.task, &model, &test, &scores.losses);
+    print_frames_and_states(&config.task.system, &scores);
     let parameters = model.parameter_values().into_iter();
     let summary = Summary {
         format: summary::FORMAT,
-        task: config.task.clone(),
+        task: config.task.name.clone(),
         recipe: config.recipe.clone(),
         seed: config.seed,
         parameters: parameters
@@ -301,7 +319,7 @@ fn train(
     };
     summary.write(folder.path())?;
     viz::write_artifacts(folder.path(), &model, &test.clips, config.output.examples)?;
-    viz::write_curves(folder.path(), task, &test.truth)?;
+    viz::write_curves(folder.path(), &config.task, &test.truth)?;
     say!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
     Ok(ExitCode::SUCCESS)
 }
@@ -317,46 +335,4 @@ fn versions(state: &RunState) -> BTreeMap<String, String> {
         ("commit".to_string(), trained),
     ];
     versions.into_iter().chain(scored).collect()
-}
-
-/// The learned parameters beside the truth, the losses beside the paper's, every frame, the states.
-fn print_results(model: &PhysicsNet, test: &ScoredClips, scores: &Scores) {
-    let (task, losses) = (&model.task, &scores.losses);
-    say!("\n{:<28}{:>12}{:>12}{:>10}", task.key, "learned", "true", "error");
-    for (name, learned) in model.parameter_values() {
-        match test.truth_of(name) {
-            Some(truth) => {
-                let error = 100.0 * (learned / truth - 1.0);
-                say!("{name:<28}{learned:>12.4}{truth:>12.4}{error:>9.2}%");
-            }
-            None => say!("{name:<28}{learned:>12.4}"),
-        }
-    }
-    test.notes.iter().for_each(|note| say!("note: {note}"));
-    say!("\n{:<28}{:>12}{:>12}", "test loss (squared error)", "here", "paper");
-    let published = tasks::paper_losses(task.key);
-    let row = |name: &str, value: f64, paper: Option<f64>| {
-        let paper = paper.map_or("-".to_string(), |paper| format!("{paper:.2}"));
-        say!("{name:<28}{value:>12.4}{paper:>12}");
-    };
-    row("reconstruction L_rec", losses.recons_loss, published.map(|p| p.reconstruction));
-    row("prediction L_pred", losses.pred_loss, published.map(|p| p.prediction));
-    if let Some(loss) = losses.extrap_loss {
-        row("extrapolation L_extrap", loss, None);
-    }
-    say!();
-    print_frames_and_states(task, scores);
-}
-
-/// Reads a run's model back.
-///
-/// # Errors
-/// A folder that holds no run or no checkpoint, or one of another task.
-pub fn load_model(folder: &Path, device: Device) -> Result<(Config, PhysicsNet)> {
-    let path = folder.join(CONFIG);
-    ensure!(path.exists(), "{} is not a run folder: there is no {CONFIG} in it", folder.display());
-    let config = Config::read(&path)?;
-    let model = PhysicsNet::new(config.task()?, &config.model, device, config.seed);
-    checkpoint::load_weights(&checkpoint::find_weights(folder)?, &model)?;
-    Ok((config, model))
 }

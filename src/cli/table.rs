@@ -1,11 +1,42 @@
-//! The scores of predicted frames and of states, printed.
+//! Results, printed.
 
+use crate::evaluation::ScoredClips;
+use crate::network::System;
+use crate::network::physics_models::PhysicsNet;
+use crate::network::physics_models::losses::{Loss, MeanLosses};
 use crate::runs::scores::Scores;
 use crate::say;
 use crate::tasks::Task;
+use crate::tasks::published::published;
+
+/// Prints the learned parameters beside the truth, and the losses beside the paper's.
+pub fn print_results(task: &Task, model: &PhysicsNet, test: &ScoredClips, losses: &MeanLosses) {
+    say!("\n{:<28}{:>12}{:>12}{:>10}", task.name, "learned", "true", "error");
+    for (name, learned) in model.parameter_values() {
+        match test.truth_of(name) {
+            Some(truth) => {
+                let error = 100.0 * (learned / truth - 1.0);
+                say!("{name:<28}{learned:>12.4}{truth:>12.4}{error:>9.2}%");
+            }
+            None => say!("{name:<28}{learned:>12.4}"),
+        }
+    }
+    test.notes.iter().for_each(|note| say!("note: {note}"));
+    say!("\n{:<28}{:>12}{:>12}", "test loss (squared error)", "here", "paper");
+    let row = |name: &str, value: f64, loss: Loss| {
+        let paper = published().paper_loss(&task.name, loss).map_or("-".to_string(), |paper| format!("{paper:.2}"));
+        say!("{name:<28}{value:>12.4}{paper:>12}");
+    };
+    row("reconstruction L_rec", losses.recons_loss, Loss::Recons);
+    row("prediction L_pred", losses.pred_loss, Loss::Pred);
+    if let Some(loss) = losses.extrap_loss {
+        row("extrapolation L_extrap", loss, Loss::Extrap);
+    }
+    say!();
+}
 
 /// Prints squared error and SSIM of every predicted frame, and the errors of positions and velocities where known.
-pub fn print_frames_and_states(task: &Task, scores: &Scores) {
+pub fn print_frames_and_states(system: &System, scores: &Scores) {
     say!("{:>5}  {:<6}{:>14}{:>10}", "frame", "", "squared error", "SSIM");
     let mut extrapolated = false;
     for frame in &scores.predicted_frames {
@@ -17,7 +48,7 @@ pub fn print_frames_and_states(task: &Task, scores: &Scores) {
         say!("{:>5}  {part:<6}{:>14.4}{:>10.4}", frame.frame, frame.squared_error, frame.ssim);
     }
     let Some(states) = &scores.states else { return };
-    let unit = task.cell.coordinates.unit();
+    let unit = system.cell.coordinates.unit();
     say!("\n{:<38}{:>10}{:>22}", format!("root mean square error, {unit}"), "", "without the offset");
     let row = |name: &str, error: f64, without: f64| say!("{name:<38}{error:>10.4}{without:>22.4}");
     row("encoded positions", states.encoded, states.encoded_without_offset);

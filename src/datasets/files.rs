@@ -12,7 +12,7 @@ use ndarray::{Array2, Array5, ArrayView4, Axis, Ix2, Ix5};
 
 use super::npz;
 use crate::support::random::fnv1a;
-use crate::tasks::Task;
+use crate::tasks::{self, Task};
 
 /// The three parts of a dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,10 +36,10 @@ impl Split {
 }
 
 /// What the clips of a file must look like.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ClipShape {
-    /// Key of the task, for messages.
-    pub task: &'static str,
+    /// Name of the task, for messages.
+    pub task: String,
     pub frames: usize,
     /// Another length that will do.
     pub or_frames: Option<usize>,
@@ -57,12 +57,12 @@ impl ClipShape {
     /// Clips of the task's training file.
     pub fn training(task: &Task) -> Self {
         Self {
-            task: task.key,
+            task: task.name.clone(),
             frames: task.train_frames,
             or_frames: None,
-            side: task.side,
-            channels: task.channels,
-            actions: task.cell.actions,
+            side: task.system.side,
+            channels: task.system.channels,
+            actions: task.system.cell.actions,
             needed: [true, true, false],
         }
     }
@@ -76,6 +76,16 @@ impl ClipShape {
     pub fn of_either(task: &Task, wanted: Split) -> Self {
         let needed = Split::ALL.map(|split| split == wanted);
         Self { or_frames: Some(task.test_frames), needed, ..Self::training(task) }
+    }
+}
+
+impl ClipShape {
+    /// The command that makes such clips.
+    fn command(&self) -> String {
+        match tasks::builtin(&self.task) {
+            Some(task) => format!("`generate --task {}`", task.name),
+            None => "`generate --task` and the task's file".into(),
+        }
     }
 }
 
@@ -112,10 +122,8 @@ impl DatasetFile {
     /// not finite. Each message says what to do.
     pub fn read(path: &Path, expected: &ClipShape) -> Result<Self> {
         if !path.exists() {
-            bail!(
-                "there is no dataset file {path:?}; make it with `generate --task {}`, or put the authors' file there",
-                expected.task
-            );
+            let or = if tasks::builtin(&expected.task).is_some() { "the authors' file" } else { "your own file" };
+            bail!("there is no dataset file {path:?}; make it with {}, or put {or} there", expected.command());
         }
         let mut archive = npz::Archive::open(path)?;
         let mut read = |split: Split| {
@@ -136,10 +144,10 @@ impl DatasetFile {
             let mut read = |split: Split| dataset.read_actions(&mut archive, split);
             let actions = (|| Ok::<_, anyhow::Error>([read(Split::Train)?, read(Split::Valid)?, read(Split::Test)?]))();
             dataset.actions = Some(actions.with_context(|| {
+                let (task, command) = (&expected.task, expected.command());
                 format!(
-                    "no actions for the clips of {path:?}: task {0:?} needs one number a frame; make the file again \
-                     with `generate --task {0} --force`",
-                    expected.task
+                    "no actions for the clips of {path:?}: task {task:?} needs one number a frame; make the file again with \
+                     {command} and --force"
                 )
             })?);
         }

@@ -3,4 +3,5 @@
 pub mod files;
 pub mod iterators;
 pub(crate) mod npz;
+pub mod settings;
 pub mod states;

@@ -4,7 +4,7 @@
 //! in the frame of that index: x0, y0, x1, y1, ... in pixels and pixels per time unit; for a pendulum its angle and
 //! angular velocity, in radians. `truth` (float64) are the values of the task's physical parameters, empty where the
 //! clips follow another equation; `frames_checksum` (uint64 `[3]`) ties all to the frames they belong to, `settings`
-//! (uint8 text) says how they were made.
+//! (uint8, JSON) says how they were made.
 
 use std::path::{Path, PathBuf};
 
@@ -13,6 +13,7 @@ use ndarray::{Array1, Array3, Ix1, Ix3};
 
 use super::files::{DatasetFile, Split};
 use super::npz;
+use super::settings::Provenance;
 
 /// States of the clips of one split, `[clips, frames, coordinates]`: two coordinates for each object, or one angle.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,8 +33,8 @@ pub struct States {
     /// Values of the task's true parameters, in their order; empty where the clips follow another equation. None in a
     /// file of an earlier version.
     pub truth: Option<Vec<f64>>,
-    /// The settings that made the clips, as text.
-    pub settings: String,
+    /// How the clips were made.
+    pub settings: Provenance,
 }
 
 impl States {
@@ -46,15 +47,22 @@ impl States {
         }
     }
 
-    /// Key of the task that the clips were made for.
-    pub fn task(&self) -> Option<&str> {
-        self.settings.split(", ").find_map(|part| part.strip_prefix("task "))
-    }
-
     /// Where the states of a dataset file are.
     pub fn path_beside(dataset: &Path) -> PathBuf {
         let stem = dataset.file_stem().unwrap_or_default().to_string_lossy();
         dataset.with_file_name(format!("{stem}_states.npz"))
+    }
+
+    /// How the dataset file `dataset` was made, without reading any state. `None` where no states lie beside it.
+    ///
+    /// # Errors
+    /// A damaged file.
+    pub fn settings_beside(dataset: &Path) -> Result<Option<Provenance>> {
+        let path = Self::path_beside(dataset);
+        if !path.exists() {
+            return Ok(None);
+        }
+        read_settings(&mut npz::Archive::open(&path)?, &path).map(Some)
     }
 
     /// Reads the states of the dataset file `dataset`, whose frames are `frames`. `None` where there are none, as
@@ -74,8 +82,7 @@ impl States {
             "the true states in {path:?} belong to other frames than those in {dataset:?}; \
              delete {path:?}, or make both again with `generate --force`"
         );
-        let settings = archive.array::<u8>("settings", "uint8")?.into_dimensionality::<Ix1>()?;
-        let settings = String::from_utf8(settings.to_vec()).with_context(|| format!("settings in {path:?}"))?;
+        let settings = read_settings(&mut archive, &path)?;
         let truth = archive.has("truth").then(|| archive.array::<f64>("truth", "float64")).transpose()?;
         let truth = truth.map(|values| values.into_iter().collect());
         let mut read = |split: Split| {
@@ -113,8 +120,14 @@ impl States {
                 npz.add_array("truth", &Array1::from_iter(truth.iter().copied()))?;
             }
             npz.add_array("frames_checksum", &Array1::from_iter(frames.checksums()))?;
-            npz.add_array("settings", &Array1::from_iter(self.settings.bytes()))?;
+            npz.add_array("settings", &Array1::from_iter(self.settings.to_file().bytes()))?;
             Ok(())
         })
     }
+}
+
+fn read_settings(archive: &mut npz::Archive, path: &Path) -> Result<Provenance> {
+    let text = archive.array::<u8>("settings", "uint8")?.into_dimensionality::<Ix1>()?;
+    let text = String::from_utf8(text.to_vec()).map_err(anyhow::Error::from);
+    text.and_then(|text| Provenance::parse(&text)).with_context(|| format!("settings in {path:?}"))
 }

@@ -6,12 +6,14 @@
 use std::f64::consts::TAU;
 
 use anyhow::{Result, ensure};
+use pathfinding::kuhn_munkres::kuhn_munkres_min;
+use pathfinding::matrix::Matrix;
 use tch::{Kind, Tensor};
 
 use crate::datasets::states::SplitStates;
+use crate::network::System;
 use crate::network::cells::Coordinates;
 use crate::runs::scores::StateErrors;
-use crate::tasks::Task;
 
 /// What a model makes of clips, double, in pixels or radians.
 pub(super) struct Seen {
@@ -22,12 +24,12 @@ pub(super) struct Seen {
     pub velocities: Tensor,
 }
 
-pub(super) fn errors(seen: &Seen, truth: &SplitStates, task: &Task) -> Result<StateErrors> {
-    let objects = task.objects;
+pub(super) fn errors(seen: &Seen, truth: &SplitStates, system: &System) -> Result<StateErrors> {
+    let objects = system.objects;
     let tensor = |states: &ndarray::Array3<f32>| -> Result<Tensor> {
         let (clips, time, columns) = states.dim();
-        let expected = task.coordinates();
-        ensure!(columns == expected, "they hold {columns} coordinates, task {} has {expected}", task.key);
+        let expected = system.coordinates();
+        ensure!(columns == expected, "they hold {columns} coordinates, the system has {expected}");
         let values: Vec<f32> = states.iter().copied().collect();
         let values = Tensor::from_slice(&values).to_kind(Kind::Double).reshape([clips as i64, time as i64, -1]);
         Ok(split(&values, objects))
@@ -35,15 +37,10 @@ pub(super) fn errors(seen: &Seen, truth: &SplitStates, task: &Task) -> Result<St
     let (true_positions, true_velocities) = (tensor(&truth.positions)?, tensor(&truth.velocities)?);
     let [encoded, positions, velocities] =
         [&seen.encoded, &seen.positions, &seen.velocities].map(|x| split(x, objects));
-    let coordinates = task.cell.coordinates;
-    let (input, pred) = (task.input_steps as i64, task.pred_steps as i64);
+    let coordinates = system.cell.coordinates;
+    let (input, pred) = (system.input_steps as i64, system.pred_steps as i64);
     let true_encoded = true_positions.narrow(1, 0, input + pred);
-    let order = permutations(objects)
-        .into_iter()
-        .map(|order| (rms(&difference(&reordered(&encoded, &order), &true_encoded, coordinates)), order))
-        .min_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, order)| order)
-        .expect("there is at least one order");
+    let order = best_order(&encoded, &true_encoded, coordinates)?;
     let encoded = difference(&reordered(&encoded, &order), &true_encoded, coordinates);
     let offset = encoded.mean_dim([0i64, 1].as_slice(), true, Kind::Double);
     // Rolled-out states begin at the last input frame.
@@ -105,18 +102,19 @@ fn slope(seen: &Tensor, truth: &Tensor) -> Option<f64> {
     (squares > 0.0).then(|| sum(seen * truth) / squares)
 }
 
-/// All orders of `count` objects.
-fn permutations(count: usize) -> Vec<Vec<i64>> {
-    let Some(last) = count.checked_sub(1) else { return vec![Vec::new()] };
-    let shorter = permutations(last);
-    let places = shorter.iter().flat_map(|order| (0..=last).map(move |place| (order, place)));
-    places
-        .map(|(order, place)| {
-            let mut order = order.clone();
-            order.insert(place, last as i64);
-            order
-        })
-        .collect()
+/// The model's object for each true one, both `[clips, time, objects, coordinates]`: the assignment with the least sum of
+/// squared distances.
+fn best_order(seen: &Tensor, truth: &Tensor, coordinates: Coordinates) -> Result<Vec<i64>> {
+    let objects = truth.size()[2];
+    let cost = |of_truth: i64, of_model: i64| {
+        let apart = difference(&seen.select(2, of_model), &truth.select(2, of_truth), coordinates);
+        let mean = apart.square().sum_dim_intlist([-1i64].as_slice(), false, Kind::Double).mean(Kind::Double);
+        // The solver needs whole numbers: a thousandth of a squared pixel decides nothing.
+        (mean.double_value(&[]) * 1e6).min(1e15).round() as i64
+    };
+    let costs = (0..objects).map(|of_truth| (0..objects).map(|of_model| cost(of_truth, of_model)).collect::<Vec<_>>());
+    let (_, order) = kuhn_munkres_min(&Matrix::from_rows(costs)?);
+    Ok(order.into_iter().map(|object| object as i64).collect())
 }
 
 #[cfg(test)]
@@ -127,7 +125,7 @@ mod tests {
     /// Made-up true states, and what a model sees that swaps the two balls, one of them 3 px left and 4 px down.
     #[test]
     fn objects_are_matched_and_offsets_taken_off() {
-        let task = tasks::find("spring_color").unwrap();
+        let task = tasks::builtin("spring_color").unwrap();
         let truth = |scale: f32| {
             ndarray::Array3::from_shape_fn((2, 30, 4), |(c, t, i)| scale * (5.0 * i as f32 + t as f32 + 2.0 * c as f32))
         };
@@ -144,7 +142,7 @@ mod tests {
             positions: seen(&states.positions, 3, 27, offset),
             velocities: seen(&states.velocities, 3, 27, [0.5, 0.0, 0.0, 0.0]),
         };
-        let found = errors(&seen, &states, task).unwrap();
+        let found = errors(&seen, &states, &task.system).unwrap();
         assert_eq!(found.objects, [1, 0]);
         let near = |a: f64, b: f64| (a - b).abs() < 1e-5;
         assert!(near(found.offsets[1][0], -3.0) && near(found.offsets[1][1], 4.0) && near(found.offsets[0][0], 0.0));
@@ -158,7 +156,17 @@ mod tests {
         // is seen 0.5 larger.
         let all: f64 = (0..8).map(|place| (0.5 * (place % 4) as f64 + 0.3 + 0.2 * (place / 4) as f64).powi(2)).sum();
         assert!(near(found.initial_velocity_slope.unwrap(), 1.0 + 0.5 * (1.3 + 1.5) / all));
-        assert_eq!(permutations(3).len(), 6);
+    }
+
+    /// Ten objects: all 3,628,800 orders would take minutes.
+    #[test]
+    fn many_objects_are_matched() {
+        let truth = Tensor::arange(2 * 3 * 10 * 2, (Kind::Double, tch::Device::Cpu)).reshape([2, 3, 10, 2]);
+        let expected = [3i64, 1, 4, 0, 5, 9, 2, 6, 8, 7];
+        let mut place = [0i64; 10];
+        expected.iter().enumerate().for_each(|(of_truth, &of_model)| place[of_model as usize] = of_truth as i64);
+        let seen = truth.index_select(2, &Tensor::from_slice(&place)) + 0.3;
+        assert_eq!(best_order(&seen, &truth, Coordinates::Position).unwrap(), expected);
     }
 
     #[test]

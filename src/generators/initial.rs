@@ -4,18 +4,18 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use rand::Rng;
 
-use super::simulate::{State, World};
+use super::simulate::{SceneState, World};
 use crate::tasks::scene::Motion;
 
 impl World {
     /// One draw of the initial state, before any rule of [`World::clip`] is applied.
-    pub(super) fn draw_initial(&self, rng: &mut impl Rng) -> State {
+    pub(super) fn draw_initial(&self, rng: &mut impl Rng) -> SceneState {
         match self.motion {
-            Motion::Bouncing => self.draw_free_balls(rng),
+            Motion::Bouncing {} => self.draw_free_balls(rng),
             Motion::Spring { equil, .. } => self.draw_spring(equil, rng),
             Motion::ThreeBodies { .. } => self.draw_three_bodies(rng),
             Motion::Falling { bounces, .. } => self.draw_falling(bounces, rng),
-            Motion::Pendulum { angle, spin, .. } => State {
+            Motion::Pendulum { angle, spin, .. } => SceneState {
                 positions: vec![either_side(angle, rng)],
                 velocities: vec![either_side(spin, rng)],
                 action: 0.0,
@@ -32,16 +32,16 @@ impl World {
         }
     }
 
-    /// Two balls anywhere off the walls, each in its own direction. The authors released no generator for these; their
+    /// Balls anywhere off the walls, each in its own direction. The authors released no generator for these; their
     /// file shows this speed and uniform positions.
-    fn draw_free_balls(&self, rng: &mut impl Rng) -> State {
-        let positions = (0..2).map(|_| self.uniform_point(self.wall_margin, rng)).collect();
-        let velocities = (0..2).map(|_| self.random_velocity(rng)).collect();
-        State::in_plane(positions, velocities)
+    fn draw_free_balls(&self, rng: &mut impl Rng) -> SceneState {
+        let positions = (0..self.objects).map(|_| self.uniform_point(self.wall_margin, rng)).collect();
+        let velocities = (0..self.objects).map(|_| self.random_velocity(rng)).collect();
+        SceneState::in_plane(positions, velocities)
     }
 
     /// Centre of mass at least `radius + equil` from every wall; 1 to 3 `equil` between the balls, in any direction.
-    fn draw_spring(&self, equil: f64, rng: &mut impl Rng) -> State {
+    fn draw_spring(&self, equil: f64, rng: &mut impl Rng) -> SceneState {
         let centre = self.uniform_point(self.radius + equil, rng);
         let angle = rng.random_range(0.0..TAU);
         let arm = equil * rng.random_range(0.5..1.5);
@@ -49,12 +49,12 @@ impl World {
         let positions =
             vec![[centre[0] + offset[0], centre[1] + offset[1]], [centre[0] - offset[0], centre[1] - offset[1]]];
         let velocities = (0..2).map(|_| self.random_velocity(rng)).collect();
-        State::in_plane(positions, velocities)
+        SceneState::in_plane(positions, velocities)
     }
 
     /// Three bodies on a circle of 0.75 to 1.25 quarter sides around the image centre, 120 degrees apart (the second
     /// and third up to 0.25 rad off), circling in one sense, with a common drift of up to 0.5 on each axis.
-    fn draw_three_bodies(&self, rng: &mut impl Rng) -> State {
+    fn draw_three_bodies(&self, rng: &mut impl Rng) -> SceneState {
         let first = rng.random_range(0.0..TAU);
         let angles = [
             first,
@@ -73,15 +73,19 @@ impl World {
                 [tangent.cos() * self.speed[0] + drift[0], tangent.sin() * self.speed[1] + drift[1]]
             })
             .collect();
-        State::in_plane(positions, velocities)
+        SceneState::in_plane(positions, velocities)
     }
 
-    /// One ball in any direction: anywhere off the walls, or, where it bounces, in the upper half as in the original
+    /// Balls in any direction: anywhere off the walls, or, where they bounce, in the upper half as in the original
     /// (which let free fall begin there, too, at rest; thrown balls stay in the frame for longer).
-    fn draw_falling(&self, bounces: bool, rng: &mut impl Rng) -> State {
-        let [x, y] = self.uniform_point(self.wall_margin, rng);
-        let y = if bounces { (self.wall_margin + y) / 2.0 } else { y };
-        State::in_plane(vec![[x, y]], vec![self.random_velocity(rng)])
+    fn draw_falling(&self, bounces: bool, rng: &mut impl Rng) -> SceneState {
+        let (mut positions, mut velocities) = (Vec::new(), Vec::new());
+        for _ in 0..self.objects {
+            let [x, y] = self.uniform_point(self.wall_margin, rng);
+            positions.push([x, if bounces { (self.wall_margin + y) / 2.0 } else { y }]);
+            velocities.push(self.random_velocity(rng));
+        }
+        SceneState::in_plane(positions, velocities)
     }
 
     /// A point at least `margin` from every wall.

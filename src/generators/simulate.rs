@@ -20,14 +20,14 @@ pub const PENDULUM_MAX_SPEED: f64 = 8.0;
 
 /// All objects at one instant: x0, y0, x1, y1, ..; or one angle for each object, where it turns.
 #[derive(Debug, Clone, PartialEq)]
-pub struct State {
+pub struct SceneState {
     pub positions: Vec<f64>,
     pub velocities: Vec<f64>,
     /// What acts from outside until the next frame; 0 for motions without actions.
     pub action: f64,
 }
 
-impl State {
+impl SceneState {
     /// Of objects that move in the plane, `(x, y)` each.
     pub fn in_plane(positions: Vec<[f64; 2]>, velocities: Vec<[f64; 2]>) -> Self {
         Self { positions: positions.into_flattened(), velocities: velocities.into_flattened(), action: 0.0 }
@@ -43,6 +43,8 @@ impl State {
 #[derive(Debug, Clone, PartialEq)]
 pub struct World {
     pub motion: Motion,
+    /// Moving objects.
+    pub objects: usize,
     /// Amplitudes of the initial velocity on each axis.
     pub speed: [f64; 2],
     /// Half the width of an object; places the first positions.
@@ -70,7 +72,7 @@ impl World {
     ///
     /// # Errors
     /// No such clip in a million draws: the settings all but rule one out.
-    pub fn clip(&self, frames: usize, rng: &mut impl Rng) -> Result<Vec<State>> {
+    pub fn clip(&self, frames: usize, rng: &mut impl Rng) -> Result<Vec<SceneState>> {
         (0..MAX_DRAWS).find_map(|_| self.try_clip(frames, rng)).with_context(|| {
             format!(
                 "no clip of {frames} frames keeps the rules in {MAX_DRAWS} draws with {:?}, speed {:?}, side {}; \
@@ -81,7 +83,7 @@ impl World {
     }
 
     /// One draw; `None` where it breaks a rule.
-    fn try_clip(&self, frames: usize, rng: &mut impl Rng) -> Option<Vec<State>> {
+    fn try_clip(&self, frames: usize, rng: &mut impl Rng) -> Option<Vec<SceneState>> {
         let mut state = self.draw_initial(rng);
         let mut clip = Vec::with_capacity(frames);
         if !self.allowed(&state, 0) {
@@ -102,10 +104,10 @@ impl World {
 
     /// Advances by `dt / substeps`: velocity first, then position with the new velocity; between walls (bouncing)
     /// position first, then the reflection.
-    pub fn substep(&self, state: &mut State) {
+    pub fn substep(&self, state: &mut SceneState) {
         let h = self.dt / self.substeps as f64;
         match self.motion {
-            Motion::Bouncing => {
+            Motion::Bouncing {} => {
                 drift(state, h);
                 self.reflect(state);
             }
@@ -158,7 +160,7 @@ impl World {
     }
 
     /// Turns back what has passed a wall.
-    fn reflect(&self, state: &mut State) {
+    fn reflect(&self, state: &mut SceneState) {
         let (near, far) = (self.wall_margin, self.side - self.wall_margin);
         for (position, velocity) in state.positions.iter_mut().zip(&mut state.velocities) {
             if *position > far {
@@ -173,9 +175,9 @@ impl World {
     }
 
     /// Whether a clip may hold this state on its way to `frame` (0 for the initial state).
-    fn allowed(&self, state: &State, frame: usize) -> bool {
+    fn allowed(&self, state: &SceneState, frame: usize) -> bool {
         match self.motion {
-            Motion::Bouncing | Motion::Falling { bounces: true, .. } => true,
+            Motion::Bouncing {} | Motion::Falling { bounces: true, .. } => true,
             Motion::Falling { bounces: false, .. } => self.clear_of_walls(state),
             Motion::Pendulum { .. } => state.velocities.iter().all(|speed| speed.abs() <= PENDULUM_MAX_SPEED),
             Motion::Spring { half_pane, .. } => {
@@ -191,14 +193,14 @@ impl World {
         }
     }
 
-    fn clear_of_walls(&self, state: &State) -> bool {
+    fn clear_of_walls(&self, state: &SceneState) -> bool {
         let inside = self.wall_margin..self.side - self.wall_margin;
         state.positions.iter().all(|&x| x > inside.start && x < inside.end)
     }
 }
 
 /// Moves along the velocities for a time `h`.
-fn drift(state: &mut State, h: f64) {
+fn drift(state: &mut SceneState, h: f64) {
     for (position, velocity) in state.positions.iter_mut().zip(&state.velocities) {
         *position += h * velocity;
     }

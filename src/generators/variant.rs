@@ -2,24 +2,20 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 
-use super::render::{BAR_HALF_WIDTH, BAR_VIEW, DIGIT_RADIUS};
 use super::simulate::{PENDULUM_MAX_SPEED, World};
+use crate::network::System;
+use crate::network::cells::Walls;
 use crate::tasks::Task;
-use crate::tasks::scene::{Background, Look, Motion, Scene};
+use crate::tasks::scene::{BAR_HALF_WIDTH, BAR_VIEW, Background, DIGIT_RADIUS, Look, Motion, Scene, number_of};
 
 /// Euler steps a frame; the model takes 5.
 pub const SUBSTEPS: usize = 10;
-/// Distance of a digit's centre from a wall at which it touches, pixels: its sprite may hang over the border.
-const DIGIT_WALL_MARGIN: f64 = 2.0;
 /// Largest angle that a pendulum may turn in a substep, radians.
 const LARGEST_TURN: f64 = 0.5;
 /// The numbers of a scene that its law of motion depends on.
 const LAW: [&str; 7] = ["k", "equil", "damping", "g", "m", "length", "a"];
-/// Time between two frames that the authors' file names leave out.
-const UNNAMED_DT: f64 = 0.3;
-
 /// Numbers of a scene to change; `None` keeps the task's.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Changes {
@@ -42,19 +38,10 @@ pub struct Changes {
     pub background: Option<Background>,
 }
 
-/// The number of a scene that is the model's parameter of this symbol.
-fn number_of(symbol: &str) -> &str {
-    match symbol {
-        "l" => "equil",
-        "c" => "damping",
-        same => same,
-    }
-}
-
 /// Everything that decides what a clip looks like, but its length and its number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variant {
-    pub task: &'static Task,
+    pub task: Task,
     pub scene: Scene,
     /// Side of the frames, pixels.
     pub side: usize,
@@ -66,10 +53,21 @@ pub struct Variant {
 }
 
 impl Variant {
-    /// A task's scene as the paper has it.
-    pub fn new(task: &'static Task, seed: u64) -> Self {
-        let background = task.scene.look.background();
-        Self { task, scene: task.scene, side: task.side, dt: task.dt, substeps: SUBSTEPS, background, seed }
+    /// A task's scene as it is.
+    ///
+    /// # Errors
+    /// A task without a scene.
+    pub fn new(task: &Task, seed: u64) -> Result<Self> {
+        let scene = task.scene.with_context(|| {
+            format!(
+                "task {}: there is no [scene] in its file, so no clips can be made; it is for filmed ones",
+                task.name
+            )
+        })?;
+        let (side, dt, background) = (task.system.side, task.system.dt, scene.look.background());
+        let variant = Self { task: task.clone(), scene, side, dt, substeps: SUBSTEPS, background, seed };
+        variant.check()?;
+        Ok(variant)
     }
 
     /// The scene with other numbers.
@@ -77,7 +75,7 @@ impl Variant {
     /// # Errors
     /// A number that the task's scene does not have, or one out of range.
     pub fn with(mut self, changes: &Changes) -> Result<Self> {
-        let task = self.task.key;
+        let task = self.task.name.clone();
         let put = |flag: &str, slot: Option<&mut f64>, value: Option<f64>, minimum: f64| -> Result<()> {
             let Some(value) = value else { return Ok(()) };
             let Some(slot) = slot else { bail!("--{flag} means nothing for task {task}; leave it out") };
@@ -119,7 +117,12 @@ impl Variant {
 
     fn check(&self) -> Result<()> {
         ensure!((1..=100_000).contains(&self.substeps), "--substeps must be 1 to 100000, not {}", self.substeps);
-        ensure!((8..=512).contains(&self.side), "--size must be 8 to 512 pixels, not {}", self.side);
+        let system = System {
+            side: self.side,
+            walls: Walls::new(self.side, self.scene.wall_margin()),
+            ..self.task.system.clone()
+        };
+        system.check().with_context(|| format!("--size {}", self.side))?;
         let h = self.dt / self.substeps as f64;
         if let Motion::Pendulum { length, spin, .. } = self.scene.motion {
             let longest = BAR_VIEW - BAR_HALF_WIDTH;
@@ -153,85 +156,63 @@ impl Variant {
 
     /// The box and the law of motion.
     pub fn world(&self) -> World {
-        let wall_margin = match self.scene.look {
-            Look::Balls | Look::Bar => self.scene.radius,
-            Look::Digits => DIGIT_WALL_MARGIN,
-        };
         World {
             motion: self.scene.motion,
             speed: self.scene.speed,
             radius: if self.scene.look == Look::Digits { DIGIT_RADIUS } else { self.scene.radius },
-            wall_margin,
+            wall_margin: self.scene.wall_margin(),
+            objects: self.task.system.objects,
             side: self.side as f64,
             dt: self.dt,
             substeps: self.substeps,
-            pane_frames: self.task.input_steps + self.task.pred_steps,
+            pane_frames: self.task.system.input_steps + self.task.system.pred_steps,
         }
     }
 
     /// What a model of the task should find in these clips, in the order of the task's true parameters; empty where its
-    /// equation is not that of the clips: another time between two frames, or a number that the model takes as given.
+    /// equation is not that of the clips: a number that the model takes as given is another one.
     pub fn truth(&self) -> Vec<f64> {
-        let (mut here, mut usual) = (self.scene.motion, self.task.scene.motion);
+        let Some(usual) = self.task.scene else { return Vec::new() };
+        let (mut here, mut usual) = (self.scene.motion, usual.motion);
         // A mass is learned only where the strength of gravity is given, and is given where that is learned.
         let learned = |number: &str| {
-            let mut symbols = self.task.truth.iter().map(|parameter| parameter.name);
+            let mut symbols = self.task.truth.iter().map(|parameter| parameter.name.as_str());
             symbols.any(|symbol| symbol != "m" && number_of(symbol) == number)
         };
         let mut given = LAW.into_iter().filter(|number| !learned(number));
-        if self.dt != self.task.dt || given.any(|number| here.number(number) != usual.number(number)) {
+        if given.any(|number| here.number(number) != usual.number(number)) {
             return Vec::new();
         }
         let value = |symbol: &str| here.number(number_of(symbol)).map(|value| *value);
-        self.task.truth.iter().map(|parameter| parameter.name).filter_map(value).collect()
+        self.task.truth.iter().map(|parameter| parameter.name.as_str()).filter_map(value).collect()
     }
 
     /// Bytes of one frame.
     pub fn frame_bytes(&self) -> usize {
-        self.side * self.side * self.task.channels
+        self.side * self.side * self.task.system.channels
     }
 
     /// Numbers that place all objects of a frame.
     pub fn coordinates(&self) -> usize {
-        self.scene.motion.coordinates() * self.task.objects
+        self.task.system.coordinates()
     }
 
-    /// File for clips of `frames` frames, relative to the datasets folder: the authors' naming with this variant's
-    /// values, so the task's own file names where nothing was changed. What their names do not mention is added where
-    /// it differs from the task's. Numbers of clips and seeds are not in the name.
-    pub fn file(&self, frames: usize) -> PathBuf {
-        let [vx, vy] = self.scene.speed;
-        let mut name = match (self.scene.motion, self.scene.look) {
-            (Motion::Bouncing, _) => "color_bounce",
-            (Motion::Spring { .. }, Look::Digits) => "color_mnist_spring",
-            (Motion::Spring { .. }, _) => "color_spring",
-            (Motion::ThreeBodies { .. }, _) => "color_3bp",
-            (Motion::Falling { bounces: false, .. }, _) => "falling_ball",
-            (Motion::Falling { bounces: true, .. }, _) => "falling_bouncing_ball",
-            (Motion::Pendulum { .. }, _) => "color_pendulum",
-        }
-        .to_owned();
-        name += &match self.scene.look {
-            Look::Bar => format!("_sl{frames}"),
-            _ => format!("_vx{vx}_vy{vy}_sl{frames}_r{}", self.world().wall_margin),
-        };
-        match self.scene.motion {
-            Motion::Bouncing => {}
-            Motion::Spring { k, equil, .. } => name += &format!("_k{k}_e{equil}"),
-            Motion::ThreeBodies { g, m } => name += &format!("_g{g}_m{m}"),
-            Motion::Falling { g, .. } => name += &format!("_g{g}"),
-            Motion::Pendulum { g, m, length, a, torque, .. } => {
-                name += &format!("_g{g}_m{m}_l{length}_a{a}_u{torque}");
-            }
-        }
-        if self.dt != UNNAMED_DT {
-            name += &format!("_dt{}", self.dt.to_string().replace('.', ""));
-        }
-        if let Motion::Spring { half_pane: true, .. } = self.scene.motion {
-            name += "_halfpane";
-        }
+    /// The training file and the test file, with the frames of their clips, relative to the datasets folder: the task's own
+    /// where nothing was changed, else by the authors' naming with this variant's values.
+    pub fn files(&self) -> [(usize, PathBuf); 2] {
+        let task = &self.task;
+        let plain = Self::new(task, self.seed).is_ok_and(|plain| plain == *self);
+        [(task.train_frames, &task.train_file), (task.test_frames, &task.test_file)]
+            .map(|(frames, own)| (frames, if plain { PathBuf::from(own) } else { self.file(frames) }))
+    }
+
+    /// What the authors' names do not mention is added where it differs from the task's. Numbers of clips and seeds are
+    /// not in the name.
+    fn file(&self, frames: usize) -> PathBuf {
+        let mut name = self.scene.file_stem(self.dt, frames);
         // What the authors' names have no place for, where it is not the task's.
-        let (mut scene, mut usual) = (self.scene.motion, self.task.scene.motion);
+        let usual_scene = self.task.scene.unwrap_or(self.scene);
+        let (mut scene, mut usual) = (self.scene.motion, usual_scene.motion);
         for number in ["damping", "angle", "spin"] {
             if let (Some(value), Some(usual)) = (scene.number(number), usual.number(number))
                 && value != usual
@@ -239,20 +220,19 @@ impl Variant {
                 name += &format!("_{number}{value}");
             }
         }
-        if self.background != self.task.scene.look.background() {
+        if self.background != usual_scene.look.background() {
             name += match self.background {
                 Background::Plain => "_plain",
                 Background::Cifar => "_cifar",
                 Background::RandomCifar => "_randomcifar",
             };
         }
-        if self.side != self.task.side {
+        if self.side != self.task.system.side {
             name += &format!("_size{}", self.side);
         }
         if self.substeps != SUBSTEPS {
             name += &format!("_substeps{}", self.substeps);
         }
-        let folder = std::path::Path::new(self.task.train_file).parent().unwrap_or(std::path::Path::new(""));
-        folder.join(name + ".npz")
+        PathBuf::from(self.task.data_folder()).join(name + ".npz")
     }
 }

@@ -170,6 +170,12 @@ pub fn uses_deep_unet(side: usize) -> bool {
     side >= DEEP_FROM_SIDE
 }
 
+/// What the side of a frame must be a multiple of, so that every pooling halves it: 4, or 8 in the deep U-Net.
+pub fn side_multiple(side: usize) -> usize {
+    let (_, poolings) = if uses_deep_unet(side) { DEEP } else { SHALLOW };
+    1 << poolings
+}
+
 impl UNet {
     /// The U-Net the original uses for frames of this side.
     pub fn for_side(layers: &mut Layers, side: usize, channels: usize, objects: usize) -> Self {

@@ -5,4 +5,7 @@ pub mod cells;
 pub mod initial_values;
 pub mod physics_models;
 pub mod stn;
+pub mod system;
 pub mod variable_names;
+
+pub use system::System;

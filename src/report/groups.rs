@@ -1,16 +1,28 @@
 //! Runs that differ in nothing but their seed, and in what does not change what is learned.
 
-use super::runs::{Loss, Run, Summary};
-use super::statistics::Spread;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use serde::Serialize;
+use toml::Table;
+
+use super::criteria::{self, Status};
+use super::protocol::protocol;
 use crate::network::cells::PhysicalParameter;
-use crate::runs::scores::StateErrors;
-use crate::tasks::{TASKS, Task};
-use crate::viz::seeds::Outcome;
+use crate::network::physics_models::losses::Loss;
+use crate::runs::run::Run;
+use crate::runs::run_config::{RunConfig, choices};
+use crate::runs::scores::{FrameSpread, StateErrors};
+use crate::runs::summary::Summary;
+use crate::support::statistics::Spread;
+use crate::tasks::{self, Task};
+use crate::training::config::Config;
+use crate::training::layers::Overrides;
 
 /// Runs of one task with one recipe, in the order of their seeds.
 #[derive(Debug)]
 pub(super) struct Group {
-    pub task: &'static Task,
+    pub task: Task,
     pub recipe: String,
     /// The recipe and what differs from it; no other group of the task has the same.
     pub label: String,
@@ -20,8 +32,9 @@ pub(super) struct Group {
 }
 
 /// What a group is there for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Purpose {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Role {
     /// The recipe as it is.
     Plain,
     /// Other parameters at the start.
@@ -32,6 +45,14 @@ pub(super) enum Purpose {
     Ablation,
 }
 
+/// The errors of positions and velocities, by name.
+const STATES: [(&str, fn(&StateErrors) -> Option<f64>); 4] = [
+    ("encoded_position", |states| Some(states.encoded)),
+    ("extrapolated_position", |states| states.extrapolated),
+    ("initial_velocity", |states| Some(states.initial_velocity)),
+    ("predicted_position", |states| Some(states.predicted)),
+];
+
 /// Changes that a label spells out.
 const SPELT_OUT: usize = 3;
 
@@ -40,41 +61,38 @@ impl Group {
         self.runs.iter().filter_map(|run| Some((run, run.summary.as_ref()?)))
     }
 
-    pub(super) fn count(&self, outcome: Outcome) -> usize {
-        self.runs.iter().filter(|run| run.outcome() == outcome).count()
+    /// Successes; none of a task without a criterion.
+    pub(super) fn succeeded(&self) -> Option<usize> {
+        let succeeded = self.runs.iter().filter(|run| criteria::status(run) == Status::Succeeded).count();
+        criteria::criterion(&self.task).map(|_| succeeded)
     }
 
-    pub(super) fn purpose(&self) -> Purpose {
+    pub(super) fn role(&self) -> Role {
         let all = |section: &str| self.changes.iter().all(|change| change.starts_with(section));
         if self.changes.is_empty() {
-            Purpose::Plain
+            Role::Plain
         } else if all("start.") {
-            Purpose::Start
-        } else if all("model.hold.") {
-            Purpose::Hold
+            Role::Start
+        } else if all("model.fixed.") {
+            Role::Hold
         } else {
-            Purpose::Ablation
+            Role::Ablation
         }
-    }
-
-    /// `3 / 5`.
-    pub(super) fn successes(&self) -> String {
-        format!("{} / {}", self.count(Outcome::Succeeded), self.runs.len())
     }
 
     /// The learned parameters.
     pub(super) fn learned(&self) -> impl Iterator<Item = &'static PhysicalParameter> {
-        self.task.cell.parameters.iter().filter(|parameter| self.runs[0].config.learns(parameter))
-    }
-
-    /// Names of the learned parameters.
-    pub(super) fn parameters(&self) -> Vec<&'static str> {
-        self.learned().map(|parameter| parameter.name).collect()
+        self.task.system.cell.parameters.iter().filter(|parameter| self.runs[0].config.learns(parameter))
     }
 
     /// The truth that the runs' summaries state.
-    pub(super) fn truth(&self, name: &str) -> Option<f64> {
-        self.finished().find_map(|(_, summary)| summary.parameters.get(name)?.truth)
+    pub(super) fn truth(&self, parameter: &PhysicalParameter) -> Option<f64> {
+        self.finished().find_map(|(_, summary)| summary.parameters.get(parameter.name)?.truth)
+    }
+
+    /// Whether the group is the paper's protocol, unchanged.
+    pub(super) fn is_protocol(&self) -> bool {
+        self.recipe == protocol().recipe && self.role() == Role::Plain
     }
 
     /// A number of all finished runs, successes or not.
@@ -82,33 +100,28 @@ impl Group {
         Spread::of(self.finished().filter_map(|(_, summary)| number(summary)))
     }
 
-    pub(super) fn parameter(&self, name: &str) -> Option<Spread> {
-        self.spread(|summary| Some(summary.parameters.get(name)?.learned))
+    pub(super) fn value(&self, parameter: &PhysicalParameter) -> Option<Spread> {
+        self.spread(|summary| Some(summary.parameters.get(parameter.name)?.learned))
     }
 
-    /// Errors of a parameter in per cent, with their signs.
-    pub(super) fn error_percent(&self, name: &str) -> Option<Spread> {
-        self.spread(|summary| summary.error_percent(name))
+    pub(super) fn losses(&self) -> [(Loss, Option<Spread>); 3] {
+        Loss::ALL.map(|loss| (loss, self.spread(|summary| summary.test.scores.losses.of(loss))))
     }
 
-    pub(super) fn loss(&self, loss: Loss) -> Option<Spread> {
-        self.spread(|summary| summary.test.loss(loss))
-    }
-
-    /// An error of positions or velocities; none of runs whose summaries do not have it.
-    pub(super) fn state_error(&self, error: impl Fn(&StateErrors) -> Option<f64>) -> Option<Spread> {
-        self.spread(|summary| error(summary.test.states.as_ref()?))
+    /// Errors of positions and velocities.
+    pub(super) fn states(&self) -> [(&'static str, Option<Spread>); 4] {
+        STATES.map(|(name, of)| (name, self.spread(|summary| of(summary.test.scores.states.as_ref()?))))
     }
 
     /// What a parameter of 1 in the model's own unit is in true pixels; none where that is the same.
     pub(super) fn own_unit(&self, parameter: &PhysicalParameter) -> Option<f64> {
-        let side = self.task.side as f64;
         let scaled = self.runs[0].config.choices.get("model.exact_shift").is_some_and(|exact| exact == "false");
-        (scaled && parameter.length_power != 0).then(|| ((side - 1.0) / side).powi(parameter.length_power))
+        (scaled && parameter.length_power != 0).then(|| original_unit(&self.task, parameter))
     }
 
-    pub(super) fn wall_seconds(&self) -> Option<Spread> {
-        self.spread(|summary| Some(summary.wall_seconds))
+    /// The scores of the predicted frames; empty if no run's summary holds them.
+    pub(super) fn frames(&self) -> Vec<FrameSpread> {
+        FrameSpread::of(self.finished().map(|(_, summary)| &summary.test.scores.predicted_frames[..]))
     }
 
     /// `NAME` of run folders `RECIPE-NAME/seed=n`.
@@ -118,36 +131,42 @@ impl Group {
     }
 }
 
+/// The same in the unit of the original's decoder.
+pub(super) fn original_unit(task: &Task, parameter: &PhysicalParameter) -> f64 {
+    let side = task.system.side as f64;
+    ((side - 1.0) / side).powi(parameter.length_power)
+}
+
 /// Sorts runs into groups, by task (in the task table's order) and recipe.
 pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for run in runs {
-        let same = |group: &&mut Group| {
-            let other = &group.runs[0].config;
-            let config = &run.config;
-            (other.task.key, &other.recipe, &other.choices) == (config.task.key, &config.recipe, &config.choices)
-        };
-        if let Some(group) = groups.iter_mut().find(same) {
+        let what = |config: &RunConfig| (config.task.name.clone(), config.recipe.clone(), config.choices.clone());
+        if let Some(group) = groups.iter_mut().find(|group| what(&group.runs[0].config) == what(&run.config)) {
             group.runs.push(run);
             continue;
         }
-        let changes = run.config.changes();
-        let recipe = run.config.recipe.clone();
-        let mut group = Group { task: run.config.task, label: recipe.clone(), recipe, changes, runs: vec![run] };
-        let label = label(&group);
+        let (task, recipe) = (run.config.task.clone(), run.config.recipe.clone());
+        let mut group =
+            Group { task: task.clone(), recipe, label: String::new(), changes: changes(&run.config), runs: vec![run] };
         // Two versions of a recipe may differ in as many values.
-        let known = |label: &str| groups.iter().any(|other| other.task == group.task && other.label == label);
-        let numbered = || (2..).map(|number| format!("{label} ({number})")).find(|label| !known(label));
-        group.label = if known(&label) { numbered().expect("there is always one more") } else { label };
+        let known = |label: &str| groups.iter().any(|other| other.task == task && other.label == label);
+        group.label = numbered(label(&group), |number| format!(" ({number})"), |label| !known(label));
         groups.push(group);
     }
     // The recipe as it is before what differs from it.
-    let place = |group: &Group| TASKS.iter().position(|row| row.key == group.task.key);
-    groups.sort_by(|a, b| (place(a), &a.recipe, &a.label).cmp(&(place(b), &b.recipe, &b.label)));
-    for group in &mut groups {
-        group.runs.sort_by(|a, b| (a.config.seed, &a.folder).cmp(&(b.config.seed, &b.folder)));
-    }
+    let known: Vec<_> = tasks::all().map(|task| task.name).collect();
+    let place = |group: &Group| known.iter().position(|name| *name == group.task.name).unwrap_or(known.len());
     groups
+        .sort_by_cached_key(|group| (place(group), group.task.name.clone(), group.recipe.clone(), group.label.clone()));
+    groups.iter_mut().for_each(|group| group.runs.sort_by_cached_key(|run| (run.config.seed, run.folder.clone())));
+    groups
+}
+
+/// The name, or its first numbered version that is still free.
+pub(super) fn numbered(name: String, mark: fn(usize) -> String, mut free: impl FnMut(&str) -> bool) -> String {
+    let marks = std::iter::once(String::new()).chain((2..).map(mark));
+    marks.map(|mark| name.clone() + &mark).find(|name| free(name)).expect("there is always one more")
 }
 
 fn label(group: &Group) -> String {
@@ -158,4 +177,39 @@ fn label(group: &Group) -> String {
         (_, Some(name)) => format!("{recipe}, changed: {name}"),
         (count, None) => format!("{recipe}, {count} changes"),
     }
+}
+
+/// What differs from the recipe as this version has it, as `section.key=value`.
+fn changes(config: &RunConfig) -> Vec<String> {
+    // A recipe of another version may be unknown here: then everything is stated.
+    let recipe = choices_of(config, &[]).unwrap_or_default();
+    let changed = config.choices.iter().filter(|(key, value)| recipe.get(*key) != Some(value));
+    changed.map(|(key, value)| format!("{key}={value}")).collect()
+}
+
+/// What task, recipe and changes choose in this version.
+pub(super) fn choices_of(config: &RunConfig, changes: &[String]) -> Option<BTreeMap<String, String>> {
+    let task = tasks::builtin(&config.task.name).unwrap_or_else(|| config.task.clone());
+    let overrides = Overrides { recipe: Some(config.recipe.clone()), set: changes.to_vec(), ..Overrides::default() };
+    let config = Config::load_task(task, None, &overrides).ok()?;
+    Some(choices(&Table::try_from(&config).expect("a config is plain data")))
+}
+
+/// The built-in tasks, then those of runs of other tasks; each with the places of its groups.
+pub(super) fn by_task(groups: &[Group]) -> Vec<(Task, Range<usize>)> {
+    let mut tasks: Vec<Task> = tasks::all().collect();
+    for group in groups {
+        if !tasks.iter().any(|task| task.name == group.task.name) {
+            tasks.push(group.task.clone());
+        }
+    }
+    let place = |name: &str| {
+        let first = groups.iter().position(|group| group.task.name == name).unwrap_or(0);
+        first..first + groups.iter().filter(|group| group.task.name == name).count()
+    };
+    let placed = |task: Task| {
+        let places = place(&task.name);
+        (task, places)
+    };
+    tasks.into_iter().map(placed).collect()
 }

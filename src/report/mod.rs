@@ -2,28 +2,22 @@
 //! records, from which it can be made again.
 //!
 //! Every run found under the given folders is counted; nothing is selected. The numbers come from each run's
-//! `summary.json` and `metrics.jsonl`, the published ones from one table, `published.rs`.
+//! `summary.json` and `metrics.jsonl`; published numbers, hypotheses, rules and all words from files in `reports/`.
 
-mod ablations;
+mod commands;
 mod criteria;
-mod explanations;
-mod frames;
 mod groups;
 mod html;
-mod markdown;
+mod hypotheses;
 mod page;
 mod pictures;
-mod published;
+mod plots;
+mod protocol;
 mod records;
-mod reproduce;
-mod reproducible;
+mod reproduction;
 mod results;
-mod run_config;
-mod runs;
-mod section;
-mod states;
-mod statistics;
-mod verdicts;
+mod template;
+mod view;
 
 use std::fs;
 use std::io::Write;
@@ -32,11 +26,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 
 use self::groups::Group;
+use self::results::Results;
 use crate::support::atomic;
 
-/// What was found.
+/// How many runs were found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Found {
+pub struct RunCounts {
     pub finished: usize,
     pub unfinished: usize,
     /// Folders with a config or a summary that cannot be read.
@@ -47,17 +42,17 @@ pub struct Found {
 ///
 /// # Errors
 /// A folder that cannot be listed or that the report would replace, no run at all, an output folder that cannot be
-/// written. A run that is damaged is
-/// no error: the report says so.
-pub fn write(folders: &[PathBuf], out: &Path) -> Result<Found> {
-    records::check(out, folders)?;
-    let found = runs::find(folders)?;
+/// written. A run that is damaged is no error: the report says so.
+pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
+    let found = records::find(folders, out)?;
     let places: Vec<_> = folders.iter().map(|folder| folder.display().to_string()).collect();
     ensure!(
         !found.runs.is_empty() || !found.unreadable.is_empty(),
         "there is no run folder (a folder with a config.toml and a metrics.jsonl) in {}",
         places.join(", ")
     );
+    let finished = found.runs.iter().filter(|run| run.summary.is_some()).count();
+    let unfinished = found.runs.len() - finished;
     let groups = groups::group(found.runs);
     fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
     // Made aside: whatever goes wrong, the earlier report and its records stay as they are.
@@ -66,17 +61,15 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<Found> {
     fill(new.path(), &groups, &found.unreadable, &places)?;
     clear(out)?;
     move_into(new.path(), out)?;
-    let runs = || groups.iter().flat_map(|group| &group.runs);
-    let finished = runs().filter(|run| run.summary.is_some()).count();
-    Ok(Found { finished, unfinished: runs().count() - finished, unreadable: found.unreadable.len() })
+    Ok(RunCounts { finished, unfinished, unreadable: found.unreadable.len() })
 }
 
 /// Writes all of a report into an empty folder.
 fn fill(out: &Path, groups: &[Group], unreadable: &[(PathBuf, anyhow::Error)], places: &[String]) -> Result<()> {
     let places_of_records = records::write(out, groups)?;
     let pictures = pictures::write(out, groups, &places_of_records)?;
-    let markdown = page::write(groups, unreadable, &pictures, places)?;
-    let results = results::of(groups);
+    let markdown = page::page(groups, unreadable, &pictures, places)?;
+    let results = Results::of(groups);
     atomic::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
     atomic::write_file(&out.join("report.md"), |file| Ok(file.write_all(markdown.as_bytes())?))?;
     let html = html::render(&markdown, out)?;
@@ -101,7 +94,7 @@ fn move_into(from: &Path, to: &Path) -> Result<()> {
 /// report lies stay.
 fn clear(out: &Path) -> Result<()> {
     let report = fs::read_to_string(out.join("report.md")).unwrap_or_default();
-    if !report.starts_with(page::TITLE) {
+    if !report.starts_with(&format!("# {}", template::TITLE)) {
         return Ok(());
     }
     for folder in [records::FOLDER, pictures::FOLDER].map(|name| out.join(name)) {

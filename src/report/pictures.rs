@@ -4,75 +4,68 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use serde::Serialize;
 
-use super::frames;
-use super::groups::{Group, Purpose};
+use super::criteria::{Status, status};
+use super::groups::{Group, Role};
+use super::plots;
 use super::records;
-use super::runs::Run;
-use crate::viz::seeds::{self, Outcome, Trace};
+use crate::runs::run::Run;
+use crate::viz::{self, CHART_HEIGHT, chart};
 
 /// The folder of what is drawn here, in that of the report.
 pub(super) const FOLDER: &str = "pictures";
-/// Examples shown of a run.
-const EXAMPLES: usize = 2;
+/// What is shown of a run, as far as it made it.
+const OF_RUN: [&str; 4] = ["example0", "example1", "templates", "encoder_masks"];
 
-/// One picture, with its place relative to the report.
-#[derive(Debug)]
+/// A picture by its name, with its place relative to the report.
+#[derive(Debug, Serialize)]
 pub(super) struct Picture {
-    pub caption: String,
-    pub path: String,
+    name: &'static str,
+    path: String,
 }
 
 /// The pictures of a group. One that differs from the recipe shows its parameters alone, or its losses if it has none.
-#[derive(Debug, Default)]
-pub(super) struct Pictures {
+#[derive(Debug, Default, Serialize)]
+pub(super) struct GroupPictures {
     /// Over all seeds: losses, parameters, scores of the predicted frames.
-    pub seeds: Vec<Picture>,
+    seeds: Vec<Picture>,
     /// Of the shown runs, each with its pictures in the order of the paper's figures.
-    pub runs: Vec<(String, Vec<Picture>)>,
+    runs: Vec<(u64, Status, Vec<Picture>)>,
 }
 
 /// Draws the pictures of each group into their folder in `out` and copies those of single runs to their records (`places`).
-pub(super) fn write(out: &Path, groups: &[Group], places: &[Vec<PathBuf>]) -> Result<Vec<Pictures>> {
+pub(super) fn write(out: &Path, groups: &[Group], places: &[Vec<PathBuf>]) -> Result<Vec<GroupPictures>> {
     let folder = out.join(FOLDER);
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let groups = groups.iter().zip(places).enumerate();
-    groups
-        .map(|(number, (group, places))| of_group(out, &format!("{FOLDER}/{number}-{}", group.task.key), group, places))
-        .collect()
+    groups.map(|(number, (group, places))| of_group(out, number, group, places)).collect()
 }
 
-fn of_group(out: &Path, prefix: &str, group: &Group, places: &[PathBuf]) -> Result<Pictures> {
-    let traces: Vec<(Outcome, &Trace)> =
-        group.runs.iter().filter_map(|run| Some((run.outcome(), run.trace.as_ref().ok()?))).collect();
-    let mut pictures = Pictures::default();
-    let mut add = |name: &str, caption: &str, draw: &dyn Fn(&Path) -> Result<bool>| -> Result<()> {
-        let path = format!("{prefix}-{name}.png");
-        if draw(&out.join(&path))? {
-            pictures.seeds.push(Picture { caption: caption.into(), path });
-        }
-        Ok(())
-    };
-    let plain = group.purpose() == Purpose::Plain;
-    if plain || group.parameters().is_empty() {
-        add("losses", "validation losses of all seeds", &|path| seeds::write_losses(path, group.task, &traces))?;
+fn of_group(out: &Path, number: usize, group: &Group, places: &[PathBuf]) -> Result<GroupPictures> {
+    let plain = group.role() == Role::Plain;
+    let mut plots = vec![("parameters", plots::parameters(group))];
+    if plain || group.learned().next().is_none() {
+        plots.insert(0, ("losses", plots::losses(group)));
     }
-    add("parameters", "physical parameters of all seeds", &|path| seeds::write_parameters(path, group.task, &traces))?;
+    if plain {
+        plots.push(("frames", viz::frame_charts(&group.task, &group.frames())));
+    }
+    let mut pictures = GroupPictures::default();
+    for (name, charts) in plots {
+        let path = format!("{FOLDER}/{number}-{}-{name}.png", group.task.name);
+        if chart::write(&out.join(&path), CHART_HEIGHT, charts)? {
+            pictures.seeds.push(Picture { name, path });
+        }
+    }
     if !plain {
         return Ok(pictures);
     }
-    let caption =
-        "SSIM and squared error of every predicted test frame, input | T_pred | T_ext, over all finished seeds";
-    let scores = frames::of(group);
-    add("frames", caption, &|path| frames::draw(path, group.task, &scores))?;
     // The first of each kind in the order of the seeds: no choice by looks.
-    for (outcome, word) in [(Outcome::Succeeded, "that succeeded"), (Outcome::Missed, "that missed the criterion")] {
-        if let Some((run, place)) = group.runs.iter().zip(places).find(|(run, _)| run.outcome() == outcome) {
-            let title = format!("Seed {}, the first one {word}", run.config.seed);
+    for kind in [Status::Succeeded, Status::Missed, Status::Unjudged] {
+        if let Some((run, place)) = group.runs.iter().zip(places).find(|(run, _)| status(run) == kind) {
             let copied = of_run(out, place, run)?;
-            if !copied.is_empty() {
-                pictures.runs.push((title, copied));
-            }
+            pictures.runs.extend((!copied.is_empty()).then_some((run.config.seed, kind, copied)));
         }
     }
     Ok(pictures)
@@ -80,19 +73,12 @@ fn of_group(out: &Path, prefix: &str, group: &Group, places: &[PathBuf]) -> Resu
 
 /// Copies what a run left into `out/place`; pictures that it did not make are left out.
 fn of_run(out: &Path, place: &Path, run: &Run) -> Result<Vec<Picture>> {
-    let examples = (0..EXAMPLES).map(|clip| {
-        (format!("example{clip}.png"), format!("test clip {clip}: input and prediction, truth, reconstruction"))
-    });
-    let others = [
-        ("templates.png", "learned contents and masks of the decoder, and the background"),
-        ("encoder_masks.png", "the encoder's masks"),
-    ];
-    let others = others.map(|(name, caption)| (name.to_string(), caption.to_string()));
     let mut copied = Vec::new();
-    for (name, caption) in examples.chain(others) {
-        let path = place.join(&name);
-        if records::copy(&run.folder.join(&name), &out.join(&path))? {
-            copied.push(Picture { caption, path: path.display().to_string() });
+    for name in OF_RUN {
+        let file = format!("{name}.png");
+        let path = place.join(&file);
+        if records::copy(&run.folder.join(&file), &out.join(&path))? {
+            copied.push(Picture { name, path: path.display().to_string() });
         }
     }
     Ok(copied)

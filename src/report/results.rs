@@ -4,23 +4,26 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::frames::{self, FrameSpread};
 use super::groups::Group;
-use super::runs::Loss;
-use super::states;
-use super::statistics::Spread;
-use crate::viz::seeds::Outcome;
+use crate::network::cells::PhysicalParameter;
+use crate::network::physics_models::losses::Loss;
+use crate::runs::scores::FrameSpread;
+use crate::support::statistics::Spread;
+
+/// Version of the file's form; to be raised when a reader of today could misread it. Files of before it have none.
+const FORMAT: u32 = 1;
 
 /// The whole file.
 #[derive(Debug, Serialize)]
 pub(super) struct Results {
+    format: u32,
     tasks: Vec<TaskResults>,
 }
 
 /// Runs of one task with one recipe. Spreads are over all finished runs, successes or not.
 #[derive(Debug, Serialize)]
 struct TaskResults {
-    task: &'static str,
+    task: String,
     /// With what was changed in it: no two entries of a task have the same.
     recipe: String,
     base_recipe: String,
@@ -29,7 +32,8 @@ struct TaskResults {
     seeds: Vec<u64>,
     tried: usize,
     finished: usize,
-    succeeded: usize,
+    /// Null for a task without a criterion.
+    succeeded: Option<usize>,
     parameters: BTreeMap<&'static str, ParameterResults>,
     losses: BTreeMap<Loss, Spread>,
     /// Pixels (angles: radians), velocities per time unit.
@@ -45,28 +49,37 @@ struct ParameterResults {
     learned: Spread,
 }
 
-pub(super) fn of(groups: &[Group]) -> Results {
-    let tasks = groups.iter().map(|group| {
-        let parameter =
-            |name| Some((name, ParameterResults { truth: group.truth(name), learned: group.parameter(name)? }));
+impl Results {
+    pub(super) fn of(groups: &[Group]) -> Self {
+        Results { format: FORMAT, tasks: groups.iter().map(TaskResults::of).collect() }
+    }
+}
+
+impl TaskResults {
+    fn of(group: &Group) -> Self {
+        let parameter = |parameter: &'static PhysicalParameter| {
+            let learned = group.value(parameter)?;
+            Some((parameter.name, ParameterResults { truth: group.truth(parameter), learned }))
+        };
         TaskResults {
-            task: group.task.key,
+            task: group.task.name.clone(),
             recipe: group.label.clone(),
             base_recipe: group.recipe.clone(),
             overrides: group.changes.clone(),
             seeds: group.runs.iter().map(|run| run.config.seed).collect(),
             tried: group.runs.len(),
             finished: group.finished().count(),
-            succeeded: group.count(Outcome::Succeeded),
-            parameters: group.parameters().into_iter().filter_map(parameter).collect(),
-            losses: Loss::ALL.into_iter().filter_map(|loss| Some((loss, group.loss(loss)?))).collect(),
-            state_errors: states::ERRORS
-                .into_iter()
-                .filter_map(|(key, _, error)| Some((key, group.state_error(error)?)))
-                .collect(),
-            predicted_frames: frames::of(group),
-            wall_seconds: group.wall_seconds(),
+            succeeded: group.succeeded(),
+            parameters: group.learned().filter_map(parameter).collect(),
+            losses: known(group.losses()),
+            state_errors: known(group.states()),
+            predicted_frames: group.frames(),
+            wall_seconds: group.spread(|summary| Some(summary.wall_seconds)),
         }
-    });
-    Results { tasks: tasks.collect() }
+    }
+}
+
+/// The numbers that there are.
+fn known<K: Ord, const N: usize>(numbers: [(K, Option<Spread>); N]) -> BTreeMap<K, Spread> {
+    numbers.into_iter().filter_map(|(name, spread)| Some((name, spread?))).collect()
 }

@@ -23,11 +23,11 @@ use safetensors::Dtype;
 use safetensors::tensor::{TensorView, serialize};
 use tch::{Device, Tensor};
 
-use super::checkpoint;
+use super::checkpoint::{self, SavedWeights};
+use crate::network::System;
 use crate::network::physics_models::{ModelOptions, PhysicsNet};
 use crate::network::variable_names::{from_tensorflow, layout_from_tensorflow, layout_to_tensorflow, to_tensorflow};
 use crate::support::atomic;
-use crate::tasks::Task;
 
 /// Form of a weights file, told by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,12 +57,12 @@ impl Form {
 /// # Errors
 /// A file that cannot be read or written, or whose variables are not exactly those of a model of the task: the same
 /// names, shapes and float32.
-pub fn convert(task: &Task, options: &ModelOptions, from: &Path, to: &Path) -> Result<usize> {
+pub fn convert(system: &System, options: &ModelOptions, from: &Path, to: &Path) -> Result<usize> {
     let target = Form::of(to)?;
     ensure!(!to.is_dir(), "{} is a folder; a file is written", to.display());
-    let model = PhysicsNet::new(task, options, Device::Cpu, 0);
+    let model = PhysicsNet::new(system, options, Device::Cpu, 0)?;
     match Form::of(from)? {
-        Form::Safetensors => checkpoint::load_weights(&checkpoint::find_weights(from)?, &model)?,
+        Form::Safetensors => checkpoint::load_weights(&checkpoint::find_weights(from, SavedWeights::Last)?, &model)?,
         Form::Npz => load_npz(from, &model).with_context(|| from.display().to_string())?,
     }
     let variables = model.named_variables();
@@ -84,9 +84,9 @@ fn load_npz(path: &Path, model: &PhysicsNet) -> Result<()> {
     let mut variables: BTreeMap<String, Tensor> = model.named_variables().into_iter().collect();
     for original_name in archive.names().context("the archive's directory is damaged")? {
         let name = from_tensorflow(&original_name)?;
-        let variable = variables.remove(&name).with_context(|| {
-            format!("variable {original_name} is unknown to a model of task {}, or twice there", model.task.key)
-        })?;
+        let variable = variables
+            .remove(&name)
+            .with_context(|| format!("variable {original_name} is unknown to a model of this task, or twice there"))?;
         let array: ArrayD<f32> = archive
             .by_name(&original_name)
             .with_context(|| format!("variable {original_name} is no whole array of float32"))?;
@@ -99,7 +99,7 @@ fn load_npz(path: &Path, model: &PhysicsNet) -> Result<()> {
     }
     match variables.keys().next() {
         Some(name) => {
-            bail!("variable {} is missing (a model of task {} needs it)", to_tensorflow(name)?, model.task.key)
+            bail!("variable {} is missing (a model of this task needs it)", to_tensorflow(name)?)
         }
         None => Ok(()),
     }

@@ -1,50 +1,157 @@
-//! Reading metrics.jsonl back.
+//! metrics.jsonl: the course of a training, one record a line. The one writer and the one reader of that file.
 
+use std::collections::BTreeMap;
 use std::fs;
+use std::io::Write;
 use std::path::Path;
 
-use anyhow::{Context, Result};
-use serde::Deserialize;
-use serde_json::{Map, Value};
+use anyhow::{Context, Result, ensure};
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::names::METRICS;
+
+/// Version of the file's form, in its first record; to be raised when a reader of today could misread it. Files of before
+/// it have none.
+const FORMAT: u32 = 1;
 
 /// What kind of record a line is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Kind {
+pub enum Kind {
+    /// The first line: the version of the file's form.
+    Begin,
+    /// A step's losses.
     Train,
+    /// The losses on the validation split.
     Valid,
+    /// The fit of the parameters.
     Identify,
-    /// Nothing that is plotted.
+    /// Nothing that this version knows.
     #[serde(other)]
     Other,
 }
 
-/// One line of metrics.jsonl.
-#[derive(Debug, Deserialize)]
-pub(crate) struct Record {
+/// One line of the file. What a kind of record does not say is left out; null stands for what is not a number.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Record {
     pub kind: Kind,
+    #[serde(default)]
     pub phase: String,
     /// Steps taken in all phases.
+    #[serde(default)]
     pub step: u64,
-    #[serde(flatten)]
-    values: Map<String, Value>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub format: Option<u32>,
+    /// Passes over the training clips, as the original counts them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub epoch: Option<u64>,
+    /// What is differentiated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub train_loss: Option<f64>,
+    /// By which the phase ends.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub score: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recons_loss: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pred_loss: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub extrap_loss: Option<f64>,
+    /// Root mean square of the fit, pixels or radians.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub iterations: Option<usize>,
+    /// Encoded minus fitted position of each object, pixels or radians.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offsets: Option<Vec<f64>>,
+    /// Whether the templates were shifted by the offsets.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recentred: Option<bool>,
+    /// What the velocity estimator's own fit leaves, per time unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub velocity_residual: Option<f64>,
+    /// Seconds of computing so far.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+    /// The physical parameters by symbol, lengths in true pixels.
+    #[serde(flatten, deserialize_with = "numbers")]
+    pub parameters: BTreeMap<String, f64>,
+}
+
+/// What else a record holds, as far as it is numbers.
+fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String, f64>, D::Error> {
+    let all = BTreeMap::<String, serde_json::Value>::deserialize(deserializer)?;
+    Ok(all.into_iter().filter_map(|(name, value)| Some((name, value.as_f64()?))).collect())
 }
 
 impl Record {
-    /// A number of the record, if it has it (null stands for what is not a number).
-    pub(crate) fn value(&self, name: &str) -> Option<f64> {
-        self.values.get(name).and_then(Value::as_f64)
+    /// A record that says only where it stands.
+    pub fn new(kind: Kind, phase: &str, step: u64) -> Self {
+        Record {
+            kind,
+            phase: phase.into(),
+            step,
+            format: None,
+            epoch: None,
+            train_loss: None,
+            score: None,
+            recons_loss: None,
+            pred_loss: None,
+            extrap_loss: None,
+            residual: None,
+            iterations: None,
+            offsets: None,
+            recentred: None,
+            velocity_residual: None,
+            seconds: None,
+            parameters: BTreeMap::new(),
+        }
+    }
+
+    /// The first record of a file.
+    pub fn begin() -> Self {
+        Record { format: Some(FORMAT), ..Record::new(Kind::Begin, "", 0) }
+    }
+
+    /// A number of the record by its key, if it has it.
+    pub fn value(&self, name: &str) -> Option<f64> {
+        match name {
+            "train_loss" => self.train_loss,
+            "score" => self.score,
+            "recons_loss" => self.recons_loss,
+            "pred_loss" => self.pred_loss,
+            "extrap_loss" => self.extrap_loss,
+            "residual" => self.residual,
+            "velocity_residual" => self.velocity_residual,
+            "seconds" => self.seconds,
+            symbol => self.parameters.get(symbol).copied(),
+        }
+    }
+
+    /// `k=3.992 l=5.998`.
+    pub fn parameters_text(&self) -> String {
+        self.parameters.iter().map(|(name, value)| format!("{name}={value:.3}")).collect::<Vec<_>>().join(" ")
+    }
+
+    /// Writes the record as a line.
+    ///
+    /// # Errors
+    /// A full disk.
+    pub fn write(&self, file: &mut impl Write) -> Result<()> {
+        let line = serde_json::to_string(self)?;
+        writeln!(file, "{line}").with_context(|| format!("cannot write {METRICS}"))
     }
 }
 
-/// All records, in the order in which they were written. A damaged last line without its end is being written, or was
-/// when the run was killed: it is left out.
+/// All records but the first, in the order in which they were written. A damaged last line without its end is being
+/// written, or was when the run was killed: it is left out.
 ///
 /// # Errors
-/// A missing file, or the number of a line that is no record.
-pub(crate) fn read(path: &Path) -> Result<Vec<Record>> {
+/// A missing file, the number of a line that is no record, a newer form.
+pub fn read(path: &Path) -> Result<Vec<Record>> {
     let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let mut records = Vec::new();
+    let mut records: Vec<Record> = Vec::new();
     for (number, line) in text.split_inclusive('\n').enumerate().filter(|(_, line)| !line.trim().is_empty()) {
         match serde_json::from_str(line) {
             Ok(record) => records.push(record),
@@ -54,18 +161,25 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Record>> {
             }
         }
     }
+    let format = records.first().and_then(|record| record.format).unwrap_or_default();
+    ensure!(
+        format <= FORMAT,
+        "{} has form {format}; this program knows forms up to {FORMAT}: use a newer one",
+        path.display()
+    );
+    records.retain(|record| record.kind != Kind::Begin);
     Ok(records)
 }
 
 /// (step, value) of the records of a kind (of any, if none is given) that hold a value.
-pub(crate) fn points(records: &[Record], kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
+pub fn points(records: &[Record], kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
     let chosen = records.iter().filter(|record| kind.is_none_or(|kind| kind == record.kind));
     chosen.filter_map(|record| Some((record.step as f64, record.value(name)?))).collect()
 }
 
 /// One uninterrupted stretch of a phase.
 #[derive(Debug)]
-pub(crate) struct Stretch {
+pub struct Stretch {
     pub phase: String,
     /// Where its first and its last record stand among all.
     pub records: std::ops::Range<usize>,
@@ -74,7 +188,7 @@ pub(crate) struct Stretch {
 }
 
 /// The phases in their order.
-pub(crate) fn stretches(records: &[Record]) -> Vec<Stretch> {
+pub fn stretches(records: &[Record]) -> Vec<Stretch> {
     let mut stretches: Vec<Stretch> = Vec::new();
     for (place, record) in records.iter().enumerate() {
         match stretches.last_mut() {
@@ -90,4 +204,30 @@ pub(crate) fn stretches(records: &[Record]) -> Vec<Stretch> {
         }
     }
     stretches
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_of_any_version_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(METRICS);
+        let lines = [
+            "{\"kind\":\"begin\",\"phase\":\"\",\"step\":0,\"format\":1}",
+            "{\"kind\":\"train\",\"phase\":\"join\",\"step\":50,\"train_loss\":null,\"k\":2.5,\"l\":null,\"later\":\"word\"}",
+            "{\"kind\":\"of tomorrow\",\"phase\":\"join\",\"step\":60}",
+            "{\"kind\":\"train\",\"pha",
+        ];
+        fs::write(&path, lines.join("\n")).unwrap();
+        let records = read(&path).unwrap();
+        assert_eq!(records.iter().map(|record| record.kind).collect::<Vec<_>>(), [Kind::Train, Kind::Other]);
+        assert_eq!((records[0].value("k"), records[0].value("l"), records[0].train_loss), (Some(2.5), None, None));
+        let newer = lines[0].replace("\"format\":1", "\"format\":2");
+        fs::write(&path, newer).unwrap();
+        assert!(format!("{:#}", read(&path).unwrap_err()).contains("forms up to 1"));
+        fs::write(&path, lines[3].to_string() + "\n" + lines[0]).unwrap();
+        assert!(format!("{:#}", read(&path).unwrap_err()).contains("line 1"));
+    }
 }

@@ -1,8 +1,14 @@
 //! What a model scores on a set of clips, as it stands in files.
 
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
 use serde::{Deserialize, Serialize};
 
 use crate::network::physics_models::losses::MeanLosses;
+use crate::support::atomic;
+use crate::support::statistics::Spread;
 
 /// What a model makes of a set of clips.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,6 +34,33 @@ pub struct PredictedFrame {
     pub squared_error: f64,
     /// From -1 to 1; 1 is equal.
     pub ssim: f64,
+}
+
+/// The scores of one predicted frame over some runs, each run's averaged over its clips.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FrameSpread {
+    /// Place in the clip, from 0.
+    pub frame: usize,
+    /// In T_ext, not in T_pred.
+    pub extrapolated: bool,
+    pub squared_error: Spread,
+    pub ssim: Spread,
+}
+
+impl FrameSpread {
+    /// In the order of time, of the predicted frames of one run or of several.
+    pub fn of<'a>(runs: impl IntoIterator<Item = &'a [PredictedFrame]>) -> Vec<Self> {
+        let mut places: BTreeMap<(usize, bool), Vec<&PredictedFrame>> = BTreeMap::new();
+        for scores in runs.into_iter().flatten() {
+            places.entry((scores.frame, scores.extrapolated)).or_default().push(scores);
+        }
+        let spread = |((frame, extrapolated), runs): (_, Vec<&PredictedFrame>)| {
+            let squared_error = Spread::of(runs.iter().map(|scores| scores.squared_error))?;
+            let ssim = Spread::of(runs.iter().map(|scores| scores.ssim))?;
+            Some(FrameSpread { frame, extrapolated, squared_error, ssim })
+        };
+        places.into_iter().filter_map(spread).collect()
+    }
 }
 
 /// Root mean squares of distances over clips, frames and objects; pixels, and pixels per time unit (radians where the
@@ -56,4 +89,33 @@ pub struct StateErrors {
     pub initial_velocity_slope: Option<f64>,
     /// Velocity during T_pred.
     pub predicted_velocity: f64,
+}
+
+/// What `evaluate --json` writes. The one writer of that file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ScoresFile {
+    pub format: u32,
+    /// Name of the task.
+    pub task: String,
+    /// Run folder.
+    pub run: PathBuf,
+    /// Dataset file, and the part of it.
+    pub file: PathBuf,
+    pub split: String,
+    /// The learned parameters by symbol, lengths in true pixels.
+    pub parameters: BTreeMap<String, f64>,
+    pub scores: Scores,
+}
+
+impl ScoresFile {
+    /// Version of the file's form; to be raised when a reader of today could misread it.
+    pub const FORMAT: u32 = 1;
+
+    /// Writes the file, whole or not at all.
+    ///
+    /// # Errors
+    /// A full disk.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        atomic::write_file(path, |file| Ok(serde_json::to_writer_pretty(file, self)?))
+    }
 }

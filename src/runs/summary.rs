@@ -7,11 +7,10 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use super::names::SUMMARY;
 use super::scores::Scores;
 use crate::support::atomic;
 
-/// Name of the file in a run folder.
-pub const SUMMARY: &str = "summary.json";
 /// Version of the file's form; to be raised when a reader of today could misread it. Files of before it have none.
 pub const FORMAT: u32 = 1;
 

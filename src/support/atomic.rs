@@ -25,6 +25,23 @@ pub fn write_file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> Resul
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
+/// Writes a file in one step by something that takes a path.
+///
+/// # Errors
+/// As for [`write_file`].
+pub fn write_path(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+    let partial = partial_name(path);
+    let attempt = || -> Result<()> {
+        write(&partial)?;
+        File::open(&partial)?.sync_all()?;
+        fs::rename(&partial, path)?;
+        sync_folder(path)
+    };
+    attempt()
+        .inspect_err(|_| drop(fs::remove_file(&partial)))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
 /// Fills a new folder in one step. A folder of that name must not exist yet.
 ///
 /// # Errors

@@ -1,5 +1,9 @@
-//! What every other folder may use: files that appear whole or not at all, the device, random numbers.
+//! What every other folder may use: files that appear whole or not at all, command lines, the device, random numbers,
+//! medians, the values of TOML files.
 
 pub mod atomic;
+pub mod command_line;
 pub mod device;
 pub mod random;
+pub mod statistics;
+pub mod toml_values;

@@ -1,27 +1,27 @@
 //! The runs of a sweep as processes, a few at a time.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::Write;
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use super::display::{Display, last_line};
-use super::{DONE, Job, OUTPUT, Stage};
-use crate::cli::interrupt;
+use super::plan::{DONE, Job, OUTPUT, Stage};
 use crate::support::atomic;
 
 /// How often the processes are looked at.
 const TICK: Duration = Duration::from_millis(100);
+/// Bytes in which a last line is looked for.
+const TAIL: u64 = 600;
 
 /// How a sweep ended.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub struct Summary {
+pub struct SweepSummary {
     pub finished: usize,
     /// Had finished before.
     pub skipped: usize,
@@ -29,6 +29,21 @@ pub struct Summary {
     pub stopped: usize,
     /// What each failed run printed, with the reason in its last lines.
     pub failed: Vec<PathBuf>,
+}
+
+/// What happens to the runs of a sweep, each by its folder.
+#[derive(Debug)]
+pub enum Event<'a> {
+    Started(&'a Path),
+    Resumed(&'a Path),
+    /// It had finished before the sweep.
+    Skipped(&'a Path),
+    Finished(&'a Path, Duration),
+    /// It was asked to stop, and saved.
+    Stopped(&'a Path),
+    Failed(&'a Path, &'a anyhow::Error),
+    /// Runs are under way; comes some times a second.
+    Waiting,
 }
 
 /// One run that is under way.
@@ -39,38 +54,43 @@ struct Running<'a> {
 }
 
 /// Runs the jobs with the training program, `at_once` at a time, in their order. One that fails stops no other one.
-/// SIGINT and SIGTERM are handed on once: the runs save and stop.
+/// `stop` is asked some times a second; once it says so, no further run begins, and those under way are told to save and
+/// stop (SIGINT). `observe` is told what happens.
 ///
 /// # Errors
-/// Signals that cannot be caught.
-pub fn run(program: &Path, jobs: &[Job], at_once: usize) -> Result<Summary> {
-    interrupt::catch()?;
-    let mut display = Display::new(jobs.len());
-    let mut summary = Summary::default();
+/// A process that cannot be waited for.
+pub fn run(
+    program: &Path,
+    jobs: &[Job],
+    at_once: usize,
+    stop: &dyn Fn() -> bool,
+    observe: &mut dyn FnMut(Event),
+) -> Result<SweepSummary> {
+    let mut summary = SweepSummary::default();
+    let mut tell = |event: Event| {
+        match event {
+            Event::Skipped(_) => summary.skipped += 1,
+            Event::Finished(..) => summary.finished += 1,
+            Event::Stopped(_) => summary.stopped += 1,
+            Event::Failed(folder, error) => summary.failed.push(note_failure(folder, error)),
+            Event::Started(_) | Event::Resumed(_) | Event::Waiting => {}
+        }
+        observe(event);
+    };
     let mut waiting = jobs.iter();
     let mut running: Vec<Running> = Vec::new();
-    let mut told = false;
+    let mut stopping = false;
     loop {
-        while running.len() < at_once && !interrupt::asked() {
+        while running.len() < at_once && !stop() {
             let Some(job) = waiting.next() else { break };
-            match start(program, job) {
-                Ok(Some((child, word))) => {
-                    display.started(&job.folder, word);
-                    running.push(Running { job, child, since: Instant::now() });
-                }
-                Ok(None) => {
-                    summary.skipped += 1;
-                    display.ended(&job.folder, "finished before");
-                }
-                Err(error) => summary.failed.push(fail(job, &error, &mut display)),
-            }
+            running.extend(start(program, job, &mut tell).map(|child| Running { job, child, since: Instant::now() }));
         }
         if running.is_empty() {
             break;
         }
         std::thread::sleep(TICK);
-        if interrupt::asked() && !told {
-            told = true;
+        if stop() && !stopping {
+            stopping = true;
             for one in &running {
                 // One that has just ended by itself needs no signal.
                 let _ = kill(Pid::from_raw(one.child.id() as i32), Signal::SIGINT);
@@ -78,81 +98,83 @@ pub fn run(program: &Path, jobs: &[Job], at_once: usize) -> Result<Summary> {
         }
         let mut still = Vec::new();
         for mut one in running {
-            let Some(status) = one.child.try_wait().context("cannot wait for a run")? else {
-                still.push(one);
-                continue;
-            };
-            let outcome = match status.code() {
-                Some(0) => mark(one.job).map(|()| true),
-                _ if told => Ok(false),
-                // Its last line says why.
-                _ => Err(anyhow::anyhow!(
-                    "the run ended with {status}: {}",
-                    last_line(&one.job.folder.join(OUTPUT)).unwrap_or_default()
-                )),
-            };
-            match outcome {
-                Ok(true) => {
-                    summary.finished += 1;
-                    display
-                        .ended(&one.job.folder, &format!("finished after {:.0} s", one.since.elapsed().as_secs_f64()));
+            let folder = &one.job.folder;
+            match one.child.try_wait().context("cannot wait for a run")? {
+                None => still.push(one),
+                Some(status) if status.success() => match atomic::write_file(&folder.join(DONE), |_| Ok(())) {
+                    Ok(()) => tell(Event::Finished(folder, one.since.elapsed())),
+                    Err(error) => tell(Event::Failed(folder, &error)),
+                },
+                Some(_) if stopping => tell(Event::Stopped(folder)),
+                Some(status) => {
+                    let reason = last_line(&folder.join(OUTPUT)).unwrap_or_default();
+                    tell(Event::Failed(folder, &anyhow!("the run ended with {status}: {reason}")));
                 }
-                Ok(false) => {
-                    summary.stopped += 1;
-                    display.ended(&one.job.folder, "stopped");
-                }
-                Err(error) => summary.failed.push(fail(one.job, &error, &mut display)),
             }
         }
         running = still;
-        display.refresh();
+        tell(Event::Waiting);
     }
     summary.stopped += waiting.count();
-    display.close();
     Ok(summary)
 }
 
-/// Starts or continues a run; none if it has finished before.
-fn start(program: &Path, job: &Job) -> Result<Option<(Child, &'static str)>> {
-    let stage = job.stage()?;
-    let mut command = Command::new(program);
-    let word = match stage {
-        Stage::Finished => return Ok(None),
-        Stage::New => {
-            command.args(&job.arguments);
-            "started"
-        }
-        Stage::CutOff => {
-            command.arg("--resume");
-            "resumed"
+/// Starts or continues a run; none if it has finished before or cannot be started.
+fn start(program: &Path, job: &Job, tell: &mut dyn FnMut(Event)) -> Option<Child> {
+    let folder = &job.folder;
+    let (event, child) = match job.stage().and_then(|stage| Ok((stage, spawn(program, job, stage)?))) {
+        Ok((Stage::New, child)) => (Event::Started(folder), child),
+        Ok((Stage::CutOff, child)) => (Event::Resumed(folder), child),
+        Ok((Stage::Finished, _)) => (Event::Skipped(folder), None),
+        Err(error) => {
+            tell(Event::Failed(folder, &error));
+            return None;
         }
     };
-    let output = open_output(job)?;
+    tell(event);
+    child
+}
+
+/// The process of a run that is not finished.
+fn spawn(program: &Path, job: &Job, stage: Stage) -> Result<Option<Child>> {
+    let mut command = Command::new(program);
+    match stage {
+        Stage::Finished => return Ok(None),
+        Stage::New => command.args(job.options.words()),
+        Stage::CutOff => command.arg("--resume"),
+    };
+    let output = open_output(&job.folder)?;
     // A group of its own: Ctrl-C reaches a run through the sweep alone, and only once.
     command.arg("--out").arg(&job.folder).process_group(0);
     command.stdin(Stdio::null()).stdout(output.try_clone()?).stderr(output);
-    let child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
-    Ok(Some((child, word)))
+    command.spawn().map(Some).with_context(|| format!("cannot start {}", program.display()))
 }
 
-fn open_output(job: &Job) -> Result<File> {
-    fs::create_dir_all(&job.folder).with_context(|| format!("cannot create {}", job.folder.display()))?;
-    let path = job.folder.join(OUTPUT);
+fn open_output(folder: &Path) -> Result<File> {
+    fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    let path = folder.join(OUTPUT);
     OpenOptions::new().create(true).append(true).open(&path).with_context(|| format!("cannot open {}", path.display()))
 }
 
-/// Marks a run as finished.
-fn mark(job: &Job) -> Result<()> {
-    atomic::write_file(&job.folder.join(DONE), |_| Ok(()))
-}
-
-/// Notes a failure in the run's output and on the display; returns where the output is.
-fn fail(job: &Job, error: &anyhow::Error, display: &mut Display) -> PathBuf {
-    let path = job.folder.join(OUTPUT);
-    // Where even the folder cannot be written, the display is the only place left.
-    if let Ok(mut output) = open_output(job) {
+/// Notes a failure in what the run printed; returns where that is.
+fn note_failure(folder: &Path, error: &anyhow::Error) -> PathBuf {
+    // Where even the folder cannot be written, the observer is the only one to know.
+    if let Ok(mut output) = open_output(folder) {
         let _ = writeln!(output, "sweep: {error:#}");
     }
-    display.ended(&job.folder, &format!("FAILED: {error:#}"));
-    path
+    folder.join(OUTPUT)
+}
+
+/// The last line of a file that is not empty: what a run printed last.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn last_line(path: &Path) -> std::io::Result<String> {
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
+    let mut tail = Vec::new();
+    file.read_to_end(&mut tail)?;
+    let tail = String::from_utf8_lossy(&tail);
+    Ok(tail.lines().rfind(|line| !line.trim().is_empty()).unwrap_or_default().trim().to_string())
 }

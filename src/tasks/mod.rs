@@ -1,333 +1,298 @@
-//! The task table: one row for each system, and the only place where a system's numbers stand.
+//! Tasks: a system, the files with its clips, and what a recipe changes for it, read from TOML.
 //!
+//! The built-in tasks stand in `configs/tasks`, one file each, and are compiled in; `--task my.toml` reads another one.
 //! Lengths are in pixels (the pendulum's in rods), times in the paper's time unit (one frame is `dt` of it), positions are
 //! `(x, y)` with x to the right and y down, or angles. Where the original has the system, key and file names are its own,
 //! so its files and ours are interchangeable.
 //! Original: the `datasets` and `--task` tables of `run_physics.py`, README; paper: section 4.1.
 
+mod builtin;
+pub mod published;
 pub mod scene;
+mod success;
 
-use std::f64::consts::FRAC_PI_2;
+use std::collections::BTreeMap;
+use std::path::Path;
 
-use anyhow::{Result, anyhow};
-use tch::Tensor;
+use anyhow::{Context, Result, anyhow, ensure};
+use serde::{Deserialize, Serialize};
+use toml::Table;
 
-use crate::network::cells::{self, Cell, CellKind, Walls};
-use crate::tasks::scene::{Look, Motion, Scene};
+use self::scene::Scene;
+use crate::network::System;
+use crate::network::system::SystemTable;
+
+pub use builtin::{all, builtin, names};
+pub use success::Success;
+
+/// Rates of the paper's protocol where a task file says nothing: those of the paper's spring.
+const BASE_LR: f64 = 6e-4;
+const ALPHA: f64 = 3.0;
 
 /// A physical parameter with the value the data were made with. The value scores a run; training never sees it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TrueParameter {
     /// Symbol of the paper: `k`, `l`, `g`, `m`, `a`.
-    pub name: &'static str,
+    pub name: String,
     pub value: f64,
 }
 
-/// One system: what its videos look like, how they are cut into input and prediction, and what is to be learned.
-#[derive(Debug, Clone)]
+/// One task: a system, its files, and what else belongs to it.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(try_from = "TaskTable", into = "TaskTable")]
 pub struct Task {
-    /// Name on the command line, in run folders and in `summary.json`.
-    pub key: &'static str,
-    /// One line for `--help`.
-    pub summary: &'static str,
-    /// Side S of the square frames, pixels.
-    pub side: usize,
-    /// Colour channels of a frame.
-    pub channels: usize,
+    /// On the command line, in run folders and in `summary.json`.
+    pub name: String,
+    pub system: System,
     /// Frames of a training clip and of a test clip.
     pub train_frames: usize,
     pub test_frames: usize,
-    /// L: frames the encoder sees before the roll-out starts.
-    pub input_steps: usize,
-    /// T_pred: predicted frames that enter the training loss. What follows in a clip is T_ext, scored only.
-    pub pred_steps: usize,
-    /// The differential equation.
-    pub cell: &'static CellKind,
-    /// Time between two frames.
-    pub dt: f64,
-    /// N: moving objects.
-    pub objects: usize,
-    pub truth: &'static [TrueParameter],
+    /// The dataset files, relative to the datasets folder.
+    pub train_file: String,
+    pub test_file: String,
+    /// How `generate` makes the clips; none of videos that were filmed.
+    pub scene: Option<Scene>,
+    /// In the order of the equation's parameters, as far as they are known.
+    pub truth: Vec<TrueParameter>,
+    /// When the report counts a run as a success.
+    pub success: Success,
     /// Learning rate and weight alpha of the reconstruction loss in the paper's protocol.
     pub base_lr: f64,
     pub alpha: f64,
-    /// The authors' dataset files, relative to `data/datasets`.
-    pub train_file: &'static str,
-    pub test_file: &'static str,
-    /// How the data are made.
-    pub scene: Scene,
+    /// The file as it was read.
+    table: TaskTable,
 }
 
-/// Rows are told apart by their keys.
-impl PartialEq for Task {
-    fn eq(&self, other: &Task) -> bool {
-        self.key == other.key
+/// A task as it stands in its file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TaskTable {
+    name: String,
+    /// One line for `--help`.
+    #[serde(default)]
+    summary: String,
+    system: SystemTable,
+    data: DataTable,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene: Option<Scene>,
+    /// True parameters by symbol, where no scene tells them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    truth: BTreeMap<String, f64>,
+    #[serde(default, skip_serializing_if = "Success::is_empty")]
+    success: Success,
+    #[serde(default)]
+    training: PaperRates,
+    /// By recipe: what the task changes in it.
+    #[serde(default, skip_serializing_if = "Table::is_empty")]
+    recipe: Table,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DataTable {
+    train_frames: usize,
+    test_frames: usize,
+    /// Below the datasets folder; the task's name by default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    folder: Option<String>,
+    /// In that folder; the authors' naming by default where there is a scene, otherwise `train.npz` and `test.npz`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    train_file: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    test_file: Option<String>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct PaperRates {
+    base_lr: f64,
+    alpha: f64,
+}
+
+impl Default for PaperRates {
+    fn default() -> Self {
+        PaperRates { base_lr: BASE_LR, alpha: ALPHA }
     }
 }
 
 impl Task {
-    /// Where a ball's centre turns.
-    pub fn walls(&self) -> Walls {
-        Walls::new(self.side, self.scene.radius)
+    /// Reads a task from the text of its file.
+    ///
+    /// # Errors
+    /// An unknown key, a value of the wrong type or out of range; the message names it.
+    pub fn from_toml(text: &str) -> Result<Self> {
+        toml::from_str::<TaskTable>(text)?.try_into()
     }
 
-    /// The equation with these log-parameters, one for each of the cell's.
-    pub fn build_cell(&self, logs: &[Tensor]) -> Box<dyn Cell> {
-        (self.cell.build)(logs, self.walls())
+    /// A task around a system, with clips of these lengths, without scene or truth: what a program builds that brings its
+    /// own data.
+    ///
+    /// # Errors
+    /// As for [`Self::from_toml`].
+    pub fn of_system(name: &str, system: &System, train_frames: usize, test_frames: usize) -> Result<Self> {
+        let table = TaskTable {
+            name: name.into(),
+            summary: String::new(),
+            system: SystemTable::from(system),
+            data: DataTable { train_frames, test_frames, folder: None, train_file: None, test_file: None },
+            scene: None,
+            truth: BTreeMap::new(),
+            success: Success::default(),
+            training: PaperRates::default(),
+            recipe: Table::new(),
+        };
+        table.try_into()
     }
 
-    /// Numbers in a position of all objects.
-    pub fn coordinates(&self) -> usize {
-        self.objects * self.cell.coordinates.per_object()
+    /// One line for `--help`.
+    pub fn summary(&self) -> &str {
+        &self.table.summary
+    }
+
+    /// The whole task as a table of TOML.
+    pub fn to_table(&self) -> Table {
+        Table::try_from(&self.table).expect("a task is plain data")
+    }
+
+    /// What the task changes in a recipe.
+    pub fn recipe_changes(&self, recipe: &str) -> Table {
+        self.table.recipe.get(recipe).and_then(toml::Value::as_table).cloned().unwrap_or_default()
+    }
+
+    /// The true value of a parameter in the task's own clips, if it is known.
+    pub fn truth_of(&self, symbol: &str) -> Option<f64> {
+        self.truth.iter().find(|truth| truth.name == symbol).map(|truth| truth.value)
+    }
+
+    /// Below the datasets folder, where the task's files are.
+    pub fn data_folder(&self) -> &str {
+        self.table.data.folder.as_deref().unwrap_or(&self.name)
     }
 }
 
-const SPRING_K4_L6: &[TrueParameter] =
-    &[TrueParameter { name: "k", value: 4.0 }, TrueParameter { name: "l", value: 6.0 }];
-
-/// All tasks.
-pub const TASKS: &[Task] = &[
-    Task {
-        key: "bouncing_balls",
-        summary: "two coloured balls that bounce off the walls",
-        side: 32,
-        channels: 3,
-        train_frames: 12,
-        test_frames: 30,
-        input_steps: 4,
-        pred_steps: 6,
-        cell: &cells::BOUNCING,
-        dt: 0.3,
-        objects: 2,
-        truth: &[],
-        base_lr: 3e-4,
-        alpha: 2.0,
-        train_file: "bouncing/color_bounce_vx8_vy8_sl12_r2.npz",
-        test_file: "bouncing/color_bounce_vx8_vy8_sl30_r2.npz",
-        scene: Scene { motion: Motion::Bouncing, speed: [8.0, 8.0], radius: 2.0, look: Look::Balls },
-    },
-    Task {
-        key: "spring_color",
-        summary: "two coloured balls joined by a spring",
-        side: 32,
-        channels: 3,
-        train_frames: 12,
-        test_frames: 30,
-        input_steps: 4,
-        pred_steps: 6,
-        cell: &cells::SPRING,
-        dt: 0.3,
-        objects: 2,
-        truth: SPRING_K4_L6,
-        base_lr: 6e-4,
-        alpha: 3.0,
-        train_file: "spring_color/color_spring_vx8_vy8_sl12_r2_k4_e6.npz",
-        test_file: "spring_color/color_spring_vx8_vy8_sl30_r2_k4_e6.npz",
-        scene: Scene {
-            motion: Motion::Spring { k: 4.0, equil: 6.0, half_pane: false, damping: 0.0 },
-            speed: [8.0, 8.0],
-            radius: 2.0,
-            look: Look::Balls,
-        },
-    },
-    Task {
-        key: "spring_color_half",
-        summary: "the spring, seen in one half of the frame during input and prediction",
-        side: 32,
-        channels: 3,
-        train_frames: 12,
-        test_frames: 30,
-        input_steps: 4,
-        pred_steps: 6,
-        cell: &cells::SPRING,
-        dt: 0.3,
-        objects: 2,
-        truth: SPRING_K4_L6,
-        base_lr: 6e-4,
-        alpha: 3.0,
-        train_file: "spring_color_half/color_spring_vx4_vy4_sl12_r2_k4_e6_halfpane.npz",
-        test_file: "spring_color_half/color_spring_vx4_vy4_sl30_r2_k4_e6_halfpane.npz",
-        scene: Scene {
-            motion: Motion::Spring { k: 4.0, equil: 6.0, half_pane: true, damping: 0.0 },
-            speed: [4.0, 4.0],
-            radius: 2.0,
-            look: Look::Balls,
-        },
-    },
-    Task {
-        key: "damped_spring",
-        summary: "the spring with friction: the worked example of a cell of one's own",
-        side: 32,
-        channels: 3,
-        train_frames: 12,
-        test_frames: 30,
-        input_steps: 4,
-        pred_steps: 6,
-        cell: &cells::DAMPED_SPRING,
-        dt: 0.3,
-        objects: 2,
-        truth: &[
-            TrueParameter { name: "k", value: 4.0 },
-            TrueParameter { name: "l", value: 6.0 },
-            TrueParameter { name: "c", value: 0.3 },
-        ],
-        base_lr: 6e-4,
-        alpha: 3.0,
-        train_file: "damped_spring/color_spring_vx8_vy8_sl12_r2_k4_e6.npz",
-        test_file: "damped_spring/color_spring_vx8_vy8_sl30_r2_k4_e6.npz",
-        scene: Scene {
-            motion: Motion::Spring { k: 4.0, equil: 6.0, half_pane: false, damping: 0.3 },
-            speed: [8.0, 8.0],
-            radius: 2.0,
-            look: Look::Balls,
-        },
-    },
-    Task {
-        key: "mnist_spring_color",
-        summary: "two MNIST digits joined by a spring over a CIFAR-10 background",
-        side: 64,
-        channels: 3,
-        train_frames: 12,
-        test_frames: 30,
-        input_steps: 3,
-        pred_steps: 7,
-        cell: &cells::SPRING,
-        dt: 0.3,
-        objects: 2,
-        truth: &[TrueParameter { name: "k", value: 2.0 }, TrueParameter { name: "l", value: 12.0 }],
-        base_lr: 6e-4,
-        alpha: 3.0,
-        train_file: "mnist_spring_color/color_mnist_spring_vx8_vy8_sl12_r2_k2_e12.npz",
-        test_file: "mnist_spring_color/color_mnist_spring_vx8_vy8_sl30_r2_k2_e12.npz",
-        scene: Scene {
-            motion: Motion::Spring { k: 2.0, equil: 12.0, half_pane: false, damping: 0.0 },
-            speed: [8.0, 8.0],
-            radius: 11.0,
-            look: Look::Digits,
-        },
-    },
-    Task {
-        key: "3bp_color",
-        summary: "three coloured balls that attract each other",
-        side: 36,
-        channels: 3,
-        train_frames: 20,
-        test_frames: 40,
-        input_steps: 4,
-        pred_steps: 12,
-        cell: &cells::GRAVITY,
-        dt: 0.5,
-        objects: 3,
-        truth: &[TrueParameter { name: "g", value: 60.0 }, TrueParameter { name: "m", value: 1.0 }],
-        base_lr: 1e-3,
-        alpha: 5.0,
-        train_file: "3bp_color/color_3bp_vx2_vy2_sl20_r2_g60_m1_dt05.npz",
-        test_file: "3bp_color/color_3bp_vx2_vy2_sl40_r2_g60_m1_dt05.npz",
-        scene: Scene {
-            motion: Motion::ThreeBodies { g: 60.0, m: 1.0 },
-            speed: [2.0, 2.0],
-            radius: 2.0,
-            look: Look::Balls,
-        },
-    },
-    Task {
-        key: "pendulum",
-        summary: "a pendulum that is driven by a known torque",
-        side: 64,
-        channels: 3,
-        train_frames: 14,
-        test_frames: 30,
-        input_steps: 4,
-        pred_steps: 6,
-        cell: &cells::PENDULUM,
-        dt: 0.05,
-        objects: 1,
-        truth: &[TrueParameter { name: "g", value: 10.0 }, TrueParameter { name: "a", value: 1.0 }],
-        base_lr: 6e-4,
-        alpha: 3.0,
-        train_file: "pendulum/color_pendulum_sl14_g10_m1_l1_a1_u2_dt005.npz",
-        test_file: "pendulum/color_pendulum_sl30_g10_m1_l1_a1_u2_dt005.npz",
-        scene: Scene {
-            motion: Motion::Pendulum { g: 10.0, m: 1.0, length: 1.0, a: 1.0, torque: 2.0, angle: FRAC_PI_2, spin: 2.0 },
-            speed: [0.0; 2],
-            radius: 0.0,
-            look: Look::Bar,
-        },
-    },
-    Task {
-        key: "falling",
-        summary: "a white ball that is thrown and falls",
-        side: 32,
-        channels: 1,
-        train_frames: 12,
-        test_frames: 30,
-        input_steps: 4,
-        pred_steps: 6,
-        cell: &cells::FALLING,
-        dt: 0.3,
-        objects: 1,
-        truth: &[TrueParameter { name: "g", value: 1.5 }],
-        base_lr: 6e-4,
-        alpha: 3.0,
-        train_file: "falling_ball/falling_ball_vx2_vy7_sl12_r3_g1.5.npz",
-        test_file: "falling_ball/falling_ball_vx2_vy7_sl30_r3_g1.5.npz",
-        scene: Scene {
-            motion: Motion::Falling { g: 1.5, bounces: false },
-            speed: [2.0, 7.0],
-            radius: 3.0,
-            look: Look::Balls,
-        },
-    },
-    Task {
-        key: "falling_bouncing",
-        summary: "a white ball that falls and bounces off the walls",
-        side: 32,
-        channels: 1,
-        train_frames: 12,
-        test_frames: 30,
-        input_steps: 4,
-        pred_steps: 6,
-        cell: &cells::FALLING_BOUNCING,
-        dt: 0.3,
-        objects: 1,
-        truth: &[TrueParameter { name: "g", value: 3.0 }],
-        base_lr: 6e-4,
-        alpha: 3.0,
-        train_file: "falling_bouncing_ball/falling_bouncing_ball_vx4_vy4_sl12_r3_g3.npz",
-        test_file: "falling_bouncing_ball/falling_bouncing_ball_vx4_vy4_sl30_r3_g3.npz",
-        scene: Scene {
-            motion: Motion::Falling { g: 3.0, bounces: true },
-            speed: [4.0, 4.0],
-            radius: 3.0,
-            look: Look::Balls,
-        },
-    },
-];
-
-/// All keys, for people to read.
-pub fn keys() -> String {
-    TASKS.iter().map(|task| task.key).collect::<Vec<_>>().join(", ")
+impl From<Task> for TaskTable {
+    fn from(task: Task) -> Self {
+        task.table
+    }
 }
 
-/// The row with this key.
+impl TryFrom<TaskTable> for Task {
+    type Error = anyhow::Error;
+
+    fn try_from(table: TaskTable) -> Result<Self> {
+        let of_task = || format!("task {:?}", table.name);
+        check_name(&table.name)?;
+        let wall_margin = table.scene.map_or(0.0, |scene| scene.wall_margin());
+        let system = table.system.system(wall_margin).context("system").with_context(of_task)?;
+        if let Some(scene) = &table.scene {
+            scene.check(&system).context("scene").with_context(of_task)?;
+        }
+        table.check(&system).with_context(of_task)?;
+        let PaperRates { base_lr, alpha } = table.training;
+        let DataTable { train_frames, test_frames, .. } = table.data;
+        let train_file = table.file(&table.data.train_file, train_frames, "train");
+        let test_file = table.file(&table.data.test_file, test_frames, "test");
+        ensure!(
+            train_file != test_file,
+            "task {:?}: training and test file are both {train_file:?}; name them with data.train_file and data.test_file",
+            table.name
+        );
+        Ok(Task {
+            name: table.name.clone(),
+            train_frames,
+            test_frames,
+            train_file,
+            test_file,
+            scene: table.scene,
+            truth: table.true_parameters(&system),
+            success: table.success.clone(),
+            base_lr,
+            alpha,
+            system,
+            table,
+        })
+    }
+}
+
+impl TaskTable {
+    /// A dataset file, relative to the datasets folder.
+    fn file(&self, named: &Option<String>, frames: usize, plain: &str) -> String {
+        let folder = self.data.folder.as_ref().unwrap_or(&self.name);
+        let by_scene = || self.scene.map(|scene| scene.file_stem(self.system.dt, frames));
+        let default = || by_scene().unwrap_or_else(|| plain.to_string()) + ".npz";
+        format!("{folder}/{}", named.clone().unwrap_or_else(default))
+    }
+
+    fn true_parameters(&self, system: &System) -> Vec<TrueParameter> {
+        let value = |symbol: &str| match self.scene {
+            Some(scene) => scene.truth(system.cell, symbol).or(self.truth.get(symbol).copied()),
+            None => self.truth.get(symbol).copied(),
+        };
+        let symbols = system.cell.parameters.iter().map(|parameter| parameter.name);
+        symbols.filter_map(|name| Some(TrueParameter { name: name.into(), value: value(name)? })).collect()
+    }
+
+    fn check(&self, system: &System) -> Result<()> {
+        let DataTable { train_frames, test_frames, folder, train_file, test_file } = &self.data;
+        let least = system.input_steps + system.pred_steps;
+        for (key, frames) in [("train_frames", *train_frames), ("test_frames", *test_frames)] {
+            ensure!(
+                frames >= least,
+                "data.{key} = {frames}: clips must hold at least input_steps + pred_steps = {least} frames"
+            );
+        }
+        for (key, path) in [("folder", folder), ("train_file", train_file), ("test_file", test_file)] {
+            let Some(path) = path else { continue };
+            let inside = Path::new(path).components().all(|part| matches!(part, std::path::Component::Normal(_)));
+            ensure!(inside && !path.is_empty(), "data.{key} = {path:?}: must lie in the datasets folder");
+        }
+        let symbols: Vec<_> = system.cell.parameters.iter().map(|parameter| parameter.name).collect();
+        for (section, named) in [("truth", &self.truth), ("success.parameters", &self.success.parameters)] {
+            for (symbol, value) in named {
+                ensure!(
+                    symbols.contains(&symbol.as_str()),
+                    "{section}.{symbol}: the equation {:?} has no such parameter; it has {symbols:?}",
+                    system.cell.name
+                );
+                ensure!(value.is_finite() && *value > 0.0, "{section}.{symbol} = {value}: must be a positive number");
+            }
+        }
+        for symbol in self.truth.keys() {
+            let of_scene = self.scene.and_then(|scene| scene.truth(system.cell, symbol));
+            ensure!(of_scene.is_none(), "truth.{symbol}: the scene says it already; leave it out here");
+        }
+        for (key, rate) in [("base_lr", self.training.base_lr), ("alpha", self.training.alpha)] {
+            ensure!(rate.is_finite() && rate >= 0.0, "training.{key} = {rate}: must be 0 or a positive number");
+        }
+        Ok(())
+    }
+}
+
+fn check_name(name: &str) -> Result<()> {
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
+    ensure!(
+        !name.is_empty() && name.len() <= 64 && name.chars().all(plain) && !name.starts_with('-'),
+        "task name {name:?}: 1 to 64 of a-z, 0-9, _ and -"
+    );
+    Ok(())
+}
+
+/// A task by what stands behind `--task`: the name of a built-in one, or the path of a file that ends in `.toml`.
 ///
 /// # Errors
-/// An unknown key, with the list of those there are.
-pub fn find(key: &str) -> Result<&'static Task> {
-    TASKS.iter().find(|task| task.key == key).ok_or_else(|| anyhow!("unknown task {key:?}; the tasks are {}", keys()))
-}
-
-/// Test losses of the paper (its ablation table, row "joint training").
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PaperLosses {
-    pub reconstruction: f64,
-    pub prediction: f64,
-}
-
-/// The paper does not name the system of that row; others who reran the code read it as `spring_color`.
-pub const PAPER_SPRING_LOSSES: PaperLosses = PaperLosses { reconstruction: 0.63, prediction: 1.39 };
-
-/// What the paper reports for a task, if anything.
-pub fn paper_losses(key: &str) -> Option<PaperLosses> {
-    (key == "spring_color").then_some(PAPER_SPRING_LOSSES)
+/// An unknown name, with the list of those there are; a file that cannot be read, is no task, or takes the name of a
+/// built-in one.
+pub fn find(name_or_file: &str) -> Result<Task> {
+    if !name_or_file.ends_with(".toml") {
+        return builtin(name_or_file).ok_or_else(|| {
+            anyhow!("unknown task {name_or_file:?}; give the path of a task file (.toml), or one of {}", names())
+        });
+    }
+    let read = || {
+        let task = Task::from_toml(&std::fs::read_to_string(name_or_file)?)?;
+        let taken = builtin(&task.name).is_some_and(|other| other != task);
+        ensure!(!taken, "task name {:?} is that of a built-in task; choose another", task.name);
+        Ok(task)
+    };
+    read().with_context(|| format!("task file {name_or_file}"))
 }

@@ -1,27 +1,51 @@
-//! What a dataset shows: the motion, and how the moving things look. Pure data, used by the task table.
+//! What a made-up video shows: how its objects move, and how they look. Pure data, part of a task file.
+
+use anyhow::{Result, bail, ensure};
+use serde::{Deserialize, Serialize};
+
+use crate::network::System;
+use crate::network::cells::{CellKind, Coordinates};
+
+/// Half the width of a digit, pixels: 28 px MNIST images cut to 22.
+pub const DIGIT_RADIUS: f64 = 11.0;
+/// The frame shows a pendulum's lengths up to this to each side of the hub, in its unit of length.
+pub const BAR_VIEW: f64 = 2.2;
+/// Half a pendulum's width, by which its rounded ends also reach beyond its length.
+pub const BAR_HALF_WIDTH: f64 = 0.1;
+/// Distance of a digit's centre from a wall at which it touches, pixels: its sprite may hang over the border.
+const DIGIT_WALL_MARGIN: f64 = 2.0;
+/// Colours of balls in frames of three channels: the original's three, then mixtures of two of them.
+const COLOURS: [[f64; 3]; 6] =
+    [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]];
+/// Time between two frames that the authors' file names leave out.
+const UNNAMED_DT: f64 = 0.3;
 
 /// How the objects of a scene move.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "law", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Motion {
     /// Straight lines and elastic walls; the balls pass through each other.
-    Bouncing,
+    Bouncing {},
     /// Two bodies of unit mass, `F = k (|d| - 2 equil)` along their separation d.
     Spring {
         k: f64,
         /// Half the rest length, pixels: the original's `equil`, the paper's l.
         equil: f64,
         /// Keep both balls in one half of the image during input and prediction.
+        #[serde(default)]
         half_pane: bool,
         /// Each body is also held back by a force of `damping` times its velocity.
+        #[serde(default)]
         damping: f64,
     },
     /// Three bodies of mass m, `F = g m^2 / d^2` for each pair.
     ThreeBodies { g: f64, m: f64 },
-    /// One ball in a uniform field of gravity.
+    /// Balls in a uniform field of gravity.
     Falling {
         /// Pixels per squared time unit, downwards.
         g: f64,
-        /// Elastic walls on all sides; without them clips in which the ball touches a wall are thrown away.
+        /// Elastic walls on all sides; without them clips in which a ball touches a wall are thrown away.
+        #[serde(default)]
         bounces: bool,
     },
     /// A rod that turns about its end, `3 g / (2 length) sin(angle) + 3 a u / (m length^2)` being its angular
@@ -39,6 +63,15 @@ pub enum Motion {
         /// Largest initial angular speed, radians per time unit.
         spin: f64,
     },
+}
+
+/// The number of a scene that is the model's parameter of this symbol.
+pub fn number_of(symbol: &str) -> &str {
+    match symbol {
+        "l" => "equil",
+        "c" => "damping",
+        same => same,
+    }
 }
 
 impl Motion {
@@ -59,16 +92,41 @@ impl Motion {
         }
     }
 
-    /// Numbers that place one object: x and y, or an angle.
-    pub fn coordinates(self) -> usize {
-        if matches!(self, Self::Pendulum { .. }) { 1 } else { 2 }
+    /// The objects it is about; none if any number will do.
+    fn objects(self) -> Option<usize> {
+        match self {
+            Self::Bouncing {} | Self::Falling { .. } => None,
+            Self::Spring { .. } => Some(2),
+            Self::ThreeBodies { .. } => Some(3),
+            Self::Pendulum { .. } => Some(1),
+        }
+    }
+
+    /// How its objects' places are given.
+    pub fn coordinates(self) -> Coordinates {
+        if matches!(self, Self::Pendulum { .. }) { Coordinates::Angle } else { Coordinates::Position }
+    }
+
+    /// Whether the objects move by this equation, so that its parameters are numbers of the motion.
+    fn follows(self, equation: &CellKind) -> bool {
+        match (self, equation.name) {
+            (Self::Bouncing {}, "bouncing") | (Self::Spring { .. }, "damped_spring") => true,
+            (Self::Spring { damping, .. }, "spring") => damping == 0.0,
+            (Self::ThreeBodies { .. }, "gravity") => true,
+            (Self::Falling { bounces, .. }, "falling") => !bounces,
+            (Self::Falling { bounces, .. }, "falling_bouncing") => bounces,
+            // The equation takes mass and length as 1.
+            (Self::Pendulum { m, length, .. }, "pendulum") => m == 1.0 && length == 1.0,
+            _ => false,
+        }
     }
 }
 
 /// What is drawn at the objects' positions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Look {
-    /// Filled discs on black, object j in channel 2 - j; white where there is one channel only.
+    /// Filled discs on black, of the colours [`colour`]; white where there is one channel only.
     Balls,
     /// MNIST digits, digit j in channel j, over a darkened CIFAR-10 image.
     Digits,
@@ -76,19 +134,18 @@ pub enum Look {
     Bar,
 }
 
-/// A system as the generator sees it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scene {
-    pub motion: Motion,
-    /// Amplitudes of the initial velocity, pixels per time unit; 0 for a bar, whose motion has a spin instead.
-    pub speed: [f64; 2],
-    /// Radius of an object, pixels (used for drawing balls and for walls); 0 for a bar.
-    pub radius: f64,
-    pub look: Look,
+/// Colour of ball `object` in frames of this many channels, 0 to 1: ball j shines in channel 2 - j, as in the original,
+/// later ones in two channels; white where there is one channel. None for more balls than there are colours.
+pub fn colour(object: usize, channels: usize) -> Option<Vec<f64>> {
+    match channels {
+        1 => Some(vec![1.0]),
+        _ => COLOURS.get(object).map(|colour| colour.to_vec()),
+    }
 }
 
 /// What lies behind the objects.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Background {
     /// Black; white behind a bar.
     Plain,
@@ -99,8 +156,111 @@ pub enum Background {
 }
 
 impl Look {
-    /// What lies behind the objects in the task table's scenes.
+    /// What lies behind the objects if nothing else is asked for.
     pub fn background(self) -> Background {
         if self == Self::Digits { Background::Cifar } else { Background::Plain }
+    }
+}
+
+/// A system as the generator sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    pub motion: Motion,
+    /// Amplitudes of the initial velocity, pixels per time unit; 0 for a bar, whose motion has a spin instead.
+    #[serde(default)]
+    pub speed: [f64; 2],
+    /// Radius of an object, pixels (used for drawing balls and for walls); 0 for a bar.
+    #[serde(default)]
+    pub radius: f64,
+    pub look: Look,
+}
+
+impl Scene {
+    /// Distance of an object's centre from a wall at which it touches, pixels.
+    pub fn wall_margin(&self) -> f64 {
+        match self.look {
+            Look::Balls | Look::Bar => self.radius,
+            Look::Digits => DIGIT_WALL_MARGIN,
+        }
+    }
+
+    /// The authors' name, without folder and ending, for a file with clips of `frames` frames, `dt` apart.
+    pub fn file_stem(&self, dt: f64, frames: usize) -> String {
+        let [vx, vy] = self.speed;
+        let mut name = match (self.motion, self.look) {
+            (Motion::Bouncing {}, _) => "color_bounce",
+            (Motion::Spring { .. }, Look::Digits) => "color_mnist_spring",
+            (Motion::Spring { .. }, _) => "color_spring",
+            (Motion::ThreeBodies { .. }, _) => "color_3bp",
+            (Motion::Falling { bounces: false, .. }, _) => "falling_ball",
+            (Motion::Falling { bounces: true, .. }, _) => "falling_bouncing_ball",
+            (Motion::Pendulum { .. }, _) => "color_pendulum",
+        }
+        .to_owned();
+        name += &match self.look {
+            Look::Bar => format!("_sl{frames}"),
+            _ => format!("_vx{vx}_vy{vy}_sl{frames}_r{}", self.wall_margin()),
+        };
+        match self.motion {
+            Motion::Bouncing {} => {}
+            Motion::Spring { k, equil, .. } => name += &format!("_k{k}_e{equil}"),
+            Motion::ThreeBodies { g, m } => name += &format!("_g{g}_m{m}"),
+            Motion::Falling { g, .. } => name += &format!("_g{g}"),
+            Motion::Pendulum { g, m, length, a, torque, .. } => {
+                name += &format!("_g{g}_m{m}_l{length}_a{a}_u{torque}");
+            }
+        }
+        if dt != UNNAMED_DT {
+            name += &format!("_dt{}", dt.to_string().replace('.', ""));
+        }
+        if let Motion::Spring { half_pane: true, .. } = self.motion {
+            name += "_halfpane";
+        }
+        name
+    }
+
+    /// The value of an equation's parameter in these clips, if they follow that equation.
+    pub fn truth(&self, equation: &CellKind, symbol: &str) -> Option<f64> {
+        let mut motion = self.motion;
+        if motion.follows(equation) { motion.number(number_of(symbol)).map(|value| *value) } else { None }
+    }
+
+    /// # Errors
+    /// A motion that is not about the system's objects or coordinates, or a look that cannot be drawn in its frames.
+    pub fn check(&self, system: &System) -> Result<()> {
+        let &System { objects, channels, cell, .. } = system;
+        if let Some(of_motion) = self.motion.objects() {
+            ensure!(objects == of_motion, "this motion has {of_motion} objects, the system {objects}");
+        }
+        ensure!(
+            self.motion.coordinates() == cell.coordinates,
+            "the equation {:?} is about {}, this motion is not",
+            cell.name,
+            match cell.coordinates {
+                Coordinates::Position => "positions",
+                Coordinates::Angle => "an angle",
+            }
+        );
+        ensure!(
+            cell.actions == matches!(self.motion, Motion::Pendulum { .. }),
+            "the equation {:?} and this motion differ in whether something acts from outside",
+            cell.name
+        );
+        ensure!(
+            self.radius.is_finite() && self.radius >= 0.0 && self.speed.iter().all(|v| v.is_finite() && *v >= 0.0),
+            "radius {} and speed {:?} must not be negative",
+            self.radius,
+            self.speed
+        );
+        match self.look {
+            Look::Digits if objects != 2 || channels != 3 => bail!("digits are two, in frames of 3 channels"),
+            Look::Bar if cell.coordinates != Coordinates::Angle => bail!("a bar is drawn at the angle of a pendulum"),
+            Look::Balls if colour(objects - 1, channels).is_none() => {
+                bail!("{objects} balls: there are colours for {} only", COLOURS.len())
+            }
+            Look::Bar if channels != 3 => bail!("a bar is drawn in frames of 3 channels"),
+            Look::Balls | Look::Digits | Look::Bar => Ok(()),
+        }
     }
 }

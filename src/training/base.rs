@@ -1,348 +1,211 @@
-//! The training and evaluation loops.
+//! The training loop.
 //!
-//! Original: `nn/network/base.py`, class `BaseNet` (`train`, `eval`). A [`Trainer`] takes a model through the phases of
-//! its recipe, writes the logs and checkpoints, and can stop and go on between any two steps.
+//! Original: `nn/network/base.py`, class `BaseNet` (`train`). A [`Session`] descends the loss of a phase, tells its
+//! observers what happens, and can stop and go on between any two steps.
 
+use std::fmt::{self, Debug};
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail, ensure};
-use serde_json::{Value, json};
+use anyhow::{Result, bail, ensure};
 use tch::Tensor;
 
-use super::phases::{self, GradientPhase, Phase, StepLoss};
-use super::{discover, identify, join, recentre, velocity_fit};
-use crate::cli::interrupt;
-use crate::cli::progress::Progress;
+use super::objective::{Objective, StepLoss};
+use super::observer::{Event, Observer};
+use super::optimizers::{Optimizer, OptimizerKind};
 use crate::datasets::iterators::Clips;
-use crate::network::cells::{Actions, Coordinates};
+use crate::evaluation;
 use crate::network::physics_models::PhysicsNet;
-use crate::network::physics_models::losses::{LossAccumulator, Losses, MeanLosses};
-use crate::runs::checkpoint::{self, RunState};
-use crate::runs::folder::RunFolder;
-use crate::say;
-use crate::support::device::COMMIT;
-use crate::training::config::Config;
-use crate::training::optimizers::{Optimizer, Rule};
+use crate::runs::checkpoint::{self, RunState, Slots, Store};
+use crate::runs::metrics::{Kind, Record};
 
-/// Scores the first `limit` clips of a split, `batch` at a time. The whole clips are predicted.
-///
-/// # Errors
-/// Clips shorter than L + T_pred.
-pub fn evaluate(model: &PhysicsNet, clips: &Clips, limit: usize, batch: usize) -> Result<MeanLosses> {
-    let _guard = tch::no_grad_guard();
-    let mut means = LossAccumulator::default();
-    let all: Vec<i64> = (0..clips.len().min(limit) as i64).collect();
-    for chosen in all.chunks(batch) {
-        let frames = clips.batch(chosen, clips.time());
-        let pass = model.forward(&frames, &clips.actions(chosen))?;
-        means.add(&Losses::new(&pass, &frames, &model.task), chosen.len());
-    }
-    Ok(means.values())
-}
-
-/// Frames on which the positions are re-centred.
-const RECENTRE_FRAMES: usize = 1000;
-
-/// How a training ended.
+/// How a training or a phase ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     Finished,
-    /// Asked to stop by a signal; saved, ready to resume.
+    /// Asked to stop; saved, ready to resume.
     Interrupted,
 }
 
-/// A model in training.
-#[derive(Debug)]
-pub struct Trainer<'a> {
-    config: &'a Config,
-    pub model: &'a PhysicsNet,
-    train: &'a Clips,
-    valid: &'a Clips,
-    folder: &'a mut RunFolder,
-    pub state: RunState,
-    /// Start of the time that is not yet in `state.seconds`.
-    clock: Instant,
+/// How often something is done, in steps of a phase.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Intervals {
+    pub print: u64,
+    pub checkpoint: u64,
 }
 
-impl<'a> Trainer<'a> {
-    /// A training that starts from the beginning.
-    ///
-    /// # Errors
-    /// A parameter in `start` that the model lacks.
-    pub fn new(
-        config: &'a Config,
-        model: &'a PhysicsNet,
-        train: &'a Clips,
-        valid: &'a Clips,
-        folder: &'a mut RunFolder,
-    ) -> Result<Self> {
-        for (symbol, value) in &config.start {
-            let parameter = model.learned().find(|p| p.kind.name == symbol);
-            let parameter = parameter.with_context(|| format!("start.{symbol}: the model learns no such parameter"))?;
-            model.set_log(parameter, (value / model.true_unit(parameter.kind)).ln());
-        }
-        let state = RunState::new(model.task.key);
-        Ok(Trainer { config, model, train, valid, folder, state, clock: Instant::now() })
+/// The clips on which a model is validated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Validation {
+    /// At most so many.
+    pub clips: usize,
+    /// In one pass.
+    pub batch: usize,
+}
+
+/// A model in training, and where the training stands.
+pub struct Session<'a> {
+    pub model: &'a PhysicsNet,
+    pub train: &'a Clips,
+    pub valid: &'a Clips,
+    /// Of all random numbers.
+    pub seed: u64,
+    pub validation: Validation,
+    pub(super) intervals: Intervals,
+    /// The phase at hand is the last one: the weights of its best score are kept.
+    pub(super) last_phase: bool,
+    pub state: RunState,
+    /// Where checkpoints go; without one nothing is saved.
+    pub(super) store: Option<Store>,
+    pub(super) observers: Vec<&'a mut dyn Observer>,
+    pub(super) stop: Box<dyn Fn() -> bool + 'a>,
+    /// Of the optimizer at the checkpoint that the training goes on from.
+    pub(super) slots: Option<Slots>,
+    /// Start of the time that is not yet in `state.seconds`.
+    pub(super) clock: Instant,
+}
+
+impl Debug for Session<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("Session").field("state", &self.state).finish_non_exhaustive()
+    }
+}
+
+impl Session<'_> {
+    /// Restores the last checkpoint, if there is any.
+    pub(super) fn load_last(&mut self) -> Result<()> {
+        let Some(store) = &self.store else { return Ok(()) };
+        let Some(loaded) = store.load(self.model, &self.state.task)? else { return Ok(()) };
+        self.state = loaded.state;
+        self.slots = (!loaded.slots.is_empty()).then_some(loaded.slots);
+        self.tell(&Event::Resumed { steps: self.state.steps, checkpoint: &loaded.name })
     }
 
-    /// Goes through the phases that are left, from the last checkpoint if there is one.
-    ///
-    /// # Errors
-    /// A loss that is not a number, a full disk, a damaged checkpoint.
-    pub fn run(&mut self) -> Result<Outcome> {
-        let mut slots = self.load_last()?;
-        for (place, phase) in phases::phases(self.config).into_iter().enumerate() {
-            if place < self.state.phase {
-                continue;
-            }
-            if self.state.commits.last().is_none_or(|last| last != COMMIT) {
-                self.state.commits.push(COMMIT.into());
-            }
-            let (name, outcome) = match phase {
-                Phase::Discover => {
-                    let config = self.config.discover.as_ref().expect("the phase is in the recipe");
-                    let seed = self.config.seed;
-                    let mut phase = discover::Discovery::new(config, self.model, self.train, self.valid, seed);
-                    ("discover", self.descend(&mut phase, config.optimizer, config.clip, slots.take())?)
-                }
-                Phase::Identify => ("identify", self.identify()?),
-                Phase::Join => {
-                    let config = &self.config.join;
-                    let mut phase = join::Joint::new(config, self.train, self.config.seed)?;
-                    ("join", self.descend(&mut phase, config.optimizer, config.clip, slots.take())?)
-                }
-            };
-            if outcome == Outcome::Interrupted {
-                return Ok(outcome);
-            }
-            // What earlier phases took is known; the rest, stops and all, is this one's.
-            let earlier: f64 = self.state.phase_seconds.iter().map(|(_, seconds)| seconds).sum();
-            self.state.phase_seconds.push((name.into(), self.elapsed() - earlier));
-            self.state.phase += 1;
-            self.state.step = 0;
-            self.state.validations.clear();
-            self.save(&[])?;
-        }
-        Ok(Outcome::Finished)
+    /// Tells all observers.
+    pub(super) fn tell(&mut self, event: &Event) -> Result<()> {
+        self.observers.iter_mut().try_for_each(|observer| observer.observe(event))
     }
 
-    /// Restores the last checkpoint, if any; returns the optimizer's slots.
-    fn load_last(&mut self) -> Result<Option<Vec<(String, Tensor)>>> {
-        let folder = self.folder.checkpoints();
-        let Some(index) = checkpoint::read_index(&folder)? else {
-            self.folder.truncate(0, 0)?;
-            return Ok(None);
-        };
-        let (state, slots) = checkpoint::load(&folder.join(&index.last), self.model)?;
-        self.folder.truncate(state.log_bytes, state.metrics_bytes)?;
-        say!("resuming after step {} ({})", state.steps, index.last);
-        self.state = state;
-        Ok((!slots.is_empty()).then_some(slots))
-    }
-
-    fn elapsed(&self) -> f64 {
+    /// Seconds of computing so far.
+    pub(super) fn elapsed(&self) -> f64 {
         self.state.seconds + self.clock.elapsed().as_secs_f64()
     }
 
-    fn save(&mut self, slots: &[(String, Tensor)]) -> Result<()> {
-        (self.state.log_bytes, self.state.metrics_bytes) = self.folder.lengths()?;
+    pub(super) fn save(&mut self, slots: &[(String, Tensor)]) -> Result<()> {
         self.state.seconds = self.elapsed();
         self.clock = Instant::now();
-        checkpoint::save(&self.folder.checkpoints(), self.model, slots, &self.state)
+        let Some(store) = &self.store else { return Ok(()) };
+        store.save(self.model, slots, &mut self.state)?;
+        self.tell(&Event::Checkpoint { steps: self.state.steps })
     }
 
-    /// The gradient descent of one phase.
-    fn descend(
+    /// Descends a phase's loss to its end, `rule` on gradients clipped to +- `clip_gradients` (0: not clipped).
+    pub(super) fn train_phase(
         &mut self,
-        phase: &mut dyn GradientPhase,
-        rule: Rule,
-        clip: f64,
-        slots: Option<Vec<(String, Tensor)>>,
+        phase: &'static str,
+        objective: &mut dyn Objective,
+        rule: OptimizerKind,
+        clip_gradients: f64,
     ) -> Result<Outcome> {
         let variables = self.model.named_variables();
-        if self.state.step == 0 {
-            phase.begin(self.model)?;
-        }
-        let mut optimizer = Optimizer::new(rule, (clip > 0.0).then_some(clip), &variables);
-        if let Some(slots) = slots {
+        let mut optimizer = Optimizer::new(rule, (clip_gradients > 0.0).then_some(clip_gradients), &variables);
+        if let Some(slots) = self.slots.take() {
             optimizer.restore(self.state.step, slots)?;
         }
-        let progress = Progress::new(phase.name(), phase.timetable().max_steps(), self.state.step);
+        self.tell(&Event::PhaseBegins { phase, done: self.state.step, of: objective.timetable().max_steps() })?;
         // As in the original, a validation stands before the first step and after every so many.
         if self.state.step == 0 {
-            self.validate(phase, &progress)?;
+            self.validate(phase, objective)?;
         }
-        while !phase.timetable().finished(self.state.step, &self.state.validations) {
+        let mut outcome = Outcome::Finished;
+        while !objective.timetable().finished(self.state.step, &self.state.validations) {
             let step = self.state.step;
-            let loss = phase.loss(self.model, step)?;
+            let loss = objective.loss(self.model, step)?;
             let value = loss.total.double_value(&[]);
             if !value.is_finite() {
-                bail!("{}: {}", phase.name(), self.not_finite(&loss, &variables));
+                bail!("{phase}: {}", self.not_finite(&loss, &variables));
             }
             loss.total.backward();
-            let factor = phase.timetable().factor(step, &self.state.validations);
-            optimizer.step(&variables, |name| phase.learning_rate(name) * factor);
+            let factor = objective.timetable().factor(step, &self.state.validations);
+            optimizer.step(&variables, |name| objective.learning_rate(self.model.group(name)) * factor);
             self.state.step += 1;
             self.state.steps += 1;
-            progress.step(|| format!("loss {value:.3} {}", self.parameters_text()));
-            if self.state.step.is_multiple_of(self.config.output.print_every) {
-                self.print(phase, &progress, value, &loss)?;
+            self.tell(&Event::Step { loss: value, model: self.model })?;
+            if self.state.step.is_multiple_of(self.intervals.print) {
+                self.record_step(phase, value, &loss)?;
             }
-            if self.state.step.is_multiple_of(phase.timetable().validate_every()) {
-                self.validate(phase, &progress)?;
+            if self.state.step.is_multiple_of(objective.timetable().validate_every()) {
+                self.validate(phase, objective)?;
             }
-            let stop = interrupt::asked();
-            if stop || self.state.step.is_multiple_of(self.config.output.checkpoint_every) {
+            let stop = (self.stop)();
+            if stop || self.state.step.is_multiple_of(self.intervals.checkpoint) {
                 self.save(&optimizer.slots())?;
             }
             if stop {
-                progress.finish();
-                return Ok(Outcome::Interrupted);
+                outcome = Outcome::Interrupted;
+                break;
             }
         }
-        progress.finish();
-        Ok(Outcome::Finished)
+        self.tell(&Event::PhaseEnds { phase })?;
+        Ok(outcome)
     }
 
-    /// A line of the log in the original's form, and a record.
-    fn print(&mut self, phase: &dyn GradientPhase, progress: &Progress, value: f64, loss: &StepLoss) -> Result<()> {
-        let steps = self.state.steps;
-        let line = format!("train - iter={steps} train_loss={value:.4} {}", self.parameters_text());
-        let line = line.trim_end();
-        progress.line(&format!("{:>9} {line} ({:.0} s)", phase.name(), self.elapsed()));
-        self.folder.log(line)?;
-        let mut record = json!({"kind": "train", "phase": phase.name(), "step": steps, "train_loss": value});
-        for (name, part) in &loss.parts {
-            record[*name] = part.double_value(&[]).into();
+    /// A record of this moment with the physical parameters.
+    pub(super) fn record(&self, kind: Kind, phase: &str) -> Record {
+        let parameters = self.model.parameter_values().into_iter().map(|(name, value)| (name.to_string(), value));
+        Record {
+            seconds: Some(self.elapsed()),
+            parameters: parameters.collect(),
+            ..Record::new(kind, phase, self.state.steps)
         }
-        self.add_parameters(&mut record);
-        record["seconds"] = self.elapsed().into();
-        self.folder.record(&record)
     }
 
-    /// Scores the model on the validation split.
-    fn validate(&mut self, phase: &dyn GradientPhase, progress: &Progress) -> Result<()> {
-        let clips = self.config.join.validation_clips;
-        let scores = evaluate(self.model, self.valid, clips, self.config.join.batch)?;
-        let score = phase.score(self.model, &scores);
-        ensure!(
-            score.is_finite(),
-            "{}: the validation score is not finite after step {}",
-            phase.name(),
-            self.state.steps
-        );
-        let steps_per_epoch = (self.train.len() / self.config.join.batch).max(1) as u64;
-        let line = format!(
-            "valid - epoch={} eval_extrap_loss={:.4} eval_pred_loss={:.4} eval_recons_loss={:.4}",
-            self.state.steps / steps_per_epoch,
-            scores.extrap_loss.unwrap_or(f64::NAN),
-            scores.pred_loss,
-            scores.recons_loss
-        );
-        progress.line(&format!("{:>9} {line}", phase.name()));
-        self.folder.log(&line)?;
-        let mut record = json!({
-            "kind": "valid", "phase": phase.name(), "step": self.state.steps, "score": score,
-            "recons_loss": scores.recons_loss, "pred_loss": scores.pred_loss, "extrap_loss": scores.extrap_loss,
-            "seconds": self.elapsed(),
-        });
-        self.add_parameters(&mut record);
-        self.folder.record(&record)?;
+    fn record_step(&mut self, phase: &str, value: f64, loss: &StepLoss) -> Result<()> {
+        let record = Record {
+            train_loss: Some(value),
+            recons_loss: Some(loss.reconstruction.double_value(&[])),
+            pred_loss: loss.prediction.as_ref().map(|loss| loss.double_value(&[])),
+            ..self.record(Kind::Train, phase)
+        };
+        self.tell(&Event::Recorded(&record))
+    }
+
+    /// Scores the model on the validation split; keeps the weights of the last phase's best score.
+    fn validate(&mut self, phase: &str, objective: &dyn Objective) -> Result<()> {
+        let Validation { clips, batch } = self.validation;
+        let losses = evaluation::mean_losses(self.model, self.valid, clips, batch)?;
+        let score = objective.score(self.model, &losses);
+        ensure!(score.is_finite(), "{phase}: the validation score is not finite after step {}", self.state.steps);
+        let steps_per_epoch = (self.train.len() / batch).max(1) as u64;
+        let record = Record {
+            epoch: Some(self.state.steps / steps_per_epoch),
+            score: Some(score),
+            recons_loss: Some(losses.recons_loss),
+            pred_loss: Some(losses.pred_loss),
+            extrap_loss: losses.extrap_loss,
+            ..self.record(Kind::Valid, phase)
+        };
+        self.tell(&Event::Recorded(&record))?;
+        let best = self.state.validations.iter().all(|&before| score < before);
+        if let Some(store) = self.store.as_ref().filter(|_| self.last_phase && best) {
+            store.save_best(self.model)?;
+        }
         self.state.validations.push(score);
         Ok(())
     }
 
-    /// Adds the physical parameters to a record, by symbol.
-    fn add_parameters(&self, record: &mut Value) {
-        for (name, value) in self.model.parameter_values() {
-            record[name] = value.into();
-        }
-    }
-
-    fn parameters_text(&self) -> String {
-        let values = self.model.parameter_values();
-        values.iter().map(|(name, value)| format!("{name}={value:.3}")).collect::<Vec<_>>().join(" ")
-    }
-
     /// Says which tensor first went wrong.
     fn not_finite(&self, loss: &StepLoss, variables: &[(String, Tensor)]) -> String {
-        let step = self.state.steps + 1;
         let variable = variables.iter().find(|(_, variable)| !checkpoint::is_finite(variable));
-        let part = loss.parts.iter().find(|(_, part)| !checkpoint::is_finite(part));
+        let parts = [("recons_loss", Some(&loss.reconstruction)), ("pred_loss", loss.prediction.as_ref())];
+        let part = parts.into_iter().find(|(_, part)| part.is_some_and(|part| !checkpoint::is_finite(part)));
         let culprit = match (variable, part) {
             (Some((name, _)), _) => format!("variable {name}"),
-            (None, Some((name, _))) => (*name).to_string(),
+            (None, Some((name, _))) => name.to_string(),
             (None, None) => "the total loss".to_string(),
         };
         format!(
-            "{culprit} is not finite at step {step}; begin again in another folder (--out) with a lower learning rate"
+            "{culprit} is not finite at step {}; begin again in another folder (--out) with a lower learning rate",
+            self.state.steps + 1
         )
-    }
-
-    /// Fits the physical parameters to encoded trajectories, and re-centres the templates.
-    fn identify(&mut self) -> Result<Outcome> {
-        let config = self.config.identify.as_ref().expect("the phase is in the recipe");
-        if self.model.learned().next().is_none() && config.velocity_steps == 0 {
-            return Ok(Outcome::Finished);
-        }
-        let (positions, actions) = self.encode_clips(config.clips)?;
-        let fit = identify::fit(config, &self.model.task, &positions, &actions, &self.model.parameters)?;
-        for (parameter, log) in self.model.parameters.iter().zip(&fit.logs).filter(|(parameter, _)| parameter.learned) {
-            self.model.set_log(parameter, *log);
-        }
-        let recentred = self.recentre(config.recentre_above, &fit.offsets)?;
-        self.say(&format!(
-            "identify - residual={:.4} {} iterations={} offsets={:.3?} {}",
-            fit.residual,
-            self.model.task.cell.coordinates.unit(),
-            fit.iterations,
-            fit.offsets,
-            self.parameters_text()
-        ))?;
-        let mut record = json!({
-            "kind": "identify", "phase": "identify", "step": self.state.steps, "residual": fit.residual,
-            "iterations": fit.iterations, "offsets": fit.offsets, "recentred": recentred, "seconds": self.elapsed(),
-        });
-        self.add_parameters(&mut record);
-        if config.velocity_steps > 0 {
-            let (frames, steps) = (self.train.time(), config.velocity_steps);
-            let left = velocity_fit::fit(self.model, &fit.states, &actions, frames, steps)?;
-            let unit = self.model.task.cell.coordinates.unit();
-            self.say(&format!("velocity - residual={left:.4} {unit} per time unit"))?;
-            record["velocity_residual"] = left.into();
-        }
-        self.folder.record(&record)?;
-        Ok(Outcome::Finished)
-    }
-
-    /// Takes the offsets off templates and positions if the largest is above `least` pixels (0: never); whether it did.
-    fn recentre(&mut self, least: f64, offsets: &[f64]) -> Result<bool> {
-        let largest = offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
-        // An angle is tied to where the rod is seen, which leaves little of an offset.
-        let positions = self.model.task.cell.coordinates == Coordinates::Position;
-        if !positions || least <= 0.0 || largest <= least {
-            return Ok(false);
-        }
-        let frames = self.train.random_frames(RECENTRE_FRAMES, self.config.seed, self.state.steps);
-        let left = recentre::recentre(self.model, &frames, offsets)?;
-        self.say(&format!("recentre - largest offset {largest:.3} px, {left:.4} px left"))?;
-        Ok(true)
-    }
-
-    /// Prints a line and logs it.
-    fn say(&mut self, line: &str) -> Result<()> {
-        say!("{line}");
-        self.folder.log(line)
-    }
-
-    /// Encoded positions of the first `count` training clips, `[clips, time, coordinates * objects]`, and what acts on them.
-    fn encode_clips(&self, count: usize) -> Result<(Tensor, Actions)> {
-        let _guard = tch::no_grad_guard();
-        let chosen: Vec<i64> = (0..self.train.len().min(count) as i64).collect();
-        let encoded: Vec<Tensor> = chosen
-            .chunks(self.config.join.batch)
-            .map(|chosen| self.model.encode(&self.train.batch(chosen, self.train.time())).1)
-            .collect();
-        Ok((Tensor::cat(&encoded, 0), self.train.actions(&chosen)))
     }
 }

@@ -1,22 +1,94 @@
 //! Phase 3, join: encoder, physics and decoder trained together, `L_pred + alpha L_rec`.
 //!
-//! With `latent` and `velocity` at 0 and no refinement this is the original's whole training (paper: section 3.4). The
+//! With `position_consistency` and `velocity_consistency` at 0 and no refinement this is the original's whole training (paper: section 3.4). The
 //! two extra terms pull the roll-out to the encoded (detached) positions and the velocity estimator to the refined
 //! velocities.
 
-use anyhow::Result;
+use anyhow::{Context, Result, ensure};
+use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
-use super::phases::{GradientPhase, StepLoss};
-use super::schedule::Timetable;
+use super::base::{Outcome, Session};
+use super::objective::{Objective, StepLoss};
+use super::optimizers::OptimizerKind;
+use super::phase::Phase;
+use super::ranges::{at_least_one, not_negative};
+use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::network::physics_models::losses::{Losses, MeanLosses, latent_error};
-use crate::network::physics_models::{ForwardPass, PhysicsNet};
-use crate::training::config::Join;
+use crate::network::physics_models::{ForwardPass, PhysicsNet, VariableGroup};
+
+/// The phase's config.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Join {
+    pub optimizer: OptimizerKind,
+    /// Rate of the networks; the task's `base_lr` by default.
+    pub learning_rate: f64,
+    /// Rate of the physical parameters; that of the networks by default.
+    pub physics_learning_rate: f64,
+    /// Limit of a gradient's elements; 0 is none.
+    pub clip_gradients: f64,
+    /// Weight of L_rec; the task's by default.
+    pub alpha: f64,
+    /// Clips in a step.
+    pub batch: usize,
+    /// Either a number of steps or of passes over the training set.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_steps: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub epochs: Option<u64>,
+    pub schedule: LrSchedule,
+    /// Weight of the smooth-L1 between rolled-out and encoded positions.
+    pub position_consistency: f64,
+    /// Weight of the smooth-L1 between estimated and refined velocities.
+    pub velocity_consistency: f64,
+    /// Clips of the validation split that are scored; all if there are fewer.
+    pub validation_clips: usize,
+}
+
+impl Join {
+    pub(super) fn check(&self) -> Result<()> {
+        ensure!(
+            self.max_steps.is_some() != self.epochs.is_some(),
+            "config: join needs either max_steps or epochs, not both and not neither"
+        );
+        at_least_one("join.batch", self.batch as u64)?;
+        at_least_one("join.validation_clips", self.validation_clips as u64)?;
+        for (key, number) in [
+            ("join.learning_rate", self.learning_rate),
+            ("join.physics_learning_rate", self.physics_learning_rate),
+            ("join.clip_gradients", self.clip_gradients),
+            ("join.alpha", self.alpha),
+            ("join.position_consistency", self.position_consistency),
+            ("join.velocity_consistency", self.velocity_consistency),
+        ] {
+            not_negative(key, number)?;
+        }
+        self.schedule.check().context("config: join.schedule")
+    }
+
+    /// # Errors
+    /// Fewer training clips than a batch.
+    pub fn check_clips(&self, clips: usize) -> Result<()> {
+        ShuffledBatches::new(clips, self.batch, 0).map(drop)
+    }
+}
+
+impl Phase for Join {
+    fn name(&self) -> &'static str {
+        "join"
+    }
+
+    fn run(&self, session: &mut Session) -> Result<Outcome> {
+        let mut joint = Joint::new(self, session.train, session.seed)?;
+        session.train_phase(self.name(), &mut joint, self.optimizer, self.clip_gradients)
+    }
+}
 
 /// The phase's state between steps.
 #[derive(Debug)]
-pub struct Joint<'a> {
+struct Joint<'a> {
     config: &'a Join,
     train: &'a Clips,
     batches: ShuffledBatches,
@@ -26,7 +98,7 @@ pub struct Joint<'a> {
 impl<'a> Joint<'a> {
     /// # Errors
     /// A training split smaller than a batch.
-    pub fn new(config: &'a Join, train: &'a Clips, seed: u64) -> Result<Self> {
+    fn new(config: &'a Join, train: &'a Clips, seed: u64) -> Result<Self> {
         let batches = ShuffledBatches::new(train.len(), config.batch, seed)?;
         let timetable = match (config.max_steps, config.epochs) {
             (Some(steps), _) => Timetable::new(&config.schedule, steps, 1, 0),
@@ -37,46 +109,44 @@ impl<'a> Joint<'a> {
 
     /// The two latent terms of a pass, weighted; none where switched off.
     fn latent_terms(&self, model: &PhysicsNet, pass: &ForwardPass) -> Option<Tensor> {
-        let input = model.task.input_steps as i64;
+        let input = model.system.input_steps as i64;
         let mut terms = Vec::new();
-        if self.config.latent > 0.0 {
+        if self.config.position_consistency > 0.0 {
             let rolled: Vec<_> = pass.states.iter().map(|state| state.pos.shallow_clone()).collect();
-            let encoded = pass.positions.narrow(1, input, model.task.pred_steps as i64);
-            terms.push(latent_error(&Tensor::stack(&rolled, 1), &encoded) * self.config.latent);
+            let encoded = pass.positions.narrow(1, input, model.system.pred_steps as i64);
+            terms.push(latent_error(&Tensor::stack(&rolled, 1), &encoded) * self.config.position_consistency);
         }
-        if self.config.velocity > 0.0 && model.options.refinement_steps > 0 {
+        if self.config.velocity_consistency > 0.0 && model.options.refinement_steps > 0 {
             let estimate = model.velocity.forward(&pass.positions.narrow(1, 0, input).detach());
-            terms.push(latent_error(&estimate, &pass.initial.vel) * self.config.velocity);
+            terms.push(latent_error(&estimate, &pass.initial.vel) * self.config.velocity_consistency);
         }
         terms.into_iter().reduce(|sum, term| sum + term)
     }
 }
 
-impl GradientPhase for Joint<'_> {
-    fn name(&self) -> &'static str {
-        "join"
-    }
-
+impl Objective for Joint<'_> {
     fn timetable(&self) -> &Timetable<'_> {
         &self.timetable
     }
 
     fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
-        let task = &model.task;
+        let system = &model.system;
         let chosen = self.batches.clips_of_step(step);
-        let clips = self.train.batch(chosen, task.input_steps + task.pred_steps);
+        let clips = self.train.batch(chosen, system.input_steps + system.pred_steps);
         let pass = model.forward(&clips, &self.train.actions(chosen))?;
-        let losses = Losses::new(&pass, &clips, task);
+        let losses = Losses::new(&pass, &clips, system);
         let mut total = losses.train(self.config.alpha);
         if let Some(latent) = self.latent_terms(model, &pass) {
             total += latent;
         }
-        Ok(StepLoss { total, parts: vec![("recons_loss", losses.reconstruction), ("pred_loss", losses.prediction)] })
+        Ok(StepLoss { total, reconstruction: losses.reconstruction, prediction: Some(losses.prediction) })
     }
 
-    fn learning_rate(&self, variable: &str) -> f64 {
-        let physical = variable.contains("_cell.");
-        if physical { self.config.physics_learning_rate } else { self.config.learning_rate }
+    fn learning_rate(&self, group: VariableGroup) -> f64 {
+        match group {
+            VariableGroup::Physics => self.config.physics_learning_rate,
+            VariableGroup::Encoder | VariableGroup::Velocity | VariableGroup::Decoder => self.config.learning_rate,
+        }
     }
 
     /// `L_pred + alpha L_rec` on the validation split.

@@ -1,14 +1,20 @@
-//! Training: the loops, the optimizers, the config, the phases.
+//! Training: the loop, the optimizers, the config, and the phases, each in a file with its config.
+//!
+//! Read [`base`] (the loop), then the phases in their order: [`discover`], [`identify`], [`join`]. A [`trainer::Trainer`]
+//! goes through them.
 
-pub mod anchors;
 pub mod base;
 pub mod config;
 pub mod discover;
-pub mod guide;
 pub mod identify;
 pub mod join;
+pub mod layers;
+pub mod objective;
+pub mod observer;
 pub mod optimizers;
-pub mod phases;
-pub mod recentre;
+pub mod phase;
+mod ranges;
+pub mod recorder;
+pub mod saved;
 pub mod schedule;
-pub mod velocity_fit;
+pub mod trainer;

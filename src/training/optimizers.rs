@@ -12,7 +12,7 @@ use tch::Tensor;
 /// Which update rule. The constants are TensorFlow 1's defaults, as the original uses them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Rule {
+pub enum OptimizerKind {
     /// `ms = 0.9 ms + 0.1 g^2` from ms = 1; `w -= lr g / sqrt(ms + 1e-10)`.
     RmsProp,
     /// `w -= lr_t m / (sqrt(v) + 1e-8)` with `lr_t = lr sqrt(1 - 0.999^t) / (1 - 0.9^t)`.
@@ -32,7 +32,7 @@ const MOMENTUM: f64 = 0.9;
 /// An update rule with its slots.
 #[derive(Debug)]
 pub struct Optimizer {
-    rule: Rule,
+    rule: OptimizerKind,
     /// Every element of a gradient is clipped to +- this.
     clip: Option<f64>,
     steps: u64,
@@ -40,21 +40,21 @@ pub struct Optimizer {
     slots: BTreeMap<String, Tensor>,
 }
 
-impl Rule {
+impl OptimizerKind {
     /// Names and initial values of the rule's slots.
     fn slots(self) -> &'static [(&'static str, f64)] {
         match self {
-            Rule::RmsProp => &[("ms", 1.0)],
-            Rule::Adam => &[("m", 0.0), ("v", 0.0)],
-            Rule::Momentum => &[("momentum", 0.0)],
-            Rule::Sgd => &[],
+            OptimizerKind::RmsProp => &[("ms", 1.0)],
+            OptimizerKind::Adam => &[("m", 0.0), ("v", 0.0)],
+            OptimizerKind::Momentum => &[("momentum", 0.0)],
+            OptimizerKind::Sgd => &[],
         }
     }
 }
 
 impl Optimizer {
     /// Slots at their initial values for these variables.
-    pub fn new(rule: Rule, clip: Option<f64>, variables: &[(String, Tensor)]) -> Self {
+    pub fn new(rule: OptimizerKind, clip: Option<f64>, variables: &[(String, Tensor)]) -> Self {
         let _guard = tch::no_grad_guard();
         let mut slots = BTreeMap::new();
         for (name, variable) in variables {
@@ -92,21 +92,21 @@ impl Optimizer {
             self.slots.get(&key).unwrap_or_else(|| panic!("no slot {key}")).shallow_clone()
         };
         match self.rule {
-            Rule::Sgd => {
+            OptimizerKind::Sgd => {
                 let _ = variable.g_sub_(&g.g_mul_scalar_(rate));
             }
-            Rule::Momentum => {
+            OptimizerKind::Momentum => {
                 let mut a = slot("momentum");
                 let _ = a.g_mul_scalar_(MOMENTUM).g_add_(&g);
                 let _ = variable.g_sub_(&(a * rate));
             }
-            Rule::RmsProp => {
+            OptimizerKind::RmsProp => {
                 let mut ms = slot("ms");
                 let _ = ms.lerp_(&g.square(), 1.0 - RMSPROP_DECAY);
                 let root = (ms + RMSPROP_EPSILON).sqrt_();
                 let _ = variable.addcdiv_(&g.g_mul_scalar_(-rate), &root);
             }
-            Rule::Adam => {
+            OptimizerKind::Adam => {
                 let (b1, b2) = ADAM_BETAS;
                 let (mut m, mut v) = (slot("m"), slot("v"));
                 let _ = m.lerp_(&g, 1.0 - b1);

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// The keys of a schedule, the same in every phase that descends a loss.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Schedule {
+pub struct LrSchedule {
     pub validate_every: u64,
     /// Share of the steps after which the rates are divided by `anneal_factor`, at the latest.
     pub anneal_at: f64,
@@ -19,11 +19,11 @@ pub struct Schedule {
     pub patience: usize,
 }
 
-impl Schedule {
+impl LrSchedule {
     /// # Errors
     /// A value out of range.
     pub(crate) fn check(&self) -> Result<()> {
-        let Schedule { validate_every, anneal_at, anneal_factor, plateau, patience } = *self;
+        let LrSchedule { validate_every, anneal_at, anneal_factor, plateau, patience } = *self;
         ensure!(validate_every > 0, "validate_every must be at least 1");
         ensure!((0.0..=1.0).contains(&anneal_at), "anneal_at = {anneal_at}: must lie between 0 and 1 (1: never)");
         ensure!(
@@ -39,7 +39,7 @@ impl Schedule {
 /// A schedule laid out over a number of steps.
 #[derive(Debug)]
 pub struct Timetable<'a> {
-    schedule: &'a Schedule,
+    schedule: &'a LrSchedule,
     max_steps: u64,
     /// The step from which the rates are divided at the latest.
     anneal_from: u64,
@@ -50,7 +50,7 @@ pub struct Timetable<'a> {
 impl<'a> Timetable<'a> {
     /// Over `units` of `steps_per_unit` steps (the original counts epochs, and anneals at the start of a whole one). The
     /// first `ignored` validations do not enter the criterion.
-    pub fn new(schedule: &'a Schedule, units: u64, steps_per_unit: u64, ignored: usize) -> Self {
+    pub fn new(schedule: &'a LrSchedule, units: u64, steps_per_unit: u64, ignored: usize) -> Self {
         let anneal_from = (schedule.anneal_at * units as f64) as u64 * steps_per_unit;
         Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, ignored }
     }
@@ -65,7 +65,7 @@ impl<'a> Timetable<'a> {
 
     /// The step from which the rates are divided, as far as the scores so far tell.
     fn anneal_start(&self, validations: &[f64]) -> u64 {
-        let Schedule { plateau, patience, validate_every, .. } = *self.schedule;
+        let LrSchedule { plateau, patience, validate_every, .. } = *self.schedule;
         if plateau == 0.0 {
             return self.anneal_from;
         }
@@ -97,7 +97,7 @@ fn plateau_at(validations: &[f64], patience: usize, plateau: f64) -> Option<usiz
 
 #[cfg(test)]
 mod tests {
-    use super::{Schedule, Timetable, plateau_at};
+    use super::{LrSchedule, Timetable, plateau_at};
 
     #[test]
     fn a_plateau_is_where_the_recent_scores_stopped_falling() {
@@ -112,7 +112,8 @@ mod tests {
 
     #[test]
     fn the_original_anneals_at_epoch_three_quarters() {
-        let schedule = Schedule { validate_every: 250, anneal_at: 0.75, anneal_factor: 5.0, plateau: 0.0, patience: 0 };
+        let schedule =
+            LrSchedule { validate_every: 250, anneal_at: 0.75, anneal_factor: 5.0, plateau: 0.0, patience: 0 };
         let timetable = Timetable::new(&schedule, 10, 50, 0);
         // int(0.75 * 10) = 7 epochs of 50 steps.
         assert_eq!([349, 350].map(|step| timetable.factor(step, &[1.0; 9])), [1.0, 0.2]);
@@ -121,7 +122,7 @@ mod tests {
 
     #[test]
     fn a_plateau_brings_annealing_and_end_forward() {
-        let schedule = Schedule { validate_every: 10, anneal_at: 0.5, anneal_factor: 5.0, plateau: 0.1, patience: 2 };
+        let schedule = LrSchedule { validate_every: 10, anneal_at: 0.5, anneal_factor: 5.0, plateau: 0.1, patience: 2 };
         let timetable = Timetable::new(&schedule, 200, 1, 1);
         // The first score does not count; the plateau of the rest is seen at their index 2, validation 3, step 30.
         let scores = [0.1, 4.0, 4.0, 4.0];

@@ -4,13 +4,13 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use ndarray::ArrayD;
-use ndarray_npy::NpzWriter;
 use tch::{Device, Kind, Tensor};
 
-use super::outputs::{BATCH, Outputs};
 use crate::datasets::iterators::Clips;
+use crate::datasets::npz;
+use crate::evaluation::BATCH;
+use crate::evaluation::outputs::Outputs;
 use crate::network::physics_models::PhysicsNet;
-use crate::support::atomic;
 
 /// Writes what [`super::write_artifacts`] says of the first `count` clips.
 pub(super) fn write_outputs(path: &Path, outputs: &Outputs, count: usize) -> Result<()> {
@@ -31,7 +31,7 @@ pub(super) fn write_outputs(path: &Path, outputs: &Outputs, count: usize) -> Res
 /// Writes the decoder's and the encoder's layers for the first batch of clips, each frame as it is reconstructed.
 pub(super) fn write_extra_outputs(path: &Path, model: &PhysicsNet, test: &Clips) -> Result<()> {
     let clips: Vec<i64> = (0..test.len().min(BATCH) as i64).collect();
-    let frames = test.batch(&clips, model.task.input_steps + model.task.pred_steps);
+    let frames = test.batch(&clips, model.system.input_steps + model.system.pred_steps);
     let encoding = model.encoder.forward(&frames.flatten(0, 1));
     let sprites = model.decoder.sprites();
     let rendering = model.decoder.forward(&model.coordinates(&encoding));
@@ -51,21 +51,19 @@ pub(super) fn write_extra_outputs(path: &Path, model: &PhysicsNet, test: &Clips)
 }
 
 /// `[.., C, h, w]` to `[.., h, w, C]`.
-fn channels_last(x: &Tensor) -> Tensor {
+pub(super) fn channels_last(x: &Tensor) -> Tensor {
     x.movedim_int(-3, -1)
 }
 
 /// Writes tensors as float32 arrays of a compressed npz.
-pub(crate) fn write(path: &Path, arrays: &[(&str, Tensor)]) -> Result<()> {
-    atomic::write_file(path, |file| {
-        let mut npz = NpzWriter::new_compressed(file);
+pub(super) fn write(path: &Path, arrays: &[(&str, Tensor)]) -> Result<()> {
+    npz::write(path, |npz| {
         for (name, tensor) in arrays {
             let tensor = tensor.to_device(Device::Cpu).to_kind(Kind::Float).contiguous();
             let shape: Vec<usize> = tensor.size().iter().map(|&n| n as usize).collect();
             let array = ArrayD::from_shape_vec(shape, Vec::<f32>::try_from(tensor.flatten(0, -1))?)?;
             npz.add_array(*name, &array).with_context(|| format!("array {name}"))?;
         }
-        npz.finish()?;
         Ok(())
     })
 }

@@ -81,30 +81,22 @@ pub(super) fn drawn<T, E: std::error::Error + Send + Sync>(result: Result<T, Dra
     result.map_err(|error| anyhow!("cannot draw: {error}"))
 }
 
-/// Frames `[n, C, h, w]` in \[0, 1\] (clipped to it) as `n` pictures; one channel becomes grey.
-///
-/// # Errors
-/// A number of channels that is neither 1 nor 3.
-pub(super) fn pictures(frames: &Tensor) -> Result<Vec<RgbImage>> {
+/// Frames `[n, C, h, w]` in \[0, 1\] (clipped to it) as `n` pictures, every pixel `times` as large; one channel becomes grey.
+pub(super) fn pictures(frames: &Tensor, times: u32) -> Result<Vec<RgbImage>> {
     let (count, channels, height, width) = frames.size4()?;
     ensure!(channels == 1 || channels == 3, "a picture needs 1 or 3 channels; the frames have {channels}");
     let bytes = (frames.to_device(Device::Cpu).clamp(0.0, 1.0) * 255.0).round().to_kind(Kind::Uint8);
     let bytes = bytes.expand([count, 3, height, width], false).permute([0, 2, 3, 1]);
-    (0..count)
-        .map(|frame| {
-            let bytes = Vec::<u8>::try_from(bytes.get(frame).contiguous().flatten(0, -1))?;
-            let picture = RgbImage::from_raw(width as u32, height as u32, bytes);
-            Ok(picture.expect("three bytes for each pixel"))
-        })
-        .collect()
+    let (width, height) = (width as u32, height as u32);
+    let picture = |frame| {
+        let bytes = Vec::<u8>::try_from(bytes.get(frame).contiguous().flatten(0, -1))?;
+        let picture = RgbImage::from_raw(width, height, bytes).expect("three bytes for each pixel");
+        Ok(imageops::resize(&picture, width * times, height * times, FilterType::Nearest))
+    };
+    (0..count).map(picture).collect()
 }
 
-/// The picture of one frame `[C, h, w]`, every pixel `times` as large.
+/// The same of one frame `[C, h, w]`.
 pub(super) fn picture(frame: &Tensor, times: u32) -> Result<RgbImage> {
-    Ok(enlarge(&pictures(&frame.unsqueeze(0))?[0], times))
-}
-
-/// Every pixel `times` as large.
-pub(super) fn enlarge(picture: &RgbImage, times: u32) -> RgbImage {
-    imageops::resize(picture, picture.width() * times, picture.height() * times, FilterType::Nearest)
+    Ok(pictures(&frame.unsqueeze(0), times)?.remove(0))
 }

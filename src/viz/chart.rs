@@ -1,11 +1,14 @@
-//! A panel of a plot over training steps or frames: phases shaded, lines with a legend.
+//! Plots of values over training steps or frames: spans shaded, lines with a legend.
 
 use std::ops::Range;
+use std::path::Path;
 
-use anyhow::Result;
-use plotters::chart::{ChartBuilder, SeriesLabelPosition};
+use anyhow::{Context, Result};
+use plotters::chart::{ChartBuilder, ChartContext, SeriesLabelPosition};
 use plotters::coord::Shift;
-use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
+use plotters::coord::cartesian::Cartesian2d;
+use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
+use plotters::coord::types::RangedCoordf64;
 use plotters::drawing::DrawingArea;
 use plotters::element::{Circle, DashedPathElement, IntoDynElement, PathElement, Polygon, Rectangle, Text};
 use plotters::prelude::{BitMapBackend, IntoLogRange};
@@ -13,20 +16,27 @@ use plotters::series::{DashedLineSeries, LineSeries};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, RGBColor, ShapeStyle, TextStyle, WHITE};
 
-use super::canvas::{INK, drawn, font};
+use super::canvas::{Canvas, INK, drawn, font};
 
-/// Backgrounds of the phases, in turn.
+pub(crate) const GREY: RGBColor = RGBColor(120, 128, 140);
+pub(crate) const GREEN: RGBColor = RGBColor(36, 145, 84);
+pub(crate) const BLUE: RGBColor = RGBColor(24, 119, 190);
+pub(crate) const ORANGE: RGBColor = RGBColor(222, 106, 16);
+pub(crate) const RED: RGBColor = RGBColor(196, 40, 58);
+
+/// Backgrounds of the spans, in turn.
 const SHADES: [RGBColor; 2] = [RGBColor(243, 245, 248), RGBColor(230, 236, 243)];
-const PHASE_INK: RGBColor = RGBColor(110, 120, 134);
+const SPAN_INK: RGBColor = RGBColor(110, 120, 134);
 const GRID: RGBColor = RGBColor(212, 218, 226);
+const WIDTH: u32 = 1600;
 const FONT_SIZE: u32 = 24;
 const DASH: u32 = 12;
-/// A panel of values that span more than this factor gets a log axis.
+/// Values that span more than this factor get a log axis.
 const LOG_FROM: f64 = 20.0;
 
 /// How a line is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Stroke {
+pub(crate) enum Stroke {
     /// Thin and pale, behind the others.
     Pale,
     /// With a dot at each point.
@@ -37,9 +47,9 @@ pub(super) enum Stroke {
     Filled,
 }
 
-/// A line of a panel; points are (step, value).
+/// A line of a chart; points are (step, value).
 #[derive(Debug)]
-pub(super) struct Line {
+pub(crate) struct Line {
     pub label: &'static str,
     pub colour: RGBColor,
     pub stroke: Stroke,
@@ -47,29 +57,60 @@ pub(super) struct Line {
     pub pieces: Vec<Vec<(f64, f64)>>,
 }
 
-/// Steps during which a phase ran; the two are equal for one that takes no steps.
-#[derive(Debug)]
-pub(super) struct Phase {
+/// Steps or frames that belong together; first and last are equal for a phase that takes no steps.
+#[derive(Debug, Clone)]
+pub(crate) struct Span {
     pub name: String,
-    pub steps: (f64, f64),
+    pub first: f64,
+    pub last: f64,
 }
 
 /// A plot of values over steps or frames.
-pub(super) struct Panel<'a> {
+pub(crate) struct Chart {
     pub title: String,
     /// What is counted on the horizontal axis.
     pub axis: &'static str,
-    pub phases: &'a [Phase],
+    /// Spans of the horizontal axis, up to its end.
+    pub spans: Vec<Span>,
+    /// What comes later lies on top.
     pub lines: Vec<Line>,
+    /// A value that is marked over the whole width: label, colour, value.
+    pub level: Option<(&'static str, RGBColor, f64)>,
     /// Whether the value axis is logarithmic; none lets the values decide.
     pub log: Option<bool>,
     /// Where the lines leave room.
     pub legend: SeriesLabelPosition,
 }
 
-impl Panel<'_> {
-    /// Draws the panel over the whole area. A log axis leaves out values that are not positive.
-    pub(super) fn draw(mut self, area: &DrawingArea<BitMapBackend<'_>, Shift>) -> Result<()> {
+/// Draws charts one above the other, each so high, without those that have no point. False and no file if none has one.
+pub(crate) fn write(path: &Path, height: u32, mut charts: Vec<Chart>) -> Result<bool> {
+    charts.retain(|chart| chart.lines.iter().flat_map(|line| &line.pieces).any(|piece| !piece.is_empty()));
+    if charts.is_empty() {
+        return Ok(false);
+    }
+    let mut canvas = Canvas::new(WIDTH, height * charts.len() as u32);
+    {
+        let area = canvas.area();
+        let parts = area.split_evenly((charts.len(), 1));
+        for (chart, part) in charts.iter_mut().zip(&parts) {
+            chart.draw(part).with_context(|| format!("plot {}", path.display()))?;
+        }
+        drawn(area.present())?;
+    }
+    canvas.write_png(path)?;
+    Ok(true)
+}
+
+type Area<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
+type Plot<'a, 'b, Y> = ChartContext<'a, BitMapBackend<'b>, Cartesian2d<RangedCoordf64, Y>>;
+
+impl Chart {
+    /// Draws the chart over the whole area. A log axis leaves out values that are not positive.
+    fn draw(&mut self, area: &Area) -> Result<()> {
+        if let Some((label, colour, value)) = self.level {
+            let pieces = vec![vec![(0.0, value), (self.end(), value)]];
+            self.lines.push(Line { label, colour, stroke: Stroke::Dashed, pieces });
+        }
         let positive = self.values().all(|value| value > 0.0);
         let (low, high) = self.value_range();
         let log = self.log.unwrap_or(positive && high / low > LOG_FROM);
@@ -82,6 +123,11 @@ impl Panel<'_> {
         }
         let (low, high) = self.value_range();
         self.draw_with(area, low / 1.3..high * 1.6, 0.35, |range| range.log_scale())
+    }
+
+    /// Where the horizontal axis ends.
+    fn end(&self) -> f64 {
+        self.spans.last().map_or(1.0, |span| span.last).max(1.0)
     }
 
     fn values(&self) -> impl Iterator<Item = f64> {
@@ -97,7 +143,7 @@ impl Panel<'_> {
     /// `fine_grid`: strength of the lines between the labelled ones, from 0 to 1.
     fn draw_with<Y>(
         &self,
-        area: &DrawingArea<BitMapBackend<'_>, Shift>,
+        area: &Area,
         values: Range<f64>,
         fine_grid: f64,
         axis: impl Fn(Range<f64>) -> Y,
@@ -106,25 +152,22 @@ impl Panel<'_> {
         Y: AsRangedCoord<Value = f64>,
         Y::CoordDescType: ValueFormatter<f64>,
     {
-        let last = self.phases.last().map_or(1.0, |phase| phase.steps.1).max(1.0);
-        let mut chart = drawn(
+        let mut plot = drawn(
             ChartBuilder::on(area)
                 .caption(&self.title, TextStyle::from(font(30)).color(&INK))
                 .margin(16)
                 .margin_right(40)
                 .x_label_area_size(66)
                 .y_label_area_size(96)
-                .build_cartesian_2d(0.0..last, axis(values.clone())),
+                .build_cartesian_2d(0.0..self.end(), axis(values.clone())),
         )?;
-        let with_steps = self.phases.iter().filter(|phase| phase.steps.0 < phase.steps.1);
-        for (phase, shade) in with_steps.zip(SHADES.iter().cycle()) {
-            let (from, to) = phase.steps;
-            let block = Rectangle::new([(from, values.start), (to, values.end)], shade.filled());
-            drawn(chart.draw_series([block]))?;
+        let with_steps = self.spans.iter().filter(|span| span.first < span.last);
+        for (span, shade) in with_steps.zip(SHADES.iter().cycle()) {
+            let block = Rectangle::new([(span.first, values.start), (span.last, values.end)], shade.filled());
+            drawn(plot.draw_series([block]))?;
         }
         drawn(
-            chart
-                .configure_mesh()
+            plot.configure_mesh()
                 .x_desc(self.axis)
                 .x_labels(11)
                 .y_labels(8)
@@ -137,48 +180,14 @@ impl Panel<'_> {
                 .light_line_style(GRID.mix(fine_grid))
                 .draw(),
         )?;
-        for phase in self.phases {
-            let (from, to) = phase.steps;
-            let wall = PathElement::new([(from, values.start), (from, values.end)], PHASE_INK.stroke_width(1));
-            drawn(chart.draw_series([wall]))?;
-            // A phase without steps is a line, its name left of it: the next phase begins there.
-            let align = if from < to { HPos::Left } else { HPos::Right };
-            let style = text(&PHASE_INK).pos(Pos::new(align, VPos::Bottom));
-            drawn(chart.draw_series([Text::new(format!(" {} ", phase.name), (from, values.start), style)]))?;
+        for span in &self.spans {
+            span.draw(&mut plot, &values)?;
         }
         for line in &self.lines {
-            let stroke = line.style();
-            let mut labelled = false;
-            for piece in line.pieces.iter().filter(|piece| !piece.is_empty()) {
-                let points = piece.iter().copied();
-                let series = match line.stroke {
-                    Stroke::Filled => drawn(chart.draw_series([Polygon::new(piece.clone(), stroke)]))?,
-                    Stroke::Dashed => drawn(chart.draw_series(DashedLineSeries::new(points, DASH, DASH, stroke)))?,
-                    _ => drawn(chart.draw_series(LineSeries::new(points, stroke)))?,
-                };
-                if !labelled {
-                    let kind = line.stroke;
-                    series.label(line.label).legend(move |(x, y)| {
-                        let (end, half) = (x + 3 * DASH as i32, DASH as i32 / 2);
-                        let ends = [(x, y), (end, y)];
-                        match kind {
-                            Stroke::Filled => Rectangle::new([(x, y - half), (end, y + half)], stroke).into_dyn(),
-                            Stroke::Dashed => DashedPathElement::new(ends, DASH, DASH, stroke).into_dyn(),
-                            _ => PathElement::new(ends, stroke).into_dyn(),
-                        }
-                    });
-                    labelled = true;
-                }
-                // A single point has no line and shows only as a dot.
-                if line.stroke == Stroke::Dotted || piece.len() == 1 {
-                    let dots = piece.iter().map(|point| Circle::new(*point, 4, line.colour.filled()));
-                    drawn(chart.draw_series(dots))?;
-                }
-            }
+            line.draw(&mut plot)?;
         }
         drawn(
-            chart
-                .configure_series_labels()
+            plot.configure_series_labels()
                 .position(self.legend.clone())
                 .label_font(text(&INK))
                 .background_style(WHITE.mix(0.85))
@@ -190,7 +199,50 @@ impl Panel<'_> {
     }
 }
 
+impl Span {
+    /// Its first step as a line, and its name.
+    fn draw<Y: Ranged<ValueType = f64>>(&self, plot: &mut Plot<Y>, values: &Range<f64>) -> Result<()> {
+        let start = PathElement::new([(self.first, values.start), (self.first, values.end)], SPAN_INK.stroke_width(1));
+        drawn(plot.draw_series([start]))?;
+        // A span without steps has its name to the left: the next one begins there.
+        let align = if self.first < self.last { HPos::Left } else { HPos::Right };
+        let style = text(&SPAN_INK).pos(Pos::new(align, VPos::Bottom));
+        drawn(plot.draw_series([Text::new(format!(" {} ", self.name), (self.first, values.start), style)]))?;
+        Ok(())
+    }
+}
+
 impl Line {
+    /// Its pieces; the first one names it in the legend.
+    fn draw<'a, 'b: 'a, Y: Ranged<ValueType = f64> + 'a>(&self, plot: &mut Plot<'a, 'b, Y>) -> Result<()> {
+        let (style, stroke) = (self.style(), self.stroke);
+        for (place, piece) in self.pieces.iter().filter(|piece| !piece.is_empty()).enumerate() {
+            let points = piece.iter().copied();
+            let series = match stroke {
+                Stroke::Filled => drawn(plot.draw_series([Polygon::new(piece.clone(), style)]))?,
+                Stroke::Dashed => drawn(plot.draw_series(DashedLineSeries::new(points, DASH, DASH, style)))?,
+                _ => drawn(plot.draw_series(LineSeries::new(points, style)))?,
+            };
+            if place == 0 {
+                series.label(self.label).legend(move |(x, y)| {
+                    let (end, half) = (x + 3 * DASH as i32, DASH as i32 / 2);
+                    let ends = [(x, y), (end, y)];
+                    match stroke {
+                        Stroke::Filled => Rectangle::new([(x, y - half), (end, y + half)], style).into_dyn(),
+                        Stroke::Dashed => DashedPathElement::new(ends, DASH, DASH, style).into_dyn(),
+                        _ => PathElement::new(ends, style).into_dyn(),
+                    }
+                });
+            }
+            // A single point has no line and shows only as a dot.
+            if stroke == Stroke::Dotted || piece.len() == 1 {
+                let dots = piece.iter().map(|point| Circle::new(*point, 4, self.colour.filled()));
+                drawn(plot.draw_series(dots))?;
+            }
+        }
+        Ok(())
+    }
+
     fn style(&self) -> ShapeStyle {
         match self.stroke {
             Stroke::Pale => self.colour.mix(0.4).stroke_width(2),

@@ -5,18 +5,17 @@
 //! plots of the training. Every file appears whole or not at all.
 
 mod animation;
-pub(crate) mod arrays;
+mod arrays;
 mod canvas;
-mod chart;
+pub(crate) mod chart;
 mod curves;
 pub mod examples;
 mod frame_scores;
 mod gif;
+pub mod grid;
 mod masks;
-mod outputs;
-pub(crate) mod rollout;
+mod rollout;
 mod sections;
-pub mod seeds;
 mod sprites;
 
 use std::fs;
@@ -25,11 +24,13 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 
 use crate::datasets::iterators::Clips;
+use crate::evaluation::outputs::Outputs;
 use crate::network::physics_models::PhysicsNet;
-use crate::tasks::Task;
 
 pub use curves::write_curves;
-pub use frame_scores::{ScoreAt, write_frame_bands, write_frame_scores};
+pub use frame_scores::write_frame_scores;
+pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts};
+pub use rollout::write_rollout;
 
 /// Test clips whose arrays are saved, as in the original.
 const SAVED_CLIPS: usize = 100;
@@ -55,16 +56,11 @@ pub fn write_artifacts(folder: &Path, model: &PhysicsNet, test: &Clips, examples
     let _guard = tch::no_grad_guard();
     ensure!(!test.is_empty(), "there are no test clips to show");
     fs::create_dir_all(folder).with_context(|| format!("cannot create the run folder {}", folder.display()))?;
-    let outputs = outputs::Outputs::of(model, test, SAVED_CLIPS.max(examples))?;
-    examples::write(folder, &model.task, &outputs, examples)?;
-    animation::write(&folder.join("animation.gif"), &model.task, &outputs)?;
+    let outputs = Outputs::of(model, test, SAVED_CLIPS.max(examples))?;
+    examples::write(folder, &model.system, &outputs, examples)?;
+    animation::write(&folder.join("animation.gif"), &model.system, &outputs)?;
     sprites::write(&folder.join("templates.png"), model)?;
     masks::write(&folder.join("encoder_masks.png"), model, test)?;
     arrays::write_outputs(&folder.join("outputs.npz"), &outputs, SAVED_CLIPS)?;
     arrays::write_extra_outputs(&folder.join("extra_outputs.npz"), model, test)
-}
-
-/// Screen pixels for one pixel of a frame: small frames are enlarged to about the size of the digits' ones.
-fn enlargement(task: &Task) -> u32 {
-    if task.side >= 64 { 2 } else { 4 }
 }

@@ -1,114 +1,143 @@
-//! One clip and its roll-out, as a strip of frames and in motion.
+//! One clip and its roll-out: as a strip of frames, in motion, and as numbers.
 
+use std::fs;
+use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use image::RgbImage;
 use plotters::style::text_anchor::HPos;
 use tch::Tensor;
 
-use super::canvas::{Canvas, INK, enlarge, pictures};
+use super::canvas::{Canvas, pictures};
+use super::grid::{Grid, enlargement};
 use super::sections::{Section, section_at, sections};
-use super::{enlargement, gif};
+use super::{arrays, gif};
 use crate::evaluation::rollout::Rollout;
-use crate::tasks::Task;
+use crate::network::System;
+use crate::network::cells::Coordinates;
+use crate::support::atomic;
 
 /// Frames in one line of the strip.
 const PER_LINE: usize = 12;
 const ROW_LABELS: [&str; 2] = ["clip", "model"];
-const GAP: u32 = 4;
-const LABELS_WIDTH: u32 = 96;
-const NUMBERS_HEIGHT: u32 = 34;
-const BAND_HEIGHT: u32 = 6;
-const CAPTION_WIDTH: u32 = 150;
+/// The number and the coloured band above a frame, space between two lines, width of a section's name; pixels.
+const NUMBER: u32 = 34;
+const BAND: u32 = 6;
 const LINE_GAP: u32 = 16;
-const MARGIN: u32 = 12;
-const FONT_SIZE: u32 = 22;
+const CAPTION: u32 = 150;
+
+/// Writes a roll-out into a folder.
+///
+/// * `frames.png`: all frames, the clip above the model, and `animation.gif`, the same in motion;
+/// * `states.csv`: a line for each frame from the last input frame on: its place in the clip, the time since the last
+///   input frame, then x, y (pixels), vx, vy (pixels per time unit) of each object, or its angle and rate (radians);
+/// * `rollout.npz`: float32 `positions` and `velocities` `[1 + frames, coordinates * N]`, `frames` `[frames, S, S, C]` in \[0, 1\].
+///
+/// # Errors
+/// A folder that cannot be written, frames with neither 1 nor 3 channels.
+pub fn write_rollout(folder: &Path, system: &System, rollout: &Rollout) -> Result<()> {
+    fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    write_strip(&folder.join("frames.png"), &Moments::new(system, rollout, 1)?)?;
+    write_animation(&folder.join("animation.gif"), &Moments::new(system, rollout, 2)?)?;
+    atomic::write_file(&folder.join("states.csv"), |file| Ok(file.write_all(states(system, rollout).as_bytes())?))?;
+    let (positions, velocities) = (rollout.positions.shallow_clone(), rollout.velocities.shallow_clone());
+    let frames = arrays::channels_last(&rollout.frames);
+    let all = [("positions", positions), ("velocities", velocities), ("frames", frames)];
+    arrays::write(&folder.join("rollout.npz"), &all)
+}
 
 /// What is shown: for each moment the clip's frame, if there is one, and the model's (the input, then the prediction).
 struct Moments {
     clip: Vec<RgbImage>,
     model: Vec<RgbImage>,
     sections: Vec<Section>,
-    /// Side of a frame, pixels.
-    cell: u32,
+    /// One line, number and band being above its rows.
+    line: Grid,
 }
 
 impl Moments {
     /// Pixels `times` as large as in the other pictures.
-    fn new(task: &Task, rollout: &Rollout, times: u32) -> Result<Self> {
-        let times = times * enlargement(task);
-        let input = rollout.clip.narrow(0, 0, task.input_steps as i64);
-        let large = |frames: &Tensor| -> Result<Vec<RgbImage>> {
-            Ok(pictures(frames)?.iter().map(|picture| enlarge(picture, times)).collect())
-        };
-        let model = large(&Tensor::cat(&[&input, &rollout.frames], 0))?;
-        let time = model.len().max(task.input_steps + task.pred_steps);
-        let clip = large(&rollout.clip)?;
-        Ok(Moments { clip, model, sections: sections(task, time), cell: task.side as u32 * times })
+    fn new(system: &System, rollout: &Rollout, times: u32) -> Result<Self> {
+        let pixel = times * enlargement(system);
+        let input = rollout.clip.narrow(0, 0, system.input_steps as i64);
+        let model = pictures(&Tensor::cat(&[&input, &rollout.frames], 0), pixel)?;
+        let sections = sections(system, model.len().max(system.input_steps + system.pred_steps));
+        let frames = Grid::of_frames(system, ROW_LABELS.len(), 1);
+        let line = Grid { cell: frames.cell * times, left: 96, top: NUMBER + BAND + frames.gap, ..frames };
+        Ok(Moments { clip: pictures(&rollout.clip, pixel)?, model, sections, line })
     }
 
-    /// Pastes a moment with its corner at (x, y): number, band, clip, model.
-    fn paste(&self, canvas: &mut Canvas, frame: usize, (x, y): (u32, u32)) -> Result<()> {
-        let section = section_at(&self.sections, frame);
-        let middle = (x + self.cell / 2, y + NUMBERS_HEIGHT / 2);
-        canvas.text(&frame.to_string(), middle, FONT_SIZE, HPos::Center, section.colour)?;
-        canvas.fill((x, y + NUMBERS_HEIGHT), (self.cell, BAND_HEIGHT), section.colour);
-        for (row, pictures) in [&self.clip, &self.model].into_iter().enumerate() {
-            if let Some(picture) = pictures.get(frame) {
-                canvas.paste(picture, (x, self.row(y, row)));
+    /// Draws a line of frames: number, band, clip, model. The clip may have ended before.
+    fn draw(&self, canvas: &mut Canvas, line: &Grid, frames: Range<usize>) -> Result<()> {
+        for (row, (label, pictures)) in ROW_LABELS.into_iter().zip([&self.clip, &self.model]).enumerate() {
+            if pictures.len() > frames.start {
+                line.label(canvas, row, &[label])?;
             }
+            for (column, picture) in pictures.iter().skip(frames.start).take(frames.len()).enumerate() {
+                canvas.paste(picture, line.corner(row, column));
+            }
+        }
+        for (column, frame) in frames.enumerate() {
+            let section = section_at(&self.sections, frame);
+            let (x, y) = (line.corner(0, column).0, line.top - self.line.top);
+            let middle = (x + line.cell / 2, y + NUMBER / 2);
+            canvas.text(&frame.to_string(), middle, line.font_size, HPos::Center, section.colour)?;
+            canvas.fill((x, y + NUMBER), (line.cell, BAND), section.colour);
         }
         Ok(())
     }
-
-    /// Top of a row of a line that begins at `y`.
-    fn row(&self, y: u32, row: usize) -> u32 {
-        y + NUMBERS_HEIGHT + BAND_HEIGHT + GAP + row as u32 * (self.cell + GAP)
-    }
-
-    /// Names the rows of a line that begins at `y` with a frame; the clip may have ended before.
-    fn labels(&self, canvas: &mut Canvas, frame: usize, y: u32) -> Result<()> {
-        let shown = |row: usize| [&self.clip, &self.model][row].len() > frame;
-        ROW_LABELS.iter().enumerate().filter(|(row, _)| shown(*row)).try_for_each(|(row, label)| {
-            let at = (LABELS_WIDTH - 10, self.row(y, row) + self.cell / 2);
-            canvas.text(label, at, FONT_SIZE, HPos::Right, INK)
-        })
-    }
 }
 
-/// Writes all frames in lines of twelve: number (coloured by part of the clip), the clip's frame, the model's.
-pub(crate) fn write_strip(path: &Path, task: &Task, rollout: &Rollout) -> Result<()> {
-    let moments = Moments::new(task, rollout, 1)?;
-    let frames = moments.model.len();
-    let line_height = moments.row(0, ROW_LABELS.len()) + LINE_GAP;
-    let lines = frames.div_ceil(PER_LINE) as u32;
-    let width = LABELS_WIDTH + frames.min(PER_LINE) as u32 * (moments.cell + GAP) + MARGIN;
-    let top = NUMBERS_HEIGHT + MARGIN;
-    let mut canvas = Canvas::new(width, top + lines * line_height);
-    let mut x = LABELS_WIDTH;
-    for section in moments.sections.iter().filter(|section| section.first < frames) {
-        canvas.text(section.name, (x, top / 2), FONT_SIZE, HPos::Left, section.colour)?;
-        x += CAPTION_WIDTH;
+/// All frames in lines of twelve.
+fn write_strip(path: &Path, moments: &Moments) -> Result<()> {
+    let (frames, line) = (moments.model.len(), &moments.line);
+    let head = NUMBER + line.margin;
+    let line_height = line.top + ROW_LABELS.len() as u32 * (line.cell + line.gap) + LINE_GAP;
+    let width = line.left + frames.min(PER_LINE) as u32 * (line.cell + line.gap) + line.margin;
+    let mut canvas = Canvas::new(width, head + frames.div_ceil(PER_LINE) as u32 * line_height);
+    let shown = moments.sections.iter().filter(|section| section.first < frames);
+    for (x, section) in (line.left..).step_by(CAPTION as usize).zip(shown) {
+        canvas.text(section.name, (x, head / 2), line.font_size, HPos::Left, section.colour)?;
     }
-    for frame in 0..frames {
-        let (line, column) = (frame / PER_LINE, frame % PER_LINE);
-        let y = top + line as u32 * line_height;
-        if column == 0 {
-            moments.labels(&mut canvas, frame, y)?;
-        }
-        moments.paste(&mut canvas, frame, (LABELS_WIDTH + column as u32 * (moments.cell + GAP), y))?;
+    for (number, first) in (0..).zip((0..frames).step_by(PER_LINE)) {
+        let line = Grid { top: head + number * line_height + line.top, ..line.clone() };
+        moments.draw(&mut canvas, &line, first..frames.min(first + PER_LINE))?;
     }
     canvas.write_png(path)
 }
 
-/// Writes the clip above the model in motion.
-pub(crate) fn write_animation(path: &Path, task: &Task, rollout: &Rollout) -> Result<()> {
-    let moments = Moments::new(task, rollout, 2)?;
+/// The clip above the model in motion.
+fn write_animation(path: &Path, moments: &Moments) -> Result<()> {
+    let (width, height) = moments.line.size();
     gif::write(path, moments.model.len(), |frame| {
-        let mut canvas = Canvas::new(LABELS_WIDTH + moments.cell + MARGIN, moments.row(0, 2) + MARGIN);
-        moments.labels(&mut canvas, frame, 0)?;
-        moments.paste(&mut canvas, frame, (LABELS_WIDTH, 0))?;
+        let mut canvas = Canvas::new(width, height + moments.line.gap);
+        moments.draw(&mut canvas, &moments.line, frame..frame + 1)?;
         Ok(canvas)
     })
+}
+
+/// The text of `states.csv`.
+fn states(system: &System, rollout: &Rollout) -> String {
+    let names: &[&str] = match system.cell.coordinates {
+        Coordinates::Position => &["x", "y", "vx", "vy"],
+        Coordinates::Angle => &["angle", "rate"],
+    };
+    let axes = names.len() / 2;
+    let columns = (0..system.objects).flat_map(|object| names.iter().map(move |name| format!(",{name}{object}")));
+    let mut text = format!("frame,time{}\n", columns.collect::<String>());
+    for place in 0..rollout.positions.size()[0] {
+        let frame = system.input_steps as i64 - 1 + place;
+        text += &format!("{frame},{:.4}", place as f64 * system.dt);
+        for object in 0..system.objects {
+            for states in [&rollout.positions, &rollout.velocities] {
+                for column in axes * object..axes * (object + 1) {
+                    text += &format!(",{:.5}", states.double_value(&[place, column as i64]));
+                }
+            }
+        }
+        text.push('\n');
+    }
+    text
 }

@@ -2,7 +2,7 @@
 
 use plotters::style::RGBColor;
 
-use crate::tasks::Task;
+use crate::network::System;
 
 /// One part of a clip with the colour that marks it in every picture.
 #[derive(Debug, Clone, Copy)]
@@ -21,19 +21,16 @@ pub(super) fn section_at(sections: &[Section], frame: usize) -> &Section {
 }
 
 /// The parts of clips of `time` frames, in order; without T_ext if nothing follows the prediction.
-pub(super) fn sections(task: &Task, time: usize) -> Vec<Section> {
+pub(super) fn sections(system: &System, time: usize) -> Vec<Section> {
     let parts = [
-        ("input", "L", RGBColor(92, 103, 117), task.input_steps),
-        ("prediction", "T_pred", RGBColor(24, 119, 190), task.pred_steps),
-        ("extrapolation", "T_ext", RGBColor(222, 106, 16), time - task.input_steps - task.pred_steps),
+        ("input", "L", RGBColor(92, 103, 117), system.input_steps),
+        ("prediction", "T_pred", RGBColor(24, 119, 190), system.pred_steps),
+        ("extrapolation", "T_ext", RGBColor(222, 106, 16), time - system.input_steps - system.pred_steps),
     ];
     let mut first = 0;
-    let mut sections = Vec::new();
-    for (name, symbol, colour, frames) in parts {
-        if frames > 0 {
-            sections.push(Section { name, symbol, colour, first, frames });
-        }
+    let sections = parts.into_iter().map(|(name, symbol, colour, frames)| {
         first += frames;
-    }
-    sections
+        Section { name, symbol, colour, first: first - frames, frames }
+    });
+    sections.filter(|section| section.frames > 0).collect()
 }

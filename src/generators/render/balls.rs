@@ -2,11 +2,13 @@
 
 use super::quantise;
 use crate::generators::resize::Resize;
+use crate::tasks::scene;
 
 /// The canvas is this many times as large as the frame.
 pub(super) const BALL_SCALE: usize = 10;
 
-/// Filled discs on black; disc j has channel 2 - j to itself. With one channel there is one disc, white.
+/// Filled discs on black, of the colours [`scene::colour`](crate::tasks::scene::colour): each of the first three has a
+/// channel to itself, as in the original.
 ///
 /// Shrinking is linear and the same everywhere off the border, so a disc's image depends only on where its centre lies
 /// within its pixel: one small image for each of those places is kept. The mirroring border is a second,
@@ -44,19 +46,22 @@ impl Balls {
         Self { side, channels, radius, shrink: Resize::shrink(side, BALL_SCALE), half, patches }
     }
 
-    /// Draws at most as many discs as there are channels.
+    /// Draws the discs, at most as many as there are colours.
     pub fn draw(&self, positions: &[[f64; 2]], frame: &mut [u8]) {
-        for (channel, centre) in self.channels_and_centres(positions, frame) {
-            let [x, y] = centre;
-            if !(self.inside(x) && self.inside(y)) {
-                quantise(&self.whole_canvas(x, y), channel, self.channels, frame);
+        frame.fill(0);
+        for (channel, centres) in self.centres_by_channel(positions) {
+            // Shrinking is linear: images of discs that do not touch add up.
+            if !self.apart(&centres) || !centres.iter().all(|&[x, y]| self.inside(x) && self.inside(y)) {
+                quantise(&self.whole_canvas(&centres), channel, self.channels, frame);
                 continue;
             }
             let mut plane = vec![0.0; self.side * self.side];
             let last = (self.side * BALL_SCALE) as isize - 1;
-            for row in [y, -y, 2 * last - y] {
-                for column in [x, -x, 2 * last - x] {
-                    self.stamp(row, column, &mut plane);
+            for [x, y] in centres {
+                for row in [y, -y, 2 * last - y] {
+                    for column in [x, -x, 2 * last - x] {
+                        self.stamp(row, column, &mut plane);
+                    }
                 }
             }
             quantise(&plane, channel, self.channels, frame);
@@ -65,22 +70,34 @@ impl Balls {
 
     /// The same by drawing and shrinking the whole canvas: slow; what tests compare [`Self::draw`] with.
     pub fn draw_whole(&self, positions: &[[f64; 2]], frame: &mut [u8]) {
-        for (channel, [x, y]) in self.channels_and_centres(positions, frame) {
-            quantise(&self.whole_canvas(x, y), channel, self.channels, frame);
+        frame.fill(0);
+        for (channel, centres) in self.centres_by_channel(positions) {
+            quantise(&self.whole_canvas(&centres), channel, self.channels, frame);
         }
     }
 
-    /// Makes the frame black. Each disc's channel and the canvas pixel of its centre.
-    fn channels_and_centres(&self, positions: &[[f64; 2]], frame: &mut [u8]) -> Vec<(usize, [isize; 2])> {
-        frame.fill(0);
-        let channels = (0..self.channels).rev();
-        channels.zip(positions).map(|(channel, position)| (channel, position.map(canvas_pixel))).collect()
+    /// The channels in which something shines, with the canvas pixels of the centres of the discs that do.
+    fn centres_by_channel(&self, positions: &[[f64; 2]]) -> Vec<(usize, Vec<[isize; 2]>)> {
+        let colours: Vec<_> = (0..positions.len()).map_while(|ball| scene::colour(ball, self.channels)).collect();
+        let shining = |channel: usize| {
+            let discs = positions.iter().zip(&colours).filter(move |(_, colour)| colour[channel] > 0.0);
+            discs.map(|(position, _)| position.map(canvas_pixel)).collect::<Vec<_>>()
+        };
+        let channels = (0..self.channels).map(|channel| (channel, shining(channel)));
+        channels.filter(|(_, centres)| !centres.is_empty()).collect()
     }
 
-    fn whole_canvas(&self, x: isize, y: isize) -> Vec<f64> {
+    /// Whether no two discs touch on the canvas.
+    fn apart(&self, centres: &[[isize; 2]]) -> bool {
+        let reach = 2 * (self.radius.ceil() as isize + 1);
+        let far = |a: &[isize; 2], b: &[isize; 2]| (a[0] - b[0]).abs() > reach || (a[1] - b[1]).abs() > reach;
+        centres.iter().enumerate().all(|(place, a)| centres[place + 1..].iter().all(|b| far(a, b)))
+    }
+
+    fn whole_canvas(&self, centres: &[[isize; 2]]) -> Vec<f64> {
         let side = self.side * BALL_SCALE;
         let mut canvas = vec![0.0; side * side];
-        fill_disc(&mut canvas, side, y, x, self.radius);
+        centres.iter().for_each(|&[x, y]| fill_disc(&mut canvas, side, y, x, self.radius));
         self.shrink.apply(&canvas)
     }
 

@@ -7,11 +7,8 @@ use std::ops::Range;
 
 use super::quantise;
 use crate::generators::resize::Resize;
+use crate::tasks::scene::{BAR_HALF_WIDTH, BAR_VIEW};
 
-/// The frame shows lengths up to this to each side of the hub, in the pendulum's unit of length.
-pub const VIEW: f64 = 2.2;
-/// Half the bar's width, by which its rounded ends also reach beyond its length.
-pub const HALF_WIDTH: f64 = 0.1;
 const HUB_RADIUS: f64 = 0.05;
 /// Red, green and blue of the bar, 0..1.
 const COLOUR: [f64; 3] = [0.8, 0.3, 0.3];
@@ -33,7 +30,7 @@ pub struct Bar {
 impl Bar {
     /// A bar of this length, in the pendulum's unit, in frames of `side` pixels.
     pub fn new(side: usize, length: f64) -> Self {
-        let unit = (side * SCALE) as f64 / (2.0 * VIEW);
+        let unit = (side * SCALE) as f64 / (2.0 * BAR_VIEW);
         let mut bar = Self { side, unit, length, shrink: Resize::shrink(side, SCALE), hub: Vec::new() };
         let mut canvas = bar.canvas();
         bar.fill([0.0, 0.0], HUB_RADIUS, 1.0, &mut canvas);
@@ -49,11 +46,11 @@ impl Bar {
     /// Draws the bar at this angle, radians, into a colour frame. The canvas is empty before and after.
     pub fn draw(&self, angle: f64, canvas: &mut [f64], frame: &mut [u8]) {
         let end = [self.length * angle.sin(), -self.length * angle.cos()];
-        let [columns, rows] = self.fill(end, HALF_WIDTH, 1.0, canvas);
+        let [columns, rows] = self.fill(end, BAR_HALF_WIDTH, 1.0, canvas);
         let mut cover = vec![0.0; self.side * self.side];
         let (window_rows, window_columns) = (self.shrink.reached(rows), self.shrink.reached(columns));
         self.shrink.apply_window(canvas, window_rows, window_columns, &mut Vec::new(), &mut cover);
-        self.fill(end, HALF_WIDTH, 0.0, canvas);
+        self.fill(end, BAR_HALF_WIDTH, 0.0, canvas);
         for (channel, colour) in COLOUR.iter().enumerate() {
             // Shrinking is linear and the hub lies wholly on the bar: white, less what the bar takes away, less what the
             // hub takes away from the bar.

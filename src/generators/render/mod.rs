@@ -14,12 +14,12 @@ use ndarray::{Array3, Array4, Axis};
 use rand::Rng;
 
 pub use balls::Balls;
-pub use bar::{Bar, HALF_WIDTH as BAR_HALF_WIDTH, VIEW as BAR_VIEW};
-pub use overlay::{Backdrop, DIGIT_RADIUS, Overlay};
+pub use bar::Bar;
+pub use overlay::{Backdrop, Overlay};
 
-use super::simulate::State;
-use super::sprites::Sprites;
+use super::simulate::SceneState;
 use super::variant::Variant;
+use crate::generators::source_images::SourceImages;
 use crate::tasks::scene::{Background, Look, Motion};
 
 /// Draws the clips of one scene.
@@ -43,14 +43,14 @@ impl Renderer {
     ///
     /// # Errors
     /// Frames smaller than the pictures behind the objects.
-    pub fn new(variant: &Variant, sources: &Sprites) -> Result<Self> {
-        let (side, channels, radius) = (variant.side, variant.task.channels, variant.scene.radius);
+    pub fn new(variant: &Variant, sources: &SourceImages) -> Result<Self> {
+        let (side, channels, radius) = (variant.side, variant.task.system.channels, variant.scene.radius);
         let overlay = match (variant.scene.look, variant.scene.motion) {
             (Look::Bar, Motion::Pendulum { length, .. }) => return Ok(Self::Bar(Bar::new(side, length))),
             (Look::Balls, _) if variant.background == Background::Plain => {
                 return Ok(Self::Balls(Balls::new(side, radius, channels)));
             }
-            (Look::Balls, _) => Overlay::balls(side, radius, channels, variant.task.objects)?,
+            (Look::Balls, _) => Overlay::balls(side, radius, channels, variant.task.system.objects)?,
             (Look::Bar, _) => bail!("a bar is drawn at the angle of a pendulum"),
             (Look::Digits, _) => Overlay::digits(side, sources)?,
         };
@@ -64,7 +64,7 @@ impl Renderer {
     }
 
     /// Draws the frames of a clip, one after the other, into `frames`. `rng` chooses the picture behind the objects.
-    pub fn draw(&self, clip: &[State], rng: &mut impl Rng, frames: &mut [u8]) {
+    pub fn draw(&self, clip: &[SceneState], rng: &mut impl Rng, frames: &mut [u8]) {
         let frames = frames.chunks_exact_mut(frames.len() / clip.len()).zip(clip);
         match self {
             Self::Balls(balls) => frames.for_each(|(frame, state)| balls.draw(state.points(), frame)),

@@ -8,10 +8,8 @@ use ndarray::{ArrayView3, s};
 use super::balls::{BALL_SCALE, canvas_pixel, fill_disc};
 use super::quantise;
 use crate::generators::resize::Resize;
-use crate::generators::sprites::{DIGIT_SIDE, PICTURE_SIDE, Sprites};
-
-/// Half the width of a digit, pixels: 28 px MNIST images cut to 22.
-pub const DIGIT_RADIUS: f64 = 11.0;
+use crate::generators::source_images::{DIGIT_SIDE, PICTURE_SIDE, SourceImages};
+use crate::tasks::scene::{self, DIGIT_RADIUS};
 
 const DIGIT_SCALE: usize = 5;
 /// Taken off the picture's brightness, of 1, so that the objects stand out.
@@ -19,7 +17,7 @@ const DARKENING: f64 = 0.2;
 /// Shares of red, green and blue in a grey level, the original's.
 const GREY: [f64; 3] = [0.299, 0.587, 0.114];
 
-/// Sprites that cover what lies behind them, a later one the earlier ones; each shines in one channel, or in the only one.
+/// SourceImages that cover what lies behind them, a later one the earlier ones; each shines in one channel, or in the only one.
 ///
 /// Blending is not linear, so the canvas is drawn anew for each frame, but shrunk only around the sprites.
 #[derive(Debug, Clone)]
@@ -40,8 +38,8 @@ pub struct Overlay {
 struct Sprite {
     /// 0..1 on the canvas.
     opacity: Vec<f64>,
-    /// The channel in which it shines.
-    channel: usize,
+    /// In each channel, 0..1.
+    colour: Vec<f64>,
 }
 
 /// A picture as it lies behind the sprites of an [`Overlay`]: 0..1, channel by channel.
@@ -58,7 +56,7 @@ impl Overlay {
     ///
     /// # Errors
     /// A frame smaller than the picture behind.
-    pub fn digits(side: usize, sources: &Sprites) -> Result<Self> {
+    pub fn digits(side: usize, sources: &SourceImages) -> Result<Self> {
         let sprite_side = 2 * DIGIT_RADIUS as usize * DIGIT_SCALE;
         let border = (DIGIT_SIDE - 2 * DIGIT_RADIUS as usize) / 2;
         let enlarge = Resize::enlarge(DIGIT_SIDE - 2 * border, sprite_side);
@@ -66,14 +64,14 @@ impl Overlay {
             let middle = border..DIGIT_SIDE - border;
             let pixels = sources.digits[channel].slice(s![middle.clone(), middle]);
             let opacity = enlarge.apply(&pixels.iter().map(|&v| f64::from(v) / 255.0).collect::<Vec<_>>());
-            Sprite { opacity, channel }
+            Sprite { opacity, colour: (0..3).map(|other| f64::from(other == channel)).collect() }
         };
         let sprites = (0..sources.digits.len()).map(sprite).collect();
         let start = |position: f64, _| ((position - DIGIT_RADIUS) * DIGIT_SCALE as f64).round_ties_even() as isize;
         Self::new(side, 3, DIGIT_SCALE, sprites, sprite_side, start)
     }
 
-    /// As many discs; disc j shines in channel 2 - j of colour frames.
+    /// As many discs, of the colours [`scene::colour`].
     ///
     /// # Errors
     /// A frame smaller than the picture behind.
@@ -83,8 +81,8 @@ impl Overlay {
         let sprite_side = 2 * reach + 1;
         let mut opacity = vec![0.0; sprite_side * sprite_side];
         fill_disc(&mut opacity, sprite_side, reach as isize, reach as isize, radius);
-        let sprite = |channel| Sprite { opacity: opacity.clone(), channel };
-        let sprites = (0..channels).rev().take(balls).map(sprite).collect();
+        let colours = (0..balls).map_while(|ball| scene::colour(ball, channels));
+        let sprites = colours.map(|colour| Sprite { opacity: opacity.clone(), colour }).collect();
         let start = |position, sprite_side| canvas_pixel(position) - (sprite_side / 2) as isize;
         Self::new(side, channels, BALL_SCALE, sprites, sprite_side, start)
     }
@@ -170,7 +168,7 @@ impl Overlay {
             let [left, top] = position.map(|p| (self.start)(p, self.sprite_side));
             let [columns, rows] = position.map(|p| self.span(p));
             for channel in 0..self.channels {
-                let ink = if channel == sprite.channel { 1.0 } else { 0.0 };
+                let ink = sprite.colour[channel];
                 for row in rows.clone() {
                     let from =
                         (row as isize - top) as usize * self.sprite_side + (columns.start as isize - left) as usize;

@@ -8,8 +8,11 @@ use tch::Tensor;
 use super::{Cell, CellKind, Coordinates, State, Walls, scalars};
 
 pub static BOUNCING: CellKind = CellKind {
+    name: "bouncing",
     scope: "bouncing_ode_cell",
+    objects: None,
     coordinates: Coordinates::Position,
+    walls: true,
     actions: false,
     parameters: &[],
     build: |logs, walls| {

@@ -1,6 +1,6 @@
 //! The spring in a medium that resists: `v0' = -F - c v0`, `v1' = F - c v1`, with the spring's F.
 //!
-//! Not in the original; the worked example of `src/cells/README.md`.
+//! Not in the original; the worked example of `docs/own-equation.md`.
 
 use tch::Tensor;
 
@@ -8,8 +8,11 @@ use super::spring::Spring;
 use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static DAMPED_SPRING: CellKind = CellKind {
+    name: "damped_spring",
     scope: "damped_spring_ode_cell",
+    objects: Some(2),
     coordinates: Coordinates::Position,
+    walls: false,
     actions: false,
     parameters: &[
         PhysicalParameter::learned("k", "log_k", 0),

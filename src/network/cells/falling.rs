@@ -11,8 +11,11 @@ const PARAMETERS: &[PhysicalParameter] = &[PhysicalParameter::learned("g", "log_
 
 /// Free fall.
 pub static FALLING: CellKind = CellKind {
+    name: "falling",
     scope: "falling_ode_cell",
+    objects: None,
     coordinates: Coordinates::Position,
+    walls: false,
     actions: false,
     parameters: PARAMETERS,
     build: |logs, _walls| {
@@ -23,8 +26,11 @@ pub static FALLING: CellKind = CellKind {
 
 /// The same, bouncing off all four walls without loss.
 pub static FALLING_BOUNCING: CellKind = CellKind {
+    name: "falling_bouncing",
     scope: "falling_bouncing_ode_cell",
+    objects: None,
     coordinates: Coordinates::Position,
+    walls: true,
     actions: false,
     parameters: PARAMETERS,
     build: |logs, walls| {

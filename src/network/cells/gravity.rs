@@ -1,6 +1,6 @@
 //! Three bodies of equal mass that attract each other.
 //!
-//! For each pair `F = g m^2 / n^2` along d, n = |d|. Only g m^2 enters, so one of the two must be held: m at 1 as in the
+//! For each pair `F = g m^2 / n^2` along d, n = |d|. Only g m^2 enters, so one of the two must be fixed: m at 1 as in the
 //! original, or g, for the second column of the paper's table 1. Original: `gravity_ode_cell`; paper: section 4.1.
 
 use tch::Tensor;
@@ -8,13 +8,16 @@ use tch::Tensor;
 use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static GRAVITY: CellKind = CellKind {
+    name: "gravity",
     scope: "gravity_ode_cell",
+    objects: Some(3),
     coordinates: Coordinates::Position,
+    walls: false,
     actions: false,
     parameters: &[
         PhysicalParameter::learned("g", "log_g", 3),
         // A rescaling of the coordinates is all g's.
-        PhysicalParameter { name: "m", variable: "log_m", length_power: 0, held: Some(1.0) },
+        PhysicalParameter { name: "m", variable: "log_m", length_power: 0, fixed: Some(1.0) },
     ],
     build: |logs, _walls| {
         let [log_g, log_m] = scalars(logs);

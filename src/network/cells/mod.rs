@@ -5,7 +5,7 @@
 //! time unit, or one angle each, `[batch, objects]`, in radians (see [`Coordinates`]).
 //!
 //! A new system takes one file with a [`Cell`] and its [`CellKind`], a row of the task table and, where the recipe does not
-//! fit, a config: `src/cells/README.md` goes through it with [`DAMPED_SPRING`].
+//! fit, a config: `docs/own-equation.md` goes through it with [`DAMPED_SPRING`].
 
 mod actions;
 mod bouncing;
@@ -16,7 +16,9 @@ mod pendulum;
 mod spring;
 
 use std::fmt::Debug;
+use std::sync::{Mutex, PoisonError};
 
+use anyhow::{Result, ensure};
 use tch::Tensor;
 
 pub use actions::Actions;
@@ -94,9 +96,9 @@ pub struct Walls {
 }
 
 impl Walls {
-    /// For balls of this radius in a frame of side `side`.
-    pub fn new(side: usize, radius: f64) -> Self {
-        Walls { near: radius, far: side as f64 - radius }
+    /// In a frame of side `side`, both `margin` pixels from its edges.
+    pub fn new(side: usize, margin: f64) -> Self {
+        Walls { near: margin, far: side as f64 - margin }
     }
 }
 
@@ -109,29 +111,78 @@ pub struct PhysicalParameter {
     pub variable: &'static str,
     /// Power of a length in its unit: what a rescaling of the coordinates does to it.
     pub length_power: i32,
-    /// The value it is held at, instead of being learned, unless the config says otherwise (`model.hold`).
-    pub held: Option<f64>,
+    /// The value it is fixed at, instead of being learned, unless the config says otherwise (`model.fixed`).
+    pub fixed: Option<f64>,
 }
 
 impl PhysicalParameter {
     /// One that is learned.
-    const fn learned(name: &'static str, variable: &'static str, length_power: i32) -> Self {
-        PhysicalParameter { name, variable, length_power, held: None }
+    pub const fn learned(name: &'static str, variable: &'static str, length_power: i32) -> Self {
+        PhysicalParameter { name, variable, length_power, fixed: None }
     }
 }
 
-/// What the task table needs to know of an equation.
+/// An equation: what it is called, what it is about, and how a cell of it is made.
 #[derive(Debug)]
 pub struct CellKind {
+    /// Name in a task file, such as `spring`.
+    pub name: &'static str,
     /// Name of the scope that holds the cell's variables; ends in `_cell`.
     pub scope: &'static str,
+    /// The number of objects that it is written for; none if any number will do.
+    pub objects: Option<usize>,
     pub coordinates: Coordinates,
+    /// Whether it depends on where the walls are.
+    pub walls: bool,
     /// Whether something acts from outside in every frame: the dataset must hold it.
     pub actions: bool,
     /// In the order in which `build` takes them.
     pub parameters: &'static [PhysicalParameter],
     /// The cell with these log-parameters (scalars, one for each of `parameters`).
     pub build: fn(&[Tensor], Walls) -> Box<dyn Cell>,
+}
+
+/// Equations are told apart by their names.
+impl PartialEq for CellKind {
+    fn eq(&self, other: &CellKind) -> bool {
+        self.name == other.name
+    }
+}
+
+/// The equations that come with the program.
+const BUILT_IN: [&CellKind; 7] = [&BOUNCING, &SPRING, &DAMPED_SPRING, &GRAVITY, &PENDULUM, &FALLING, &FALLING_BOUNCING];
+/// Those that a program added.
+static REGISTERED: Mutex<Vec<&CellKind>> = Mutex::new(Vec::new());
+
+/// All equations that a task file may name.
+pub fn kinds() -> Vec<&'static CellKind> {
+    let registered = REGISTERED.lock().unwrap_or_else(PoisonError::into_inner);
+    BUILT_IN.into_iter().chain(registered.iter().copied()).collect()
+}
+
+/// Makes an equation of one's own known by its name, so that task files and saved runs can name it. To be called at the
+/// start of a program.
+///
+/// # Errors
+/// A name or a scope that another equation has, a scope that does not end in `_cell`.
+pub fn register(kind: &'static CellKind) -> Result<()> {
+    ensure!(kind.scope.ends_with("_cell"), "equation {}: its scope {:?} must end in _cell", kind.name, kind.scope);
+    let known = kinds();
+    let same = |other: &&CellKind| other.name == kind.name || other.scope == kind.scope;
+    ensure!(!known.iter().any(same), "equation {} (scope {}): name or scope is taken", kind.name, kind.scope);
+    REGISTERED.lock().unwrap_or_else(PoisonError::into_inner).push(kind);
+    Ok(())
+}
+
+/// The equation of this name.
+///
+/// # Errors
+/// An unknown name, with the list of those there are.
+pub fn find(name: &str) -> Result<&'static CellKind> {
+    let known = kinds();
+    let names = || known.iter().map(|kind| kind.name).collect::<Vec<_>>().join(", ");
+    let found = known.iter().copied().find(|kind| kind.name == name);
+    found.ok_or_else(|| anyhow::anyhow!("unknown equation {name:?}; the equations are {}", names()))
 }
 
 /// A differential equation, integrated by Euler steps.
@@ -165,7 +216,7 @@ pub trait Cell: Debug {
 ///
 /// # Panics
 /// Another number of them: a mistake in the program, never in its input.
-fn scalars<const N: usize>(logs: &[Tensor]) -> [Tensor; N] {
+pub fn scalars<const N: usize>(logs: &[Tensor]) -> [Tensor; N] {
     let logs: &[Tensor; N] = logs.try_into().expect("one log-parameter for each parameter of the cell");
     logs.each_ref().map(Tensor::shallow_clone)
 }

@@ -9,8 +9,11 @@ use tch::Tensor;
 use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static PENDULUM: CellKind = CellKind {
+    name: "pendulum",
     scope: "pendulum_ode_cell",
+    objects: Some(1),
     coordinates: Coordinates::Angle,
+    walls: false,
     actions: true,
     parameters: &[PhysicalParameter::learned("g", "log_g", 0), PhysicalParameter::learned("a", "log_a", 0)],
     build: |logs, _walls| {

@@ -8,8 +8,11 @@ use tch::Tensor;
 use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static SPRING: CellKind = CellKind {
+    name: "spring",
     scope: "spring_ode_cell",
+    objects: Some(2),
     coordinates: Coordinates::Position,
+    walls: false,
     actions: false,
     parameters: &[PhysicalParameter::learned("k", "log_k", 0), PhysicalParameter::learned("l", "log_l", 1)],
     build: |logs, _walls| {

@@ -7,10 +7,10 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use super::BACKGROUND_LOGIT;
+use crate::network::System;
 use crate::network::blocks::{Layers, VariableFromNetwork};
 use crate::network::cells::Coordinates;
 use crate::network::stn;
-use crate::tasks::Task;
 
 /// Added to a template before it is moved and taken off again after, so that outside its window it is -5.
 const OUTSIDE: f64 = 5.0;
@@ -52,8 +52,8 @@ pub struct Rendering {
 }
 
 impl Decoder {
-    pub fn new(scope: Path, task: &Task, exact_shift: bool) -> Self {
-        let (objects, channels, side) = (task.objects as i64, task.channels as i64, task.side as i64);
+    pub fn new(scope: Path, system: &System, exact_shift: bool) -> Self {
+        let (objects, channels, side) = (system.objects as i64, system.channels as i64, system.side as i64);
         let window = side / 2;
         let log_sigma = scope.zeros("logsigma", &[]);
         let mut layers = Layers::new(scope);
@@ -63,8 +63,8 @@ impl Decoder {
             template: VariableFromNetwork::new(&mut layers, &[objects, window, window, 1]),
             contents: VariableFromNetwork::new(&mut layers, &[objects, window, window, channels]),
             background: VariableFromNetwork::new(&mut layers, &[1, side, side, channels]),
-            coordinates: task.cell.coordinates,
-            side: task.side,
+            coordinates: system.cell.coordinates,
+            side: system.side,
             objects,
             half_span: if exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
         }

@@ -7,8 +7,8 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use super::BACKGROUND_LOGIT;
+use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers, UNet, uses_deep_unet};
-use crate::tasks::Task;
 
 const HIDDEN: usize = 200;
 /// Positions nearer to the frame's edge than this allows are not asked of the localisation network.
@@ -35,16 +35,16 @@ pub struct Encoding {
 }
 
 impl Encoder {
-    pub fn new(scope: Path, task: &Task) -> Self {
+    pub fn new(scope: Path, system: &System) -> Self {
         let mut layers = Layers::new(scope);
-        let unet = UNet::for_side(&mut layers, task.side, task.channels, task.objects);
-        let seen = if uses_deep_unet(task.side) { task.side / 2 } else { task.side };
+        let unet = UNet::for_side(&mut layers, system.side, system.channels, system.objects);
+        let seen = if uses_deep_unet(system.side) { system.side / 2 } else { system.side };
         let localisation = [
-            layers.dense(seen * seen * task.channels, HIDDEN, Activation::Relu),
+            layers.dense(seen * seen * system.channels, HIDDEN, Activation::Relu),
             layers.dense(HIDDEN, HIDDEN, Activation::Relu),
             layers.dense(HIDDEN, 2, Activation::None),
         ];
-        Encoder { unet, localisation, side: task.side, objects: task.objects as i64 }
+        Encoder { unet, localisation, side: system.side, objects: system.objects as i64 }
     }
 
     /// `[frames, channels, S, S]` in \[0, 1\].

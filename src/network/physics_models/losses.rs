@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use tch::{Kind, Tensor};
 
 use super::ForwardPass;
-use crate::tasks::Task;
+use crate::network::System;
 
 /// Mean over frames of the squared error summed over channels, height and width.
 ///
@@ -28,8 +28,8 @@ pub struct Losses {
 }
 
 impl Losses {
-    pub fn new(pass: &ForwardPass, clips: &Tensor, task: &Task) -> Self {
-        let (input, pred) = (task.input_steps as i64, task.pred_steps as i64);
+    pub fn new(pass: &ForwardPass, clips: &Tensor, system: &System) -> Self {
+        let (input, pred) = (system.input_steps as i64, system.pred_steps as i64);
         let predicted = pass.predictions.size()[1];
         let error = |first: i64, count: i64| {
             frame_error(&pass.predictions.narrow(1, first, count), &clips.narrow(1, input + first, count))
@@ -68,6 +68,15 @@ pub enum Loss {
 
 impl Loss {
     pub const ALL: [Loss; 3] = [Loss::Recons, Loss::Pred, Loss::Extrap];
+
+    /// As files name it.
+    pub fn key(self) -> &'static str {
+        match self {
+            Loss::Recons => "recons_loss",
+            Loss::Pred => "pred_loss",
+            Loss::Extrap => "extrap_loss",
+        }
+    }
 
     /// As the paper writes it.
     pub fn symbol(self) -> &'static str {

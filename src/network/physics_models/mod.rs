@@ -18,9 +18,9 @@ use serde::{Deserialize, Serialize};
 use tch::nn::VarStore;
 use tch::{Device, Tensor};
 
+use crate::network::System;
 use crate::network::cells::{Actions, Cell, Coordinates, PhysicalParameter, State};
 use crate::network::initial_values;
-use crate::tasks::Task;
 
 pub use decoder::{Decoder, Rendering, Sprites};
 pub use encoder::{Encoder, Encoding};
@@ -40,10 +40,10 @@ pub struct ModelOptions {
     /// Move a template by exactly one pixel for one unit of position; the original moves it by (S-1)/S pixels, so its
     /// lengths come out S/(S-1) too large.
     pub exact_shift: bool,
-    /// Physical parameters that are held at a value instead of being learned, by symbol. Where none is named, those that
-    /// the cell holds by itself: `m = 1` of gravity. Lengths are in true pixels.
+    /// Physical parameters that are fixed at a value instead of being learned, by symbol. Where none is named, those that
+    /// the cell fixes by itself: `m = 1` of gravity. Lengths are in true pixels.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub hold: BTreeMap<String, f64>,
+    pub fixed: BTreeMap<String, f64>,
     /// Improve the estimated state before the roll-out by this many Gauss-Newton steps on all input positions under the
     /// current physics; 0 starts from the estimate as it is.
     pub refinement_steps: usize,
@@ -56,25 +56,25 @@ impl ModelOptions {
             alt_vel: false,
             centred_velocity_input: false,
             exact_shift: false,
-            hold: BTreeMap::new(),
+            fixed: BTreeMap::new(),
             refinement_steps: 0,
         }
     }
 
-    /// The value at which a parameter is held; none if it is learned.
-    pub fn held(&self, parameter: &PhysicalParameter) -> Option<f64> {
-        if self.hold.is_empty() { parameter.held } else { self.hold.get(parameter.name).copied() }
+    /// The value at which a parameter is fixed; none if it is learned.
+    pub fn fixed_at(&self, parameter: &PhysicalParameter) -> Option<f64> {
+        if self.fixed.is_empty() { parameter.fixed } else { self.fixed.get(parameter.name).copied() }
     }
 
     /// True pixels for one unit of position: (S-1)/S in the original's decoder, 1 with `exact_shift`.
-    fn pixels_per_unit(&self, task: &Task) -> f64 {
-        if self.exact_shift { 1.0 } else { (task.side - 1) as f64 / task.side as f64 }
+    fn pixels_per_unit(&self, system: &System) -> f64 {
+        if self.exact_shift { 1.0 } else { (system.side - 1) as f64 / system.side as f64 }
     }
 
     /// True pixels for one unit of a coordinate that is a length; 1 for angles.
-    fn length_per_unit(&self, task: &Task) -> f64 {
-        match task.cell.coordinates {
-            Coordinates::Position => self.pixels_per_unit(task),
+    fn length_per_unit(&self, system: &System) -> f64 {
+        match system.cell.coordinates {
+            Coordinates::Position => self.pixels_per_unit(system),
             Coordinates::Angle => 1.0,
         }
     }
@@ -86,16 +86,27 @@ pub struct Parameter {
     pub kind: &'static PhysicalParameter,
     /// The logarithm, a scalar; lengths are in the model's unit of position.
     pub log: Tensor,
-    /// Otherwise it is held.
+    /// Otherwise it is fixed.
     pub learned: bool,
 }
 
-/// Encoder, velocity estimator, physics cell and decoder of one task, with their variables.
+/// Which part of the model a variable belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VariableGroup {
+    Encoder,
+    Velocity,
+    Physics,
+    Decoder,
+}
+
+/// Encoder, velocity estimator, physics cell and decoder of one system, with their variables.
 #[derive(Debug)]
 pub struct PhysicsNet {
-    pub task: Task,
+    pub system: System,
     pub options: ModelOptions,
     pub variables: VarStore,
+    /// By variable's name.
+    groups: BTreeMap<String, VariableGroup>,
     pub encoder: Encoder,
     pub velocity: VelocityEstimator,
     pub cell: Box<dyn Cell>,
@@ -123,33 +134,57 @@ pub struct ForwardPass {
 
 impl PhysicsNet {
     /// A fresh model with initial values drawn from `seed`.
-    pub fn new(task: &Task, options: &ModelOptions, device: Device, seed: u64) -> Self {
+    ///
+    /// # Errors
+    /// A system that the network cannot be built for, see [`System::check`].
+    pub fn new(system: &System, options: &ModelOptions, device: Device, seed: u64) -> Result<Self> {
+        system.check()?;
         let variables = VarStore::new(device);
-        let root = variables.root();
-        let encoder = Encoder::new(&root / "encoder", task);
-        let decoder = Decoder::new(&root / "decoder", task, options.exact_shift);
-        let velocity = VelocityEstimator::new(&root / "init_vel", task, options);
-        let scope = &root / task.cell.scope;
-        let length = options.length_per_unit(task);
-        let parameter = |kind: &'static PhysicalParameter| {
-            let held = options.held(kind).map(|value| (value / length.powi(kind.length_power)).ln() as f32);
-            let log = held.map_or_else(|| scope.zeros(kind.variable, &[]), |log| Tensor::from(log).to_device(device));
-            Parameter { kind, log, learned: held.is_none() }
+        let mut groups = BTreeMap::new();
+        // Whatever was added since the last call.
+        let mut grouped = |group: VariableGroup| {
+            for name in variables.variables().into_keys() {
+                groups.entry(name).or_insert(group);
+            }
         };
-        let parameters: Vec<_> = task.cell.parameters.iter().map(parameter).collect();
+        let root = variables.root();
+        let encoder = Encoder::new(&root / "encoder", system);
+        grouped(VariableGroup::Encoder);
+        let decoder = Decoder::new(&root / "decoder", system, options.exact_shift);
+        grouped(VariableGroup::Decoder);
+        let velocity = VelocityEstimator::new(&root / "init_vel", system, options);
+        grouped(VariableGroup::Velocity);
+        let scope = &root / system.cell.scope;
+        let length = options.length_per_unit(system);
+        let parameter = |kind: &'static PhysicalParameter| {
+            let fixed = options.fixed_at(kind).map(|value| (value / length.powi(kind.length_power)).ln() as f32);
+            let log = fixed.map_or_else(|| scope.zeros(kind.variable, &[]), |log| Tensor::from(log).to_device(device));
+            Parameter { kind, log, learned: fixed.is_none() }
+        };
+        let parameters: Vec<_> = system.cell.parameters.iter().map(parameter).collect();
+        grouped(VariableGroup::Physics);
         let logs: Vec<_> = parameters.iter().map(|parameter| parameter.log.shallow_clone()).collect();
-        let cell = task.build_cell(&logs);
+        let cell = system.build_cell(&logs);
         initial_values::glorot_uniform(&variables, seed);
-        PhysicsNet {
-            task: task.clone(),
+        Ok(PhysicsNet {
+            system: system.clone(),
             options: options.clone(),
             variables,
+            groups,
             encoder,
             velocity,
             cell,
             parameters,
             decoder,
-        }
+        })
+    }
+
+    /// Which part of the model a variable belongs to.
+    ///
+    /// # Panics
+    /// A name that no variable of the model has.
+    pub fn group(&self, name: &str) -> VariableGroup {
+        self.groups[name]
     }
 
     /// All variables with their names, sorted by name.
@@ -177,17 +212,17 @@ impl PhysicsNet {
 
     /// What one model unit of a parameter is in true pixels.
     pub fn true_unit(&self, kind: &PhysicalParameter) -> f64 {
-        self.options.length_per_unit(&self.task).powi(kind.length_power)
+        self.options.length_per_unit(&self.system).powi(kind.length_power)
     }
 
     /// True pixels for one unit of position.
     pub fn pixels_per_unit(&self) -> f64 {
-        self.options.pixels_per_unit(&self.task)
+        self.options.pixels_per_unit(&self.system)
     }
 
     /// True pixels for one unit of a coordinate that is a length; 1 for angles.
     pub fn length_per_unit(&self) -> f64 {
-        self.options.length_per_unit(&self.task)
+        self.options.length_per_unit(&self.system)
     }
 
     /// Positions of frames `[batch, time, channels, S, S]` in the equation's coordinates, `[batch, time, coordinates *
@@ -196,12 +231,12 @@ impl PhysicsNet {
         let (batch, time) = (frames.size()[0], frames.size()[1]);
         let encoding = self.encoder.forward(&frames.flatten(0, 1));
         let positions = self.coordinates(&encoding).reshape([batch, time, -1]);
-        (encoding, coordinates::continuous(self.task.cell.coordinates, positions))
+        (encoding, coordinates::continuous(self.system.cell.coordinates, positions))
     }
 
     /// Positions of single frames in the equation's coordinates, `[frames, coordinates * objects]`.
     pub fn coordinates(&self, encoding: &Encoding) -> Tensor {
-        coordinates::of(self.task.cell.coordinates, &encoding.positions, self.task.side)
+        coordinates::of(self.system.cell.coordinates, &encoding.positions, self.system.side)
     }
 
     /// The state at the last of the input positions `[batch, L, coordinates * objects]`: encoded position, estimated
@@ -210,7 +245,7 @@ impl PhysicsNet {
         let last = input_positions.select(1, input_positions.size()[1] - 1);
         let estimate = State { pos: last, vel: self.velocity.forward(input_positions) };
         let steps = self.options.refinement_steps;
-        refinement::refine(self.cell.as_ref(), self.task.dt, input_positions, actions, estimate, steps)
+        refinement::refine(self.cell.as_ref(), self.system.dt, input_positions, actions, estimate, steps)
     }
 
     /// Decodes the positions `[batch, coordinates * objects]` of states and of encoded frames in one call.
@@ -220,7 +255,7 @@ impl PhysicsNet {
         let predicted = Tensor::stack(&predicted, 1);
         let positions = Tensor::cat(&[reconstructed, &predicted], 1);
         let rendering = self.decoder.forward(&positions.flatten(0, 1));
-        let [channels, side] = [self.task.channels as i64, self.task.side as i64];
+        let [channels, side] = [self.system.channels as i64, self.system.side as i64];
         let frames = rendering.frames.reshape([batch, -1, channels, side, side]);
         let total = frames.size()[1];
         (frames.narrow(1, 0, encoded_frames), frames.narrow(1, encoded_frames, total - encoded_frames))
@@ -232,12 +267,15 @@ impl PhysicsNet {
     /// # Errors
     /// A clip that is shorter than L + T_pred.
     pub fn forward(&self, clips: &Tensor, actions: &Actions) -> Result<ForwardPass> {
-        let (input, encoded) = (self.task.input_steps, self.task.input_steps + self.task.pred_steps);
+        let (input, encoded) = (self.system.input_steps, self.system.input_steps + self.system.pred_steps);
         let time = clips.size()[1] as usize;
-        anyhow::ensure!(time >= encoded, "a clip has {time} frames; task {} needs at least {encoded}", self.task.key);
+        anyhow::ensure!(
+            time >= encoded,
+            "a clip has {time} frames; at least input and prediction, {encoded}, are needed"
+        );
         let (encoding, positions) = self.encode(&clips.narrow(1, 0, encoded as i64));
         let initial = self.initial_state(&positions.narrow(1, 0, input as i64), actions);
-        let states = self.cell.roll_out(&initial, &actions.since(input - 1), self.task.dt, time - input);
+        let states = self.cell.roll_out(&initial, &actions.since(input - 1), self.system.dt, time - input);
         let (reconstructions, predictions) = self.decode(&positions, &states);
         Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions })
     }

@@ -6,9 +6,9 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use super::ModelOptions;
+use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers};
 use crate::network::cells::Coordinates;
-use crate::tasks::Task;
 
 const HIDDEN: usize = 100;
 
@@ -24,10 +24,10 @@ pub struct VelocityEstimator {
 }
 
 impl VelocityEstimator {
-    pub fn new(scope: Path, task: &Task, options: &ModelOptions) -> Self {
+    pub fn new(scope: Path, system: &System, options: &ModelOptions) -> Self {
         let mut layers = Layers::new(scope);
-        let coordinates = task.cell.coordinates.per_object();
-        let layers = match (task.input_steps, options.alt_vel) {
+        let coordinates = system.cell.coordinates.per_object();
+        let layers = match (system.input_steps, options.alt_vel) {
             (1, _) => vec![],
             (steps, true) => vec![layers.dense(coordinates * (steps - 1), coordinates, Activation::None)],
             (steps, false) => vec![
@@ -40,10 +40,10 @@ impl VelocityEstimator {
             layers,
             alt_vel: options.alt_vel,
             // Angles are small numbers as they are.
-            centred_input: options.centred_velocity_input && task.cell.coordinates == Coordinates::Position,
-            objects: task.objects as i64,
+            centred_input: options.centred_velocity_input && system.cell.coordinates == Coordinates::Position,
+            objects: system.objects as i64,
             coordinates: coordinates as i64,
-            side: task.side as f64,
+            side: system.side as f64,
         }
     }
 

@@ -1,0 +1,92 @@
+//! A golden file while it is being compared: what a case takes in from it, and what it holds against it.
+
+use std::cell::RefCell;
+use std::path::Path;
+
+use anyhow::Result;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use tch::{Kind, Tensor};
+
+use crate::harness::golden::Golden;
+use crate::harness::row::Row;
+use crate::tolerances::{PROBE_STEP, Tolerance};
+
+/// Moves inputs and weights by some float32 roundings, to see what rounding alone does to the results.
+#[derive(Debug)]
+pub struct Noise(ChaCha8Rng);
+
+impl Noise {
+    pub fn new(probe: u64) -> Self {
+        Noise(ChaCha8Rng::seed_from_u64(probe))
+    }
+
+    fn apply(&mut self, values: &Tensor) -> Tensor {
+        let factors: Vec<f64> =
+            (0..values.numel()).map(|_| 1.0 + self.0.random_range(-1.0..=1.0) * PROBE_STEP).collect();
+        values * Tensor::from_slice(&factors).reshape(values.size())
+    }
+}
+
+/// A golden file while it is being compared.
+#[derive(Debug)]
+pub struct Case<'a> {
+    pub golden: &'a Golden,
+    /// The precision in which the port computes.
+    pub kind: Kind,
+    /// A checkpoint's file that whole models take their weights from, instead of the formula.
+    pub weights: Option<&'a Path>,
+    pub rows: Vec<Row>,
+    noise: Option<RefCell<Noise>>,
+}
+
+impl<'a> Case<'a> {
+    /// With `noise`, a probe.
+    pub fn new(golden: &'a Golden, kind: Kind, noise: Option<Noise>, weights: Option<&'a Path>) -> Self {
+        Case { golden, kind, weights, rows: Vec::new(), noise: noise.map(RefCell::new) }
+    }
+
+    /// Values as the computation takes them in: in its precision, and moved where this is a probe.
+    pub fn taken_in(&self, values: &Tensor) -> Tensor {
+        match &self.noise {
+            Some(noise) => noise.borrow_mut().apply(values).to_kind(self.kind),
+            None => values.to_kind(self.kind),
+        }
+    }
+
+    /// An input of the computation.
+    pub fn input(&self, name: &str, axes: usize) -> Result<Tensor> {
+        Ok(self.taken_in(&self.golden.with_axes(name, axes)?))
+    }
+
+    /// An input that gradients are taken to.
+    pub fn leaf(&self, name: &str, axes: usize) -> Result<Tensor> {
+        Ok(self.input(name, axes)?.set_requires_grad(true))
+    }
+
+    /// Compares with the golden tensor `name`.
+    ///
+    /// # Errors
+    /// A golden tensor that is missing, not finite, or of another shape.
+    pub fn check(&mut self, name: &str, computed: &Tensor, tolerance: &'static Tolerance) -> Result<()> {
+        let expected = self.golden.tensor(name, &computed.size())?;
+        self.rows.push(Row::new(name, &expected, computed, tolerance));
+        Ok(())
+    }
+
+    /// Compares the golden tensor `name` one step at a time: `computed` starts from golden states, as `how` says, and
+    /// holds the tensor where its own row is uninformative.
+    pub fn check_single_step(&mut self, name: &str, how: &str, expected: &Tensor, computed: &Tensor) {
+        self.rows.push(Row::single_step(name, how, expected, computed));
+    }
+}
+
+/// Channels first (last three axes `[C, H, W]`) to the golden files' channels last.
+pub fn channels_last(images: &Tensor) -> Tensor {
+    images.movedim_int(-3, -1)
+}
+
+/// The golden files' channels last to channels first.
+pub fn channels_first(images: &Tensor) -> Tensor {
+    images.movedim_int(-1, -3)
+}

@@ -1,0 +1,125 @@
+//! What the network is told of a system: the frames it sees, the equation it is given, and nothing else.
+//!
+//! Files, scenes, true parameters and learning rates are a [task](crate::tasks)'s.
+
+use anyhow::{Result, ensure};
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+
+use super::blocks::side_multiple;
+use super::cells::{self, Cell, CellKind, Walls};
+
+/// Smallest side of a frame, pixels: the window of the structural similarity is 11 x 11.
+const LEAST_SIDE: usize = 12;
+/// Largest side, pixels: beyond it a single layer of the encoder takes gigabytes.
+const LARGEST_SIDE: usize = 512;
+
+/// One system: its frames, how a clip is cut into input and prediction, and its equation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct System {
+    /// Side S of the square frames, pixels.
+    pub side: usize,
+    /// Colour channels of a frame: 1 or 3.
+    pub channels: usize,
+    /// N: moving objects.
+    pub objects: usize,
+    /// L: frames the encoder sees before the roll-out starts.
+    pub input_steps: usize,
+    /// T_pred: predicted frames that enter the training loss. What follows in a clip is T_ext, scored only.
+    pub pred_steps: usize,
+    /// Time between two frames, in the unit that the parameters are measured in.
+    pub dt: f64,
+    /// The differential equation.
+    pub cell: &'static CellKind,
+    /// Where an object's centre turns, in equations that have walls.
+    pub walls: Walls,
+}
+
+impl System {
+    /// Numbers in a position of all objects.
+    pub fn coordinates(&self) -> usize {
+        self.objects * self.cell.coordinates.per_object()
+    }
+
+    /// The equation with these log-parameters, one for each of the cell's.
+    pub fn build_cell(&self, logs: &[Tensor]) -> Box<dyn Cell> {
+        (self.cell.build)(logs, self.walls)
+    }
+
+    /// # Errors
+    /// A side that the U-Net cannot halve, or too small or too large; a number of channels or objects that cannot be; no
+    /// frames to see or to predict; a time that is not positive; walls that leave no room.
+    pub fn check(&self) -> Result<()> {
+        let &System { side, channels, objects, input_steps, pred_steps, dt, cell, walls } = self;
+        let multiple = side_multiple(side);
+        ensure!(
+            (LEAST_SIDE..=LARGEST_SIDE).contains(&side) && side.is_multiple_of(multiple),
+            "side = {side}: frames must have {LEAST_SIDE} to {LARGEST_SIDE} pixels a side, a multiple of {multiple} (the \
+             U-Net halves them); the nearest side is {}",
+            nearest_side(side)
+        );
+        ensure!(channels == 1 || channels == 3, "channels = {channels}: frames have 1 channel (grey) or 3 (colour)");
+        ensure!(objects > 0, "objects = 0: there must be at least one object");
+        if let Some(written_for) = cell.objects {
+            ensure!(
+                objects == written_for,
+                "objects = {objects}: the equation {:?} is written for exactly {written_for}",
+                cell.name
+            );
+        }
+        ensure!(input_steps > 0, "input_steps = 0: the encoder must see at least one frame");
+        ensure!(pred_steps > 0, "pred_steps = 0: at least one frame must be predicted");
+        ensure!(dt.is_finite() && dt > 0.0, "dt = {dt}: the time between two frames must be a positive number");
+        ensure!(
+            walls.near.is_finite() && walls.near >= 0.0 && walls.near < walls.far,
+            "wall_margin = {}: must be at least 0 and less than half of the side {side}",
+            walls.near
+        );
+        Ok(())
+    }
+}
+
+/// The allowed side that is nearest.
+fn nearest_side(side: usize) -> usize {
+    let allowed = (LEAST_SIDE..=LARGEST_SIDE).filter(|side| side.is_multiple_of(side_multiple(*side)));
+    allowed.min_by_key(|allowed| allowed.abs_diff(side)).expect("there are allowed sides")
+}
+
+/// A system as it stands in a file: the equation by its name.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SystemTable {
+    pub side: usize,
+    pub channels: usize,
+    pub objects: usize,
+    pub input_steps: usize,
+    pub pred_steps: usize,
+    pub dt: f64,
+    pub equation: String,
+    /// Distance from a frame's edges at which an object's centre turns, pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wall_margin: Option<f64>,
+}
+
+impl From<&System> for SystemTable {
+    fn from(system: &System) -> Self {
+        let &System { side, channels, objects, input_steps, pred_steps, dt, cell, walls } = system;
+        let (equation, wall_margin) = (cell.name.to_string(), Some(walls.near));
+        SystemTable { side, channels, objects, input_steps, pred_steps, dt, equation, wall_margin }
+    }
+}
+
+impl SystemTable {
+    /// The system; `wall_margin` where the table has none.
+    ///
+    /// # Errors
+    /// An unknown equation, or what [`System::check`] refuses.
+    pub fn system(&self, wall_margin: f64) -> Result<System> {
+        let &SystemTable { side, channels, objects, input_steps, pred_steps, dt, .. } = self;
+        let cell = cells::find(&self.equation)?;
+        let walls = Walls::new(side, self.wall_margin.unwrap_or(wall_margin));
+        let system = System { side, channels, objects, input_steps, pred_steps, dt, cell, walls };
+        system.check()?;
+        Ok(system)
+    }
+}

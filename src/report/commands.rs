@@ -1,0 +1,116 @@
+//! The commands that make the data and the runs again.
+
+use anyhow::Result;
+
+use super::groups::{Group, choices_of};
+use crate::generators::{Counts, plain_test_settings};
+use crate::runs::run::{Run, RunData};
+use crate::support::command_line::CommandOptions;
+
+/// Where data lie if the config says nothing else, in TOML's notation.
+const DATA_FOLDER: &str = "\"data/datasets\"";
+
+/// All commands of a group in a shell's notation, one a line: the data, all runs at once, and each run by itself.
+pub(super) fn commands(group: &Group) -> Result<Vec<String>> {
+    let mut lines: Vec<String> = Vec::new();
+    for run in &group.runs {
+        let data = generate(run)?;
+        lines.extend(data.into_iter().filter(|line| !lines.contains(line)).collect::<Vec<_>>());
+    }
+    if let Some(sweep) = sweep(group) {
+        lines.extend(["# all runs:".into(), sweep.shell("sweep")?, "# or one by one:".into()]);
+    }
+    for run in &group.runs {
+        lines.push(one(run, group).shell("run_physics")?);
+    }
+    Ok(lines)
+}
+
+/// The data of a run, and where that is not all, what is known besides.
+fn generate(run: &Run) -> Result<Vec<String>> {
+    let task = &run.config.task;
+    let folder = run.config.choices.get("data.folder").filter(|folder| *folder != DATA_FOLDER);
+    let options = CommandOptions::default().with("task", &task.name);
+    let options = options.with_each("out", folder.map(|folder| folder.trim_matches('"')));
+    let unknown = "# no run says how these data were made:";
+    let Some(RunData { clips: [train, valid, test], made_with }) = &run.data else {
+        return Ok(vec![unknown.into(), options.shell("generate")?]);
+    };
+    let options = options.with("train", train.to_string()).with("valid", valid.to_string());
+    let seed = made_with.as_deref().and_then(seed);
+    let options = options.with("test", test.to_string()).with_each("seed", seed.map(|seed| seed.to_string()));
+    let counts = Counts { train: *train, valid: *valid, test: *test };
+    let plain = seed.map(|seed| plain_test_settings(task, counts, seed)).transpose()?.flatten();
+    let remark = match made_with {
+        None => Some(unknown.into()),
+        Some(_) if *made_with == plain => None,
+        Some(text) => Some(format!("# to be completed, the test file is made with: {}", text.replace('\n', " "))),
+    };
+    Ok(remark.into_iter().chain([options.shell("generate")?]).collect())
+}
+
+/// The seed in a dataset's settings: `.., seed 0, ..`.
+fn seed(made_with: &str) -> Option<u64> {
+    made_with.split(", ").find_map(|part| part.strip_prefix("seed ")?.parse().ok())
+}
+
+/// The command for all runs of a group; none where `--set` cannot say what differs, or the runs' machines differ.
+fn sweep(group: &Group) -> Option<CommandOptions> {
+    let first = &group.runs[0];
+    let alike = |run: &Run| threads(run) == threads(first) && run.config.device == first.config.device;
+    if !group.runs.iter().all(alike) || !said_by_changes(first, group) {
+        return None;
+    }
+    let seeds: Vec<_> = group.runs.iter().map(|run| run.config.seed.to_string()).collect();
+    // 0 is what a run had that left the number to the machine and did not finish.
+    let threads = Some(threads(first)).filter(|threads| *threads > 0);
+    let options = task_and_recipe(group).with("seeds", seeds.join(",")).with_each("set", &group.changes);
+    let options = options.with_each("name", (!group.changes.is_empty()).then(|| name(group)));
+    let options = options.with_each("threads-per-run", threads.map(|threads| threads.to_string()));
+    Some(options.with("device", &first.config.device))
+}
+
+/// The command for one run. With its own config file where `--set` cannot say what differs; what is changed goes to a
+/// folder of its own, the one that `sweep` would give it.
+fn one(run: &Run, group: &Group) -> CommandOptions {
+    let options = task_and_recipe(group);
+    let options = if said_by_changes(run, group) {
+        options.with_each("set", &group.changes)
+    } else {
+        options.with("config", run.folder.join("config.toml"))
+    };
+    let (task, recipe, seed) = (&group.task.name, &group.recipe, run.config.seed);
+    let out = (!group.changes.is_empty()).then(|| format!("runs/{task}/{recipe}-{}/seed={seed}", name(group)));
+    let options = options.with("seed", seed.to_string()).with_each("out", out);
+    options.with("threads", threads(run).to_string()).with("device", &run.config.device)
+}
+
+/// Whether task, recipe and changes say all that the run's config does.
+fn said_by_changes(run: &Run, group: &Group) -> bool {
+    choices_of(&run.config, &group.changes).as_ref() == Some(&run.config.choices)
+}
+
+fn task_and_recipe(group: &Group) -> CommandOptions {
+    CommandOptions::default().with("task", &group.task.name).with("recipe", &group.recipe)
+}
+
+/// The name of a changed recipe.
+fn name(group: &Group) -> String {
+    group.folder_name().unwrap_or_else(|| "changed".into())
+}
+
+/// What the run had, where the config leaves it to the machine.
+fn threads(run: &Run) -> usize {
+    run.summary.as_ref().map_or(run.config.threads, |summary| summary.threads)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_seed_of_the_data_is_read_from_their_settings() {
+        assert_eq!(seed("generator 1, task spring_color, seed 7, clips 10+10+500 of 30 frames, side 32"), Some(7));
+        assert_eq!(seed("made by hand"), None);
+    }
+}

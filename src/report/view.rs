@@ -1,0 +1,165 @@
+//! What the report's template sees: the numbers of all tasks, groups, parameters and runs.
+
+use std::collections::BTreeMap;
+
+use anyhow::Result;
+use minijinja::{Value, context};
+use serde::Serialize;
+
+use super::commands::commands;
+use super::criteria;
+use super::groups::{Group, Role};
+use super::pictures::GroupPictures;
+use crate::network::cells::PhysicalParameter;
+use crate::network::physics_models::losses::Loss;
+use crate::runs::run::Run;
+use crate::runs::summary::Summary;
+use crate::tasks::Task;
+use crate::tasks::published::published;
+
+/// Any data as the template sees them.
+pub(super) fn value(data: impl Serialize) -> Value {
+    Value::from(minijinja::value::Serde(data))
+}
+
+/// A task with the views of its groups.
+pub(super) fn of_task(task: &Task, groups: &[Group], views: &[Value]) -> Value {
+    let parameter = |parameter: &PhysicalParameter| {
+        context! {
+            symbol => parameter.name,
+            truth => task.truth_of(parameter.name),
+            paper => paper(task, Some(parameter)),
+        }
+    };
+    let pairs = groups.chunk_by(|a, b| a.recipe == b.recipe).map(|groups| (groups[0].recipe.clone(), pairs(groups)));
+    context! {
+        name => &task.name,
+        criterion => value(criteria::criterion(task)),
+        parameters => task.system.cell.parameters.iter().map(parameter).collect::<Vec<_>>(),
+        groups => views.to_vec(),
+        // By recipe.
+        pairs => pairs.collect::<BTreeMap<_, _>>(),
+    }
+}
+
+/// A group of runs. Spreads are over the finished runs.
+pub(super) fn of_group(group: &Group, pictures: &GroupPictures) -> Result<Value> {
+    Ok(context! {
+        task => &group.task.name,
+        recipe => group.recipe.clone(),
+        label => group.label.clone(),
+        changes => group.changes.clone(),
+        role => value(group.role()),
+        is_protocol => group.is_protocol(),
+        tried => group.runs.len(),
+        finished => group.finished().count(),
+        // None of a task without a criterion.
+        succeeded => group.succeeded(),
+        // Finished runs that do not show their objects.
+        lost => group.finished().filter(|(_, summary)| lost(&group.task, summary)).count(),
+        unit => group.task.system.cell.coordinates.unit(),
+        // Those that are learned.
+        parameters => group.learned().map(|p| parameter(group, Some(p))).collect::<Vec<_>>(),
+        losses => value(BTreeMap::from(group.losses())),
+        states => value(BTreeMap::from(group.states())),
+        // How many times the true velocity at the last input frame is estimated.
+        velocity_slope => value(group.spread(|summary| summary.test.scores.states.as_ref()?.initial_velocity_slope)),
+        wall_seconds => value(group.spread(|summary| Some(summary.wall_seconds))),
+        frames => value(group.frames()),
+        runs => group.runs.iter().map(|run| of_run(group, run)).collect::<Vec<_>>(),
+        pictures => value(pictures),
+        commands => commands(group)?,
+    })
+}
+
+/// Whether a run does not show its objects; one without L_rec does not.
+fn lost(task: &Task, summary: &Summary) -> bool {
+    let loss = summary.test.scores.losses.of(Loss::Recons).unwrap_or(f64::NAN);
+    criteria::objects_found(task, loss) == Some(false)
+}
+
+/// A parameter that a group learned; all none without one.
+pub(super) fn parameter(group: &Group, parameter: Option<&PhysicalParameter>) -> Value {
+    let of = |number: fn(f64, f64) -> f64| {
+        group.spread(|summary| {
+            let learned = summary.parameters.get(parameter?.name)?;
+            Some(number(learned.learned, learned.truth?))
+        })
+    };
+    let learned = parameter.and_then(|parameter| group.value(parameter));
+    let truth = parameter.and_then(|parameter| group.truth(parameter));
+    let unit = parameter.and_then(|parameter| group.own_unit(parameter));
+    context! {
+        symbol => parameter.map(|parameter| parameter.name),
+        truth => truth,
+        learned => value(learned),
+        // In per cent of the truth: with the sign, without, and of the median.
+        error => value(of(|learned, truth| 100.0 * (learned / truth - 1.0))),
+        error_size => value(of(|learned, truth| (100.0 * (learned / truth - 1.0)).abs())),
+        median_error => learned.zip(truth).map(|(learned, truth)| 100.0 * (learned.median / truth - 1.0)),
+        // In the model's own unit, where that is not true pixels.
+        own => value(learned.zip(unit).map(|(learned, unit)| learned.times(1.0 / unit))),
+        // The value in the model's own unit over the truth.
+        ratio => value(of(|learned, truth| learned / truth).map(|ratio| ratio.times(1.0 / unit.unwrap_or(1.0)))),
+    }
+}
+
+/// What the paper learned; all none where it reports nothing.
+pub(super) fn paper(task: &Task, parameter: Option<&PhysicalParameter>) -> Value {
+    let paper = parameter.and_then(|parameter| published().parameter(&task.name, parameter.name));
+    context! {
+        learned => paper.map(|paper| paper.learned),
+        ratio => paper.map(|paper| paper.learned / paper.truth),
+        error => paper.map(|paper| paper.error_percent()),
+    }
+}
+
+fn of_run(group: &Group, run: &Run) -> Value {
+    let course = run.known_course();
+    let last = |loss: Loss| (loss, course.and_then(|course| course.last_validation(loss.key())));
+    context! {
+        seed => run.config.seed,
+        status => value(criteria::status(run)),
+        length => run.length(),
+        folder => run.folder.display().to_string(),
+        device => run.config.device.clone(),
+        steps => run.steps(),
+        epochs => run.epochs(),
+        // Of the training so far.
+        seconds => course.and_then(|course| course.seconds()),
+        // Training, validation, test.
+        clips => value(run.data.as_ref().map(|data| data.clips)),
+        // summary.json.
+        summary => value(&run.summary),
+        // Why the course cannot be read.
+        unread_course => run.course.as_ref().err().map(|error| format!("{error:#}")),
+        // Losses of the last validation.
+        last => value(BTreeMap::from(Loss::ALL.map(last))),
+        objects_found => criteria::objects_found_last(run),
+        movements => group.learned().filter_map(|parameter| movement(run, parameter)).collect::<Vec<_>>(),
+    }
+}
+
+/// How a parameter moved: its value at the start, half-way and at the last record.
+fn movement(run: &Run, parameter: &PhysicalParameter) -> Option<Value> {
+    let course = run.known_course()?.start_middle_end(parameter.name)?;
+    Some(context! {
+        symbol => parameter.name,
+        course => value(course),
+        truth => run.config.task.truth_of(parameter.name),
+    })
+}
+
+/// How far starts from other parameters lead from the same seeds of the recipe as it is: from different objects to the
+/// same numbers says less than from the same objects.
+fn pairs(groups: &[Group]) -> Value {
+    let of = |role: Role| groups.iter().filter(move |group| group.role() == role).flat_map(|group| group.finished());
+    let same_seed = |run: &Run| of(Role::Plain).find(|(other, _)| other.config.seed == run.config.seed);
+    let pairs: Vec<_> = of(Role::Start).filter_map(|(run, start)| Some((start, same_seed(run)?.1))).collect();
+    let farthest = groups[0].learned().filter_map(|parameter| {
+        let learned = |summary: &Summary| Some(summary.parameters.get(parameter.name)?.learned);
+        let apart = pairs.iter().filter_map(|(start, same)| Some((learned(start)? - learned(same)?).abs()));
+        apart.reduce(f64::max).map(|by| context! { symbol => parameter.name, by => by })
+    });
+    context! { count => pairs.len(), farthest => farthest.collect::<Vec<_>>() }
+}

@@ -1,0 +1,52 @@
+//! The course of a training, as its metrics.jsonl tells it.
+
+use std::path::Path;
+
+use anyhow::Result;
+
+use super::metrics::{self, Kind, Record};
+use super::names::METRICS;
+
+/// All records of a run, in their order.
+#[derive(Debug)]
+pub struct Course {
+    records: Vec<Record>,
+}
+
+impl Course {
+    /// Reads the course of the run in a folder.
+    ///
+    /// # Errors
+    /// A missing file, or the number of a damaged line.
+    pub fn read(folder: &Path) -> Result<Self> {
+        Ok(Course { records: metrics::read(&folder.join(METRICS))? })
+    }
+
+    /// Steps taken until the last record.
+    pub fn steps(&self) -> u64 {
+        self.records.last().map_or(0, |record| record.step)
+    }
+
+    /// Seconds of training until the last record that states them.
+    pub fn seconds(&self) -> Option<f64> {
+        self.records.iter().rev().find_map(|record| record.value("seconds"))
+    }
+
+    /// The first value of this name, the one half-way to the last step, and the last one.
+    pub fn start_middle_end(&self, name: &str) -> Option<[f64; 3]> {
+        let points = self.points(None, name);
+        let half = self.steps() as f64 / 2.0;
+        let middle = points.iter().rfind(|(step, _)| *step <= half).or(points.first())?;
+        Some([points.first()?.1, middle.1, points.last()?.1])
+    }
+
+    /// The last validation's value of this name.
+    pub fn last_validation(&self, name: &str) -> Option<f64> {
+        self.points(Some(Kind::Valid), name).last().map(|(_, value)| *value)
+    }
+
+    /// (step, value) of the records of a kind (of any, if none is given) that hold a value.
+    pub(crate) fn points(&self, kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
+        metrics::points(&self.records, kind, name)
+    }
+}

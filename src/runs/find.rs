@@ -1,0 +1,88 @@
+//! Finding runs, each once.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+
+use super::names::{CONFIG, METRICS};
+use super::run::Run;
+
+/// All run folders that were found.
+#[derive(Debug, Default)]
+pub struct FoundRuns {
+    pub runs: Vec<Run>,
+    /// Folders whose config or summary is damaged, and how.
+    pub unreadable: Vec<(PathBuf, anyhow::Error)>,
+}
+
+/// The runs in and under some folders, in the order of their names. What `skip` names is not entered.
+///
+/// # Errors
+/// A folder that cannot be listed.
+pub fn find_runs(folders: &[PathBuf], skip: &dyn Fn(&Path) -> bool) -> Result<FoundRuns> {
+    let mut places = Vec::new();
+    folders.iter().try_for_each(|folder| search(folder, skip, &mut places))?;
+    let mut found = FoundRuns::default();
+    for (folder, _) in places {
+        match Run::read(&folder) {
+            Ok(run) => found.runs.push(run),
+            Err(error) => found.unreadable.push((folder, error)),
+        }
+    }
+    found.runs = without_copies(found.runs)?;
+    share_data(&mut found.runs);
+    Ok(found)
+}
+
+/// `places`: run folders as they were reached, and their true paths.
+fn search(folder: &Path, skip: &dyn Fn(&Path) -> bool, places: &mut Vec<(PathBuf, PathBuf)>) -> Result<()> {
+    let context = || format!("cannot list {}", folder.display());
+    if folder.join(CONFIG).exists() && folder.join(METRICS).exists() {
+        let canonical = fs::canonicalize(folder).with_context(context)?;
+        if places.iter().all(|(_, known)| *known != canonical) {
+            places.push((folder.into(), canonical));
+        }
+        return Ok(());
+    }
+    let mut below = Vec::new();
+    for entry in fs::read_dir(folder).with_context(context)? {
+        let entry = entry.with_context(context)?;
+        // Not through links: they can lead in a circle.
+        if entry.file_type().with_context(context)?.is_dir() && !skip(&entry.path()) {
+            below.push(entry.path());
+        }
+    }
+    below.sort();
+    below.iter().try_for_each(|folder| search(folder, skip, places))
+}
+
+/// Of runs that are one and the same the one that went furthest: a run and its record in an earlier report, which may
+/// have been made before the run went on. Their configs are equal, and the course of one begins with that of the other.
+fn without_copies(runs: Vec<Run>) -> Result<Vec<Run>> {
+    let mut kept: Vec<(Run, [Vec<u8>; 2])> = Vec::new();
+    let further = |run: &Run, course: &[u8]| (course.len(), run.summary.is_some());
+    for run in runs {
+        let files = run.config_and_course()?;
+        let [config, course] = &files;
+        let same = kept.iter_mut().find(|(_, [other_config, other])| {
+            other_config == config && (other.starts_with(course) || course.starts_with(other))
+        });
+        match same {
+            Some(other) if further(&run, course) > further(&other.0, &other.1[1]) => *other = (run, files),
+            Some(_) => {}
+            None => kept.push((run, files)),
+        }
+    }
+    Ok(kept.into_iter().map(|(run, _)| run).collect())
+}
+
+/// A run that has not finished learned from what other runs on the same files say.
+fn share_data(runs: &mut [Run]) {
+    for place in 0..runs.len() {
+        let files = |run: &Run| (run.config.task.name.clone(), run.config.data_files().map(Option::<&String>::cloned));
+        let here = files(&runs[place]);
+        let known = runs.iter().filter(|run| files(run) == here).find_map(|run| run.data.clone());
+        runs[place].data = runs[place].data.take().or(known);
+    }
+}

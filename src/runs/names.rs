@@ -1,0 +1,14 @@
+//! Names of the files in a run's folder.
+
+/// What was asked for.
+pub const CONFIG: &str = "config.toml";
+/// The original's lines.
+pub const LOG: &str = "log.txt";
+/// The course of the training.
+pub const METRICS: &str = "metrics.jsonl";
+/// What came out.
+pub const SUMMARY: &str = "summary.json";
+/// The folder of the checkpoints.
+pub const CHECKPOINTS: &str = "checkpoints";
+/// What says all of a run in few bytes.
+pub const RECORDS: [&str; 3] = [CONFIG, METRICS, SUMMARY];

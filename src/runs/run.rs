@@ -1,0 +1,83 @@
+//! A run as its folder tells it, finished or not.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+
+use super::course::Course;
+use super::names::{CONFIG, METRICS};
+use super::run_config::RunConfig;
+use super::summary::Summary;
+
+/// One run folder.
+#[derive(Debug)]
+pub struct Run {
+    pub folder: PathBuf,
+    pub config: RunConfig,
+    /// None for a run that has not finished.
+    pub summary: Option<Summary>,
+    /// The course of the training, or why it cannot be read.
+    pub course: Result<Course>,
+    /// What the run learned from; of a run that has not finished, as others on the same files say.
+    pub data: Option<RunData>,
+}
+
+/// The clips of a run's files, and how they were made.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunData {
+    /// Training, validation, test.
+    pub clips: [usize; 3],
+    /// None of files that were not generated here.
+    pub made_with: Option<String>,
+}
+
+impl Run {
+    /// Reads a run folder.
+    ///
+    /// # Errors
+    /// A config or a summary that is missing or damaged.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let (config, summary) = (RunConfig::read(&folder.join(CONFIG))?, Summary::read(folder)?);
+        let data = summary.as_ref().and_then(|summary| {
+            let clips = [summary.training_clips?, summary.validation_clips?, summary.test.scores.clips];
+            Some(RunData { clips, made_with: summary.test.made_with.clone() })
+        });
+        Ok(Run { folder: folder.into(), config, summary, course: Course::read(folder), data })
+    }
+
+    /// The course, if it can be read.
+    pub fn known_course(&self) -> Option<&Course> {
+        self.course.as_ref().ok()
+    }
+
+    /// Steps until the end, or until the last record of a run that has not finished.
+    pub fn steps(&self) -> Option<u64> {
+        self.summary.as_ref().map(|summary| summary.steps).or_else(|| self.known_course().map(Course::steps))
+    }
+
+    /// Passes over the training clips that `join`'s batches make in these steps.
+    pub fn epochs(&self) -> Option<f64> {
+        let steps_per_epoch = (self.data.as_ref()?.clips[0] as f64 / self.config.number("join.batch")?).floor();
+        (steps_per_epoch >= 1.0).then_some(self.steps()? as f64 / steps_per_epoch)
+    }
+
+    /// `1750 steps`; of a recipe that counts epochs, `1750 steps (35 epochs)`.
+    pub fn length(&self) -> String {
+        let Some(steps) = self.steps() else { return "an unknown number of steps".into() };
+        let in_epochs = self.config.choices.contains_key("join.epochs");
+        match self.epochs().filter(|_| in_epochs) {
+            Some(epochs) => format!("{steps} steps ({} epochs)", (10.0 * epochs).round() / 10.0),
+            None => format!("{steps} steps"),
+        }
+    }
+
+    /// The bytes of the config and of the course: the first tells runs apart, the second grows while a run goes on.
+    pub(super) fn config_and_course(&self) -> Result<[Vec<u8>; 2]> {
+        let read = |name: &str| {
+            let path = self.folder.join(name);
+            fs::read(&path).with_context(|| format!("cannot read {}", path.display()))
+        };
+        Ok([read(CONFIG)?, read(METRICS)?])
+    }
+}

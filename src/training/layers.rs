@@ -1,0 +1,224 @@
+//! How a config is put together: the task's values, a recipe, the task's changes to it, a file, the command line, each
+//! over the one before. Unknown keys are refused at every layer.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use toml::{Table, Value};
+
+use crate::runs::config_file;
+use crate::tasks::{self, Task};
+
+/// The recipes that come with the program, by name.
+const RECIPES: &[(&str, &str)] =
+    &[("fast", include_str!("../../configs/fast.toml")), ("paper", include_str!("../../configs/paper.toml"))];
+
+/// What the command line says on top of the files.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Overrides {
+    /// Name of a built-in task, or a task file.
+    pub task: Option<String>,
+    pub recipe: Option<String>,
+    pub seed: Option<u64>,
+    pub device: Option<String>,
+    pub threads: Option<usize>,
+    pub data: Option<PathBuf>,
+    /// `section.key=value` in TOML's notation.
+    pub set: Vec<String>,
+}
+
+/// All layers in one table.
+#[derive(Debug)]
+pub struct ConfigLayers {
+    pub merged: Table,
+    /// The file that is one of them, and the table without the command line: tells where a wrong value comes from.
+    pub file: Option<(PathBuf, Table)>,
+}
+
+/// Recipe, task, file and command line; the task is the one that file or command line name.
+///
+/// # Errors
+/// An unreadable file, an unknown task or recipe, an assignment that is no TOML.
+pub fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
+    let (file_layer, command_line) = (file_layer(file)?, command_line_layer(overrides)?);
+    let task = task_table(&file_layer, &command_line)?;
+    merged(task, file_layer, command_line, file)
+}
+
+/// The same for a task that is at hand.
+///
+/// # Errors
+/// As for [`load`]; a file that is for another task.
+pub fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
+    let (file_layer, command_line) = (file_layer(file)?, command_line_layer(overrides)?);
+    let mut table = task.to_table();
+    if let Some(name) = task_name(&file_layer) {
+        ensure!(name == task.name, "config: the file is for task {name}, not for {}", task.name);
+    }
+    changes_of_task([&file_layer, &command_line]).for_each(|changes| merge(&mut table, changes.clone()));
+    merged(table, file_layer, command_line, file)
+}
+
+fn file_layer(file: Option<&Path>) -> Result<Table> {
+    let Some(path) = file else { return Ok(Table::new()) };
+    let read = || config_file::parse(&std::fs::read_to_string(path)?);
+    read().with_context(|| format!("config {}", path.display()))
+}
+
+/// The task that a layer names, alone or in the table that holds it.
+fn task_name(layer: &Table) -> Option<String> {
+    let task = layer.get("task")?;
+    task.as_str().or(task.get("name")?.as_str()).map(String::from)
+}
+
+/// What layers change in the task.
+fn changes_of_task(layers: [&Table; 2]) -> impl Iterator<Item = &Table> {
+    layers.into_iter().filter_map(|layer| layer.get("task")?.as_table())
+}
+
+/// The task as the layers have it: the one that is named, or that the file holds, with the tables over it.
+fn task_table(file_layer: &Table, command_line: &Table) -> Result<Table> {
+    let name_in = |layer: &Table| layer.get("task").and_then(Value::as_str).map(String::from);
+    let mut task = match (name_in(command_line), name_in(file_layer)) {
+        (Some(asked), Some(of_file)) => {
+            ensure!(asked == of_file, "config: the file is for task {of_file}, not for {asked}");
+            tasks::find(&asked)?.to_table()
+        }
+        (Some(name), None) | (None, Some(name)) => tasks::find(&name)?.to_table(),
+        (None, None) => Table::new(),
+    };
+    if let (Some(Value::String(name)), Some(Value::String(other))) =
+        (task.get("name"), file_layer.get("task").and_then(Value::as_table).and_then(|task| task.get("name")))
+    {
+        ensure!(name == other, "config: the file is for task {other}, not for {name}");
+    }
+    changes_of_task([file_layer, command_line]).for_each(|changes| merge(&mut task, changes.clone()));
+    ensure!(!task.is_empty(), "no task given; use --task, or `task = \"..\"` in the config");
+    Ok(task)
+}
+
+fn merged(task: Table, mut file_layer: Table, mut command_line: Table, file: Option<&Path>) -> Result<ConfigLayers> {
+    let said = |key: &str| command_line.get(key).or(file_layer.get(key)).and_then(Value::as_str).map(String::from);
+    let recipe = said("recipe").unwrap_or_else(|| "fast".into());
+    let Some((_, recipe_text)) = RECIPES.iter().find(|(name, _)| *name == recipe) else {
+        let names: Vec<_> = RECIPES.iter().map(|(name, _)| *name).collect();
+        bail!("unknown recipe {recipe:?}; the recipes are {}", names.join(", "));
+    };
+    let task: Task = Value::Table(task).try_into().context("config: task")?;
+    let mut merged = task_layer(&task);
+    let mut recipe_layer = config_file::parse(recipe_text).expect("the recipes that come with the program are sound");
+    shorten_horizons(&mut recipe_layer, task.train_frames);
+    merge(&mut merged, recipe_layer);
+    merge(&mut merged, task.recipe_changes(&recipe));
+    for layer in [&mut file_layer, &mut command_line] {
+        layer.remove("task");
+    }
+    merge(&mut merged, file_layer);
+    let file = file.map(|path| (path.to_path_buf(), merged.clone()));
+    merge(&mut merged, command_line);
+    Ok(ConfigLayers { merged, file })
+}
+
+/// Cuts a recipe's horizons off at the length of the clips.
+fn shorten_horizons(recipe: &mut Table, clip_frames: usize) {
+    let identify = recipe.get_mut("identify").and_then(Value::as_table_mut);
+    if let Some(Value::Array(horizons)) = identify.and_then(|identify| identify.get_mut("horizons")) {
+        let longest = Value::Integer(clip_frames as i64);
+        horizons.iter_mut().filter(|horizon| horizon.as_integer() > longest.as_integer()).for_each(|horizon| {
+            *horizon = longest.clone();
+        });
+        horizons.dedup();
+    }
+}
+
+/// What the command line says, its options above its `--set`.
+fn command_line_layer(overrides: &Overrides) -> Result<Table> {
+    let mut layer = Table::new();
+    for assignment in &overrides.set {
+        merge(&mut layer, parse_assignment(assignment)?);
+    }
+    let integer = |name: &str, value: u64| {
+        i64::try_from(value).with_context(|| format!("--{name} {value}: must be at most {}", i64::MAX))
+    };
+    let options = [
+        ("task", overrides.task.clone().map(Value::from)),
+        ("recipe", overrides.recipe.clone().map(Value::from)),
+        ("seed", overrides.seed.map(|seed| integer("seed", seed)).transpose()?.map(Value::from)),
+        ("device", overrides.device.clone().map(Value::from)),
+        ("threads", overrides.threads.map(|n| integer("threads", n as u64)).transpose()?.map(Value::from)),
+    ];
+    for (key, value) in options.into_iter().filter_map(|(key, value)| Some((key, value?))) {
+        match (layer.get(key), value) {
+            // `--set task.system.dt=0.2` changes the task that --task names.
+            (Some(Value::Table(changes)), Value::String(task)) if key == "task" => {
+                let mut table = tasks::find(&task)?.to_table();
+                merge(&mut table, changes.clone());
+                layer.insert(key.into(), Value::Table(table));
+            }
+            (Some(other), value) if *other != value => {
+                bail!("--set {key}={other} contradicts {key} {value}, which is given, too")
+            }
+            (_, value) => drop(layer.insert(key.into(), value)),
+        }
+    }
+    if let Some(folder) = &overrides.data {
+        let folder = folder.to_str().with_context(|| format!("data folder {}: not UTF-8", folder.display()))?;
+        let data = Table::from_iter([("folder".to_string(), Value::from(folder))]);
+        merge(&mut layer, Table::from_iter([("data".to_string(), Value::Table(data))]));
+    }
+    Ok(layer)
+}
+
+/// What a task contributes: itself, its files and the paper's rates, below the recipe.
+fn task_layer(task: &Task) -> Table {
+    let text = format!(
+        "seed = 0\ndevice = \"cpu\"\nthreads = 0\n\
+         [data]\nfolder = \"data/datasets\"\ntrain_file = {:?}\ntest_file = {:?}\n\
+         [join]\nlearning_rate = {lr}\nphysics_learning_rate = {lr}\nalpha = {:?}\n",
+        task.train_file,
+        task.test_file,
+        task.alpha,
+        lr = Value::from(task.base_lr),
+    );
+    let mut layer = config_file::parse(&text).expect("a task makes a sound layer");
+    layer.insert("task".into(), Value::Table(task.to_table()));
+    layer
+}
+
+/// `a.b=value` as a layer; a value that is no TOML is taken as a string.
+fn parse_assignment(assignment: &str) -> Result<Table> {
+    let (key, value) = assignment
+        .split_once('=')
+        .with_context(|| format!("--set {assignment:?}: expected key=value, for example join.batch=50"))?;
+    let (key, value) = (key.trim(), value.trim());
+    config_file::parse(&format!("{key} = {value}"))
+        .or_else(|_| config_file::parse(&format!("{key} = {value:?}")))
+        .with_context(|| format!("--set {assignment:?}"))
+}
+
+/// Whether the value of this key decides what is learned and from what. Of a task only its system and its scene do: the
+/// rest is resolved in the other keys, or scores a run.
+pub fn decides(key: &str) -> bool {
+    let of_task = |key: &str| key.starts_with("system.") || key.starts_with("scene.");
+    !["format", "device", "threads", "data.folder"].contains(&key) && key.strip_prefix("task.").is_none_or(of_task)
+}
+
+/// Lays `over` on `base`: tables are merged, everything else is replaced.
+fn merge(base: &mut Table, over: Table) {
+    // A length in steps replaces one in epochs and the other way round.
+    for (given, other) in [("max_steps", "epochs"), ("epochs", "max_steps")] {
+        if let (Some(Value::Table(join)), Some(Value::Table(above))) = (base.get_mut("join"), over.get("join"))
+            && above.contains_key(given)
+        {
+            join.remove(other);
+        }
+    }
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! What a training tells those who watch it: progress bars, logs, plots, a program of one's own.
+
+use anyhow::Result;
+
+use crate::network::physics_models::PhysicsNet;
+use crate::runs::metrics::Record;
+
+/// Something that happened in a training.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// It goes on from a checkpoint after this many steps.
+    Resumed { steps: u64, checkpoint: &'a str },
+    /// A phase begins or goes on: the steps that it has taken, and those that it takes at most; 0 where it takes none.
+    PhaseBegins { phase: &'static str, done: u64, of: u64 },
+    /// A step was taken, with this loss.
+    Step { loss: f64, model: &'a PhysicsNet },
+    /// Numbers for metrics.jsonl: of a step, of a validation, of the fit.
+    Recorded(&'a Record),
+    /// A line for people: what the fit found, what was done about it.
+    Note(&'a str),
+    /// A checkpoint was saved after this many steps.
+    Checkpoint { steps: u64 },
+    /// A phase has come to its end, or was stopped.
+    PhaseEnds { phase: &'static str },
+}
+
+/// Watches a training.
+pub trait Observer {
+    /// # Errors
+    /// What the observer cannot do, such as writing to a full disk: the training ends with this error.
+    fn observe(&mut self, event: &Event) -> Result<()>;
+}

@@ -1,0 +1,21 @@
+//! A phase of a training: its config, and all it does.
+//!
+//! The original trains everything together from the first step (`join` alone, the `paper` recipe). The `fast` recipe
+//! finds the objects first, then the parameters, then joins.
+
+use std::fmt::Debug;
+
+use anyhow::Result;
+
+use super::base::{Outcome, Session};
+
+/// One of the phases that a config lists; the config's section is the phase.
+pub trait Phase: Debug {
+    fn name(&self) -> &'static str;
+
+    /// Takes the session's model through the phase, from the session's step on.
+    ///
+    /// # Errors
+    /// A loss that is not a number, data that do not suffice, an observer's error.
+    fn run(&self, session: &mut Session) -> Result<Outcome>;
+}

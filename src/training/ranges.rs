@@ -1,0 +1,13 @@
+//! Ranges of a config's values.
+
+use anyhow::{Result, ensure};
+
+pub(super) fn at_least_one(key: &str, count: u64) -> Result<()> {
+    ensure!(count > 0, "config: {key} must be at least 1");
+    Ok(())
+}
+
+pub(super) fn not_negative(key: &str, number: f64) -> Result<()> {
+    ensure!(number.is_finite() && number >= 0.0, "config: {key} = {number}: must be 0 or a positive number");
+    Ok(())
+}

@@ -1,0 +1,24 @@
+//! A run's model, read back from its folder.
+
+use std::path::Path;
+
+use anyhow::{Result, ensure};
+use tch::Device;
+
+use super::config::Config;
+use crate::network::physics_models::PhysicsNet;
+use crate::runs::checkpoint::{self, SavedWeights};
+use crate::runs::names::CONFIG;
+
+/// A run's config and its model with the weights that it saved.
+///
+/// # Errors
+/// A folder that holds no run or no such weights, or weights of another model.
+pub fn load_model(folder: &Path, which: SavedWeights, device: Device) -> Result<(Config, PhysicsNet)> {
+    let path = folder.join(CONFIG);
+    ensure!(path.exists(), "{} is not a run folder: there is no {CONFIG} in it", folder.display());
+    let config = Config::read(&path)?;
+    let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
+    checkpoint::load_weights(&checkpoint::find_weights(folder, which)?, &model)?;
+    Ok((config, model))
+}

@@ -1,0 +1,100 @@
+//! Takes a model through the phases of a config.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+
+use super::base::{Intervals, Outcome, Session, Validation};
+use super::config::Config;
+use super::observer::Observer;
+use crate::datasets::iterators::Clips;
+use crate::network::physics_models::PhysicsNet;
+use crate::runs::checkpoint::{RunState, Store};
+use crate::support::device::COMMIT;
+
+/// A training by a config.
+#[derive(Debug)]
+pub struct Trainer<'a> {
+    config: &'a Config,
+    session: Session<'a>,
+}
+
+impl<'a> Trainer<'a> {
+    /// A training that starts from the beginning, of a model with the config's options.
+    ///
+    /// # Errors
+    /// A parameter in `start` that the model lacks.
+    pub fn new(config: &'a Config, model: &'a PhysicsNet, train: &'a Clips, valid: &'a Clips) -> Result<Self> {
+        for (symbol, value) in &config.start {
+            let parameter = model.learned().find(|p| p.kind.name == symbol);
+            let parameter = parameter.with_context(|| format!("start.{symbol}: the model learns no such parameter"))?;
+            model.set_log(parameter, (value / model.true_unit(parameter.kind)).ln());
+        }
+        let session = Session {
+            model,
+            train,
+            valid,
+            seed: config.seed,
+            validation: Validation { clips: config.join.validation_clips, batch: config.join.batch },
+            intervals: Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every },
+            last_phase: false,
+            state: RunState::new(&config.task.name),
+            store: None,
+            observers: Vec::new(),
+            stop: Box::new(|| false),
+            slots: None,
+            clock: Instant::now(),
+        };
+        Ok(Trainer { config, session })
+    }
+
+    /// Saves checkpoints there, and goes on from the last one if there is any.
+    pub fn save_to(mut self, store: Store) -> Self {
+        self.session.store = Some(store);
+        self
+    }
+
+    /// Tells this observer what happens, after those that were named before.
+    pub fn observed_by(mut self, observer: &'a mut dyn Observer) -> Self {
+        self.session.observers.push(observer);
+        self
+    }
+
+    /// Stops after the step in which this says so.
+    pub fn stop_when(mut self, stop: impl Fn() -> bool + 'a) -> Self {
+        self.session.stop = Box::new(stop);
+        self
+    }
+
+    /// Where the training stands.
+    pub fn state(&self) -> &RunState {
+        &self.session.state
+    }
+
+    /// Goes through the phases that are left, from the last checkpoint if there is one.
+    ///
+    /// # Errors
+    /// A loss that is not a number, a full disk, a damaged checkpoint.
+    pub fn run(&mut self) -> Result<Outcome> {
+        let session = &mut self.session;
+        session.load_last()?;
+        let phases = self.config.phases();
+        for phase in phases.iter().skip(session.state.phase) {
+            if session.state.commits.last().is_none_or(|last| last != COMMIT) {
+                session.state.commits.push(COMMIT.into());
+            }
+            session.last_phase = session.state.phase + 1 == phases.len();
+            if phase.run(session)? == Outcome::Interrupted {
+                return Ok(Outcome::Interrupted);
+            }
+            // What earlier phases took is known; the rest, stops and all, is this one's.
+            let earlier: f64 = session.state.phase_seconds.iter().map(|(_, seconds)| seconds).sum();
+            session.state.phase_seconds.push((phase.name().into(), session.elapsed() - earlier));
+            session.state.phase += 1;
+            session.state.step = 0;
+            session.state.validations.clear();
+            session.save(&[])?;
+        }
+        Ok(Outcome::Finished)
+    }
+}

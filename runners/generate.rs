@@ -91,8 +91,9 @@ struct Arguments {
     /// Side of the frames, pixels
     #[arg(long, help_heading = "Scene")]
     size: Option<usize>,
-    /// What lies behind balls or digits: black, a CIFAR-10 image, or another one in each clip [default: plain;
-    /// for digits: cifar]
+    /// What lies behind balls or digits: one level, black by default; a CIFAR-10 image, or another one in each clip;
+    /// a texture of discs, or another one in each clip; clouds that change slowly; a picture [default: plain; for
+    /// digits: cifar]
     #[arg(long, help_heading = "Scene")]
     background: Option<BackgroundName>,
     /// Folder with MNIST's train-images-idx3-ubyte, for other digits than the original's
@@ -109,6 +110,9 @@ struct Arguments {
     /// The background, as index of a CIFAR-10 training image [default: 1]
     #[arg(long, help_heading = "Source images (backgrounds)", requires = "cifar_dir")]
     cifar_index: Option<usize>,
+    /// PNG or JPEG for --background picture; it is scaled to the frame
+    #[arg(long, help_heading = "Source images (backgrounds)")]
+    picture: Option<PathBuf>,
     /// Threads; 0 for one a core
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -122,6 +126,10 @@ enum BackgroundName {
     Plain,
     Cifar,
     RandomCifar,
+    Texture,
+    RandomTexture,
+    Drifting,
+    Picture,
 }
 
 impl From<BackgroundName> for Background {
@@ -130,6 +138,10 @@ impl From<BackgroundName> for Background {
             BackgroundName::Plain => Self::Plain,
             BackgroundName::Cifar => Self::Cifar,
             BackgroundName::RandomCifar => Self::RandomCifar,
+            BackgroundName::Texture => Self::Texture,
+            BackgroundName::RandomTexture => Self::RandomTexture,
+            BackgroundName::Drifting => Self::Drifting,
+            BackgroundName::Picture => Self::Picture,
         }
     }
 }
@@ -181,18 +193,27 @@ fn source_images(arguments: &Arguments, variant: &Variant) -> Result<SourceImage
     let task = &variant.task.name;
     let digits = variant.scene.look == Look::Digits;
     ensure!(digits || arguments.mnist_dir.is_none(), "--mnist-dir means nothing for task {task}; leave it out");
-    let mut images = SourceImages::original()?;
+    let mut images = SourceImages::of(variant)?;
     if let (Some(folder), &[first, second]) = (&arguments.mnist_dir, &arguments.mnist_indices[..]) {
         images = images.with_mnist(folder, [first, second])?;
     }
-    match (variant.background, &arguments.cifar_dir, arguments.cifar_index) {
-        (Background::Plain, Some(_), _) => {
-            bail!("--cifar-dir means nothing for task {task} without --background cifar")
-        }
+    let Arguments { cifar_dir, cifar_index, picture, .. } = arguments;
+    let of_cifar = matches!(variant.background, Background::Cifar | Background::RandomCifar);
+    ensure!(of_cifar || cifar_dir.is_none(), "--cifar-dir means nothing for task {task} without --background cifar");
+    ensure!(
+        picture.is_none() || variant.background == Background::Picture,
+        "--picture means nothing for task {task} without --background picture"
+    );
+    match (variant.background, cifar_dir, cifar_index) {
         (Background::RandomCifar, None, _) => bail!("--background random-cifar needs --cifar-dir"),
         (Background::RandomCifar, _, Some(_)) => bail!("--cifar-index means nothing with --background random-cifar"),
         (Background::RandomCifar, Some(folder), None) => images.with_all_cifar(folder),
         (Background::Cifar, Some(folder), index) => images.with_cifar(folder, index.unwrap_or(1)),
-        (_, None, _) => Ok(images),
+        (Background::Picture, ..) => match picture {
+            Some(file) => images.with_picture(file, variant.side),
+            None if variant.background_look().file.is_some() => Ok(images),
+            None => bail!("--background picture needs --picture"),
+        },
+        _ => Ok(images),
     }
 }

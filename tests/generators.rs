@@ -12,6 +12,7 @@ use paig::generators::simulate::{SceneState, World};
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::{Changes, Variant};
 use paig::generators::{Counts, generate_clips};
+use paig::tasks::looks::ObjectLooks;
 use paig::tasks::scene::{Background, Motion};
 use paig::tasks::{self, Task, find};
 use rand::{Rng, SeedableRng};
@@ -70,7 +71,7 @@ fn balls_equal_skimage_within_a_grey_level() {
 #[test]
 fn digits_equal_skimage_within_two_grey_levels() {
     let images = SourceImages::original().unwrap();
-    let digits = Overlay::digits(64, &images).unwrap();
+    let digits = Overlay::digits(64, &images);
     let backdrop = digits.backdrop(picture(&images));
     let mut canvas = backdrop.canvas.clone();
     let mut draw = |positions: &[[f64; 2]], frame: &mut [u8]| digits.draw(positions, &backdrop, &mut canvas, frame);
@@ -94,8 +95,8 @@ fn quick_drawing_equals_drawing_the_whole_canvas() {
         }
     }
     let images = SourceImages::original().unwrap();
-    for overlay in [Overlay::digits(64, &images), Overlay::balls(64, 2.45, 3, 2), Overlay::balls(64, 3.0, 1, 1)] {
-        let overlay = overlay.unwrap();
+    let balls = |radius, channels, balls| Overlay::balls(64, radius, channels, balls, &ObjectLooks::default());
+    for overlay in [Overlay::digits(64, &images), balls(2.45, 3, 2), balls(3.0, 1, 1)] {
         let backdrop = overlay.backdrop(picture(&images));
         let mut canvas = backdrop.canvas.clone();
         // As many channels as the canvas has planes, 5 or 10 times as large as the frame.

@@ -312,6 +312,50 @@ fn runs_of_the_paper_recipe_that_were_cut_off_are_shown_as_far_as_they_went() {
 }
 
 #[test]
+fn finished_runs_of_the_paper_recipe_are_held_against_the_paper() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs/spring_color");
+    for (seed, learned, course) in [(0, (4.0, 6.0), [1.0, 2.0, 5.0]), (1, (1.0, 6.0), [1.0, 0.5, 1.0])] {
+        let run = runs.join(format!("paper/seed={seed}"));
+        finished(&run, seed, &[], learned, 0.3);
+        begun(&run, ("spring_color", "paper"), seed, &[]);
+        let record = |(step, k): (u64, f64)| json!({"kind": "valid", "phase": "join", "step": step, "k": k, "recons_loss": 0.1, "pred_loss": 0.3});
+        let records: Vec<_> = [0, 25, 50].into_iter().zip(course).map(|at| record(at).to_string()).collect();
+        fs::write(run.join("metrics.jsonl"), records.join("\n") + "\n").unwrap();
+    }
+    let out = folder.path().join("report");
+    assert!(report(&[runs], &out).status.success());
+    let page = fs::read_to_string(out.join("report.md")).unwrap();
+    for line in [
+        "**In 1 of the 2 runs that finished their 500 epochs (2 tried)**: no parameter further from its truth",
+        "At the last record k was nearer to its truth than at the start in 1 of 2.",
+        "| k 1.000 → 2.000 → 5.000, nearer to its truth 4 |",
+        "| k 1.000 → 0.5000 → 1.000, as far as at the start from its truth 4 |",
+        "Not run with this recipe: mnist_spring_color (not at all), 3bp_color (not at all).",
+    ] {
+        assert!(page.contains(line), "{line:?} is not in:\n{page}");
+    }
+}
+
+#[test]
+fn the_records_that_come_with_the_program_are_all_read() {
+    fn configs(folder: &Path) -> usize {
+        let below = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_dir());
+        usize::from(folder.join("config.toml").exists()) + below.map(|folder| configs(&folder)).sum::<usize>()
+    }
+    let records = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/seeds/records");
+    let folder = tempfile::tempdir().unwrap();
+    let done = report(std::slice::from_ref(&records), folder.path());
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let said = String::from_utf8(done.stdout).unwrap();
+    assert!(said.contains(" 0 unreadable runs"), "{said}");
+    let results = read(&folder.path().join("results.json"));
+    assert_eq!(results["format"], json!(1));
+    let tried = results["tasks"].as_array().unwrap().iter().map(|task| task["tried"].as_u64().unwrap());
+    assert_eq!(tried.sum::<u64>(), configs(&records) as u64);
+}
+
+#[test]
 fn a_folder_without_runs_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report");

@@ -42,6 +42,20 @@ pub struct Settings {
     pub background: Background,
     /// Checksum of the pictures that were drawn; none of plain balls and bars.
     pub source_images: Option<u64>,
+    /// None of clips in which nothing but the motion is drawn at random.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise_floor: Option<NoiseFloor>,
+}
+
+/// What is left of the losses of a model that knows the motion and draws the mean over all that is not motion: noise,
+/// light, another background or distractor in each clip. Squared differences of 0..1, summed over the pixels and
+/// channels of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct NoiseFloor {
+    /// Of L_rec. The model sees by how much the camera shook.
+    pub reconstruction: f64,
+    /// Of L_pred and L_extrap. How the camera will shake nobody knows.
+    pub prediction: f64,
 }
 
 impl Settings {
@@ -50,7 +64,8 @@ impl Settings {
         FORMAT
     }
 
-    /// In a line. Files of earlier versions hold this line instead of the settings, so it must not change.
+    /// All but what follows from the rest, in a line. Files of earlier versions hold this line instead of the settings, so
+    /// it must not change.
     pub fn text(&self) -> String {
         let Settings { generator, task, seed, frames, side, dt, substeps, scene, .. } = self;
         let Counts { train, valid, test } = self.clips;
@@ -60,7 +75,7 @@ impl Settings {
         );
         // An undamped spring's line leaves the damping out.
         text = text.replace(", damping: 0.0 }", " }");
-        if self.background != scene.look.background() {
+        if self.background != scene.background() {
             text += &format!(", background {:?}", self.background);
         }
         if let Some(checksum) = self.source_images {
@@ -71,7 +86,8 @@ impl Settings {
 
     /// Whether pictures are drawn in such clips.
     pub fn draws_pictures(look: Look, background: Background) -> bool {
-        background != Background::Plain || look == Look::Digits
+        let from_files = matches!(background, Background::Cifar | Background::RandomCifar | Background::Picture);
+        from_files || look == Look::Digits
     }
 }
 
@@ -196,9 +212,10 @@ mod tests {
             objects: 2,
             dt: 0.3,
             substeps: 10,
-            background: scene.look.background(),
+            background: scene.background(),
             scene,
             source_images: None,
+            noise_floor: None,
         }
     }
 

@@ -44,7 +44,7 @@ impl Outputs {
     }
 
     /// Number of clips.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.clips.size()[0] as usize
     }
 

@@ -3,12 +3,16 @@
 //! Each clip has a random number generator of its own, seeded from the seed, the split and the clip's index: the files
 //! do not depend on the number of threads, and a larger dataset begins with the clips of a smaller one.
 
+pub mod effects;
+pub mod film;
 mod initial;
+pub mod noise_floor;
 pub mod render;
 mod resize;
 mod samples;
 pub mod simulate;
 pub mod source_images;
+pub mod streams;
 pub mod variant;
 
 use std::path::{Path, PathBuf};
@@ -17,14 +21,15 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use ndarray::{Array2, Array3, Array5};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use self::effects::{develop, expose};
+use self::noise_floor::noise_floor;
 use self::render::Renderer;
 use self::samples::write_samples;
 use self::simulate::SceneState;
 use self::source_images::SourceImages;
+use self::streams::{Purpose, Streams};
 use self::variant::Variant;
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::npz;
@@ -135,15 +140,15 @@ fn keep(job: &DatasetJob, path: &Path, frames: usize, settings: &str, watcher: W
 /// that is not generated.
 ///
 /// # Errors
-/// The source images that come with the program are damaged.
+/// The source images that come with the program are damaged, or the scene's picture cannot be read.
 pub fn plain_test_settings(task: &Task, counts: Counts, seed: u64) -> Result<Option<String>> {
     let Ok(variant) = Variant::new(task, seed) else { return Ok(None) };
-    Ok(Some(settings(&variant, &SourceImages::original()?, task.test_frames, of_test_file(counts)).text()))
+    Ok(Some(settings(&variant, &SourceImages::of(&variant)?, task.test_frames, of_test_file(counts)).text()))
 }
 
-/// All that decides a file's content.
+/// All that decides a file's content; what its noise floor is comes later.
 fn settings(variant: &Variant, images: &SourceImages, frames: usize, clips: Counts) -> Settings {
-    let &Variant { ref task, scene, side, dt, substeps, background, seed } = variant;
+    let &Variant { ref task, ref scene, side, dt, substeps, background, seed } = variant;
     let SourceImages { digits: [a, b], pictures } = images;
     let checksum = || fnv1a(a.iter().chain(b).chain(pictures));
     Settings {
@@ -158,9 +163,10 @@ fn settings(variant: &Variant, images: &SourceImages, frames: usize, clips: Coun
         objects: task.system.objects,
         dt,
         substeps,
-        scene,
+        scene: scene.clone(),
         background,
         source_images: Settings::draws_pictures(scene.look, background).then(checksum),
+        noise_floor: None,
     }
 }
 
@@ -189,7 +195,9 @@ pub fn generate_clips(
     let (train, valid, test) = (make(Split::Train)?, make(Split::Valid)?, make(Split::Test)?);
     let actions = variant.task.system.cell.actions.then_some([train.actions, valid.actions, test.actions]);
     let dataset = DatasetFile { train: train.frames, valid: valid.frames, test: test.frames, actions };
-    let settings = Provenance::Settings(Box::new(settings(variant, images, frames, counts)));
+    let noise_floor = noise_floor(variant, images, frames)?;
+    let settings = Settings { noise_floor, ..settings(variant, images, frames, counts) };
+    let settings = Provenance::Settings(Box::new(settings));
     let truth = Some(variant.truth());
     Ok((dataset, States { train: train.states, valid: valid.states, test: test.states, truth, settings }))
 }
@@ -211,6 +219,7 @@ fn make_split(
     counter: &Counter,
 ) -> Result<Part> {
     let world = variant.world();
+    let camera = &variant.scene.camera;
     let coordinates = variant.coordinates();
     let clip_bytes = frames * variant.frame_bytes();
     let mut pixels = vec![0; clips * clip_bytes];
@@ -218,9 +227,11 @@ fn make_split(
         .par_chunks_mut(clip_bytes)
         .enumerate()
         .map(|(index, pixels)| {
-            let rng = |purpose| clip_rng(variant.seed, purpose, split, index);
-            let clip = world.clip(frames, &mut rng(Purpose::Motion))?;
-            renderer.draw(&clip, &mut rng(Purpose::Background), pixels);
+            let streams = Streams { seed: variant.seed, split, index, take: 0 };
+            let clip = world.clip(frames, &mut streams.of(Purpose::Motion))?;
+            let mut film = renderer.draw(&clip, &streams)?;
+            expose(camera, &mut film, &streams);
+            develop(camera, &film, pixels)?;
             counter.advance();
             Ok(clip)
         })
@@ -239,21 +250,6 @@ fn make_split(
         },
         actions: Array2::from_shape_vec((clips, frames), states().map(|state| state.action as f32).collect())?,
     })
-}
-
-/// What a clip's random numbers are for.
-#[derive(Debug, Clone, Copy)]
-enum Purpose {
-    Motion,
-    /// Apart, so that the same motion is seen before any background.
-    Background,
-}
-
-/// The random numbers of one clip: a stream of the seed's generator for each (purpose, split, index).
-fn clip_rng(seed: u64, purpose: Purpose, split: Split, index: usize) -> ChaCha8Rng {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream((purpose as u64) << 60 | (split as u64) << 56 | index as u64);
-    rng
 }
 
 /// Counts the clips that are ready, on all threads.

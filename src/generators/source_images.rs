@@ -8,8 +8,11 @@ use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use image::imageops::FilterType;
 use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
 use ndarray_npy::NpzReader;
+
+use super::variant::Variant;
 
 /// Side of an MNIST image, pixels.
 pub const DIGIT_SIDE: usize = 28;
@@ -31,7 +34,7 @@ const ASSETS: &[u8] = include_bytes!("../../data/assets/mnist_cifar_assets.npz")
 pub struct SourceImages {
     /// Two digits, `[28, 28]`; digit j is drawn in channel j.
     pub digits: [Array2<u8>; 2],
-    /// What may lie behind the objects, `[pictures, 32, 32, 3]`.
+    /// What may lie behind the objects, `[pictures, side, side, 3]`; CIFAR-10's have a side of 32.
     pub pictures: Array4<u8>,
 }
 
@@ -51,6 +54,29 @@ impl SourceImages {
             Ok(Self { digits: [digit(0), digit(1)], pictures: picture.insert_axis(Axis(0)) })
         };
         read().context("the built-in data/assets/mnist_cifar_assets.npz is damaged; restore it and build again")
+    }
+
+    /// Those of a scene: the original's, and the picture that the scene names as its background.
+    ///
+    /// # Errors
+    /// The picture cannot be read.
+    pub fn of(variant: &Variant) -> Result<Self> {
+        let background = variant.background_look();
+        match &background.file {
+            Some(file) => Self::original()?.with_picture(file, variant.side),
+            None => Self::original(),
+        }
+    }
+
+    /// Replaces the picture by a PNG or JPEG file, scaled to a square of `side` pixels.
+    ///
+    /// # Errors
+    /// No such file, or neither of both.
+    pub fn with_picture(mut self, file: &Path, side: usize) -> Result<Self> {
+        let picture = image::open(file).with_context(|| format!("cannot read the picture {file:?}"))?;
+        let scaled = picture.resize_exact(side as u32, side as u32, FilterType::Triangle).into_rgb8();
+        self.pictures = Array4::from_shape_vec((1, side, side, 3), scaled.into_raw())?;
+        Ok(self)
     }
 
     /// Replaces the digits by training images `indices` (from 0) of the MNIST folder `folder`, which holds

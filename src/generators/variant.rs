@@ -8,6 +8,7 @@ use super::simulate::{PENDULUM_MAX_SPEED, World};
 use crate::network::System;
 use crate::network::cells::Walls;
 use crate::tasks::Task;
+use crate::tasks::looks::{BackgroundLook, Distractor};
 use crate::tasks::scene::{BAR_HALF_WIDTH, BAR_VIEW, Background, DIGIT_RADIUS, Look, Motion, Scene, number_of};
 
 /// Euler steps a frame; the model takes 5.
@@ -58,13 +59,13 @@ impl Variant {
     /// # Errors
     /// A task without a scene.
     pub fn new(task: &Task, seed: u64) -> Result<Self> {
-        let scene = task.scene.with_context(|| {
+        let scene = task.scene.clone().with_context(|| {
             format!(
                 "task {}: there is no [scene] in its file, so no clips can be made; it is for filmed ones",
                 task.name
             )
         })?;
-        let (side, dt, background) = (task.system.side, task.system.dt, scene.look.background());
+        let (side, dt, background) = (task.system.side, task.system.dt, scene.background());
         let variant = Self { task: task.clone(), scene, side, dt, substeps: SUBSTEPS, background, seed };
         variant.check()?;
         Ok(variant)
@@ -123,6 +124,7 @@ impl Variant {
             ..self.task.system.clone()
         };
         system.check().with_context(|| format!("--size {}", self.side))?;
+        self.scene.check(&system).context("scene")?;
         let h = self.dt / self.substeps as f64;
         if let Motion::Pendulum { length, spin, .. } = self.scene.motion {
             let longest = BAR_VIEW - BAR_HALF_WIDTH;
@@ -169,10 +171,21 @@ impl Variant {
         }
     }
 
+    /// What lies behind the objects, with all that the scene says of it.
+    pub fn background_look(&self) -> BackgroundLook {
+        self.scene.background_look(self.background)
+    }
+
+    /// Whether anything but the motion is drawn by chance, so that no model can draw all that is seen.
+    pub fn is_noisy(&self) -> bool {
+        let Scene { distractors, camera, .. } = &self.scene;
+        camera.is_noisy() || self.background_look().is_random() || distractors.iter().any(Distractor::is_random)
+    }
+
     /// What a model of the task should find in these clips, in the order of the task's true parameters; empty where its
     /// equation is not that of the clips: a number that the model takes as given is another one.
     pub fn truth(&self) -> Vec<f64> {
-        let Some(usual) = self.task.scene else { return Vec::new() };
+        let Some(usual) = &self.task.scene else { return Vec::new() };
         let (mut here, mut usual) = (self.scene.motion, usual.motion);
         // A mass is learned only where the strength of gravity is given, and is given where that is learned.
         let learned = |number: &str| {
@@ -211,7 +224,7 @@ impl Variant {
     fn file(&self, frames: usize) -> PathBuf {
         let mut name = self.scene.file_stem(self.dt, frames);
         // What the authors' names have no place for, where it is not the task's.
-        let usual_scene = self.task.scene.unwrap_or(self.scene);
+        let usual_scene = self.task.scene.as_ref().unwrap_or(&self.scene);
         let (mut scene, mut usual) = (self.scene.motion, usual_scene.motion);
         for number in ["damping", "angle", "spin"] {
             if let (Some(value), Some(usual)) = (scene.number(number), usual.number(number))
@@ -220,11 +233,15 @@ impl Variant {
                 name += &format!("_{number}{value}");
             }
         }
-        if self.background != usual_scene.look.background() {
+        if self.background != usual_scene.background() {
             name += match self.background {
                 Background::Plain => "_plain",
                 Background::Cifar => "_cifar",
                 Background::RandomCifar => "_randomcifar",
+                Background::Texture => "_texture",
+                Background::RandomTexture => "_randomtexture",
+                Background::Drifting => "_drifting",
+                Background::Picture => "_picture",
             };
         }
         if self.side != self.task.system.side {

@@ -45,8 +45,9 @@ pub(super) enum Role {
     Ablation,
 }
 
+type StateError = fn(&StateErrors) -> Option<f64>;
 /// The errors of positions and velocities, by name.
-const STATES: [(&str, fn(&StateErrors) -> Option<f64>); 4] = [
+const STATES: [(&str, StateError); 4] = [
     ("encoded_position", |states| Some(states.encoded)),
     ("extrapolated_position", |states| states.extrapolated),
     ("initial_velocity", |states| Some(states.initial_velocity)),
@@ -131,7 +132,7 @@ impl Group {
     }
 }
 
-/// The same in the unit of the original's decoder.
+/// What a parameter of 1 in the unit of the original's decoder is in true pixels.
 pub(super) fn original_unit(task: &Task, parameter: &PhysicalParameter) -> f64 {
     let side = task.system.side as f64;
     ((side - 1.0) / side).powi(parameter.length_power)
@@ -207,9 +208,5 @@ pub(super) fn by_task(groups: &[Group]) -> Vec<(Task, Range<usize>)> {
         let first = groups.iter().position(|group| group.task.name == name).unwrap_or(0);
         first..first + groups.iter().filter(|group| group.task.name == name).count()
     };
-    let placed = |task: Task| {
-        let places = place(&task.name);
-        (task, places)
-    };
-    tasks.into_iter().map(placed).collect()
+    tasks.into_iter().map(|task| (task.clone(), place(&task.name))).collect()
 }

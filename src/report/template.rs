@@ -15,6 +15,9 @@ const PAGE: &str = "report.md.jinja";
 /// What stands for a number that there is not.
 const NONE: &str = "–";
 
+/// How a number is written.
+type Digits = fn(f64) -> String;
+
 static ENGINE: LazyLock<Environment> = LazyLock::new(|| engine().expect("a test reads the report's template"));
 
 fn engine() -> Result<Environment<'static>, Error> {
@@ -22,7 +25,7 @@ fn engine() -> Result<Environment<'static>, Error> {
     engine.set_undefined_behavior(UndefinedBehavior::Strict);
     engine.set_auto_escape_callback(|_| AutoEscape::None);
     engine.set_syntax(engine.syntax().to_builder().trim_blocks(true).lstrip_blocks(true).build()?);
-    let numbers: [(&str, fn(f64) -> String); 7] = [
+    let numbers: [(&str, Digits); 7] = [
         ("significant", significant),
         // Never broken across lines.
         ("percent", |percent| format!("{percent:+.2}\u{a0}%")),
@@ -43,7 +46,7 @@ fn engine() -> Result<Environment<'static>, Error> {
 }
 
 /// A number, the median and range of some, or a text as it is.
-fn written(value: &Value, digits: fn(f64) -> String) -> Result<String, Error> {
+fn written(value: &Value, digits: Digits) -> Result<String, Error> {
     if value.is_undefined() {
         return Err(Error::new(ErrorKind::UndefinedError, "there is no number of this name"));
     }

@@ -7,6 +7,8 @@
 //! Original: the `datasets` and `--task` tables of `run_physics.py`, README; paper: section 4.1.
 
 mod builtin;
+pub mod camera;
+pub mod looks;
 pub mod published;
 pub mod scene;
 mod success;
@@ -182,7 +184,7 @@ impl TryFrom<TaskTable> for Task {
     fn try_from(table: TaskTable) -> Result<Self> {
         let of_task = || format!("task {:?}", table.name);
         check_name(&table.name)?;
-        let wall_margin = table.scene.map_or(0.0, |scene| scene.wall_margin());
+        let wall_margin = table.scene.as_ref().map_or(0.0, Scene::wall_margin);
         let system = table.system.system(wall_margin).context("system").with_context(of_task)?;
         if let Some(scene) = &table.scene {
             scene.check(&system).context("scene").with_context(of_task)?;
@@ -203,7 +205,7 @@ impl TryFrom<TaskTable> for Task {
             test_frames,
             train_file,
             test_file,
-            scene: table.scene,
+            scene: table.scene.clone(),
             truth: table.true_parameters(&system),
             success: table.success.clone(),
             base_lr,
@@ -218,13 +220,13 @@ impl TaskTable {
     /// A dataset file, relative to the datasets folder.
     fn file(&self, named: &Option<String>, frames: usize, plain: &str) -> String {
         let folder = self.data.folder.as_ref().unwrap_or(&self.name);
-        let by_scene = || self.scene.map(|scene| scene.file_stem(self.system.dt, frames));
+        let by_scene = || self.scene.as_ref().map(|scene| scene.file_stem(self.system.dt, frames));
         let default = || by_scene().unwrap_or_else(|| plain.to_string()) + ".npz";
         format!("{folder}/{}", named.clone().unwrap_or_else(default))
     }
 
     fn true_parameters(&self, system: &System) -> Vec<TrueParameter> {
-        let value = |symbol: &str| match self.scene {
+        let value = |symbol: &str| match &self.scene {
             Some(scene) => scene.truth(system.cell, symbol).or(self.truth.get(symbol).copied()),
             None => self.truth.get(symbol).copied(),
         };
@@ -258,7 +260,7 @@ impl TaskTable {
             }
         }
         for symbol in self.truth.keys() {
-            let of_scene = self.scene.and_then(|scene| scene.truth(system.cell, symbol));
+            let of_scene = self.scene.as_ref().and_then(|scene| scene.truth(system.cell, symbol));
             ensure!(of_scene.is_none(), "truth.{symbol}: the scene says it already; leave it out here");
         }
         for (key, rate) in [("base_lr", self.training.base_lr), ("alpha", self.training.alpha)] {

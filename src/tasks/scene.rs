@@ -1,8 +1,13 @@
 //! What a made-up video shows: how its objects move, and how they look. Pure data, part of a task file.
 
+use std::fmt;
+
 use anyhow::{Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 
+use super::camera::Camera;
+pub use super::looks::Background;
+use super::looks::{BackgroundLook, Distractor, ObjectLooks};
 use crate::network::System;
 use crate::network::cells::{CellKind, Coordinates};
 
@@ -143,27 +148,8 @@ pub fn colour(object: usize, channels: usize) -> Option<Vec<f64>> {
     }
 }
 
-/// What lies behind the objects.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Background {
-    /// Black; white behind a bar.
-    Plain,
-    /// The same darkened CIFAR-10 image in all clips.
-    Cifar,
-    /// A darkened CIFAR-10 image drawn for each clip.
-    RandomCifar,
-}
-
-impl Look {
-    /// What lies behind the objects if nothing else is asked for.
-    pub fn background(self) -> Background {
-        if self == Self::Digits { Background::Cifar } else { Background::Plain }
-    }
-}
-
 /// A system as the generator sees it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     pub motion: Motion,
@@ -174,9 +160,56 @@ pub struct Scene {
     #[serde(default)]
     pub radius: f64,
     pub look: Look,
+    #[serde(default, skip_serializing_if = "ObjectLooks::is_default")]
+    pub objects: ObjectLooks,
+    /// What lies behind the objects; where nothing is said, a CIFAR-10 image behind digits, nothing behind the others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub background: Option<BackgroundLook>,
+    /// From the farthest to the nearest.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub distractors: Vec<Distractor>,
+    #[serde(default, skip_serializing_if = "Camera::is_default")]
+    pub camera: Camera,
+}
+
+/// A plain scene's is written into the files of its clips, so nothing is said of what a plain scene does not have.
+impl fmt::Debug for Scene {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        let Scene { motion, speed, radius, look, objects, background, distractors, camera } = self;
+        let mut text = formatter.debug_struct("Scene");
+        text.field("motion", motion).field("speed", speed).field("radius", radius).field("look", look);
+        if !objects.is_default() {
+            text.field("objects", objects);
+        }
+        if let Some(background) = background {
+            text.field("background", background);
+        }
+        if !distractors.is_empty() {
+            text.field("distractors", distractors);
+        }
+        if !camera.is_default() {
+            text.field("camera", camera);
+        }
+        text.finish()
+    }
 }
 
 impl Scene {
+    /// What lies behind the objects if nothing else is asked for.
+    pub fn background(&self) -> Background {
+        match (&self.background, self.look) {
+            (Some(background), _) => background.kind,
+            (None, Look::Digits) => Background::Cifar,
+            (None, Look::Balls | Look::Bar) => Background::Plain,
+        }
+    }
+
+    /// A background of this kind, with what the scene says of it.
+    pub fn background_look(&self, kind: Background) -> BackgroundLook {
+        let own = self.background.as_ref().filter(|background| background.kind == kind);
+        own.cloned().unwrap_or_else(|| BackgroundLook::of(kind))
+    }
+
     /// Distance of an object's centre from a wall at which it touches, pixels.
     pub fn wall_margin(&self) -> f64 {
         match self.look {
@@ -253,14 +286,30 @@ impl Scene {
             self.radius,
             self.speed
         );
+        self.check_looks(system)?;
         match self.look {
             Look::Digits if objects != 2 || channels != 3 => bail!("digits are two, in frames of 3 channels"),
             Look::Bar if cell.coordinates != Coordinates::Angle => bail!("a bar is drawn at the angle of a pendulum"),
-            Look::Balls if colour(objects - 1, channels).is_none() => {
-                bail!("{objects} balls: there are colours for {} only", COLOURS.len())
+            Look::Balls if self.objects.colours.is_empty() && colour(objects - 1, channels).is_none() => {
+                bail!("{objects} balls: there are colours for {} only; say others in objects.colours", COLOURS.len())
             }
             Look::Bar if channels != 3 => bail!("a bar is drawn in frames of 3 channels"),
             Look::Balls | Look::Digits | Look::Bar => Ok(()),
         }
+    }
+
+    /// Of what the tables below `[scene]` say.
+    fn check_looks(&self, system: &System) -> Result<()> {
+        let &System { objects, channels, side, .. } = system;
+        let Scene { look, background, distractors, camera, .. } = self;
+        ensure!(*look == Look::Balls || self.objects.is_default(), "objects: only balls can look otherwise");
+        ensure!(
+            *look != Look::Bar || (background.is_none() && distractors.is_empty()),
+            "background and distractors: nothing lies behind a bar"
+        );
+        self.objects.check(objects, channels, side)?;
+        background.iter().try_for_each(BackgroundLook::check)?;
+        distractors.iter().try_for_each(|distractor| distractor.check(channels, side))?;
+        camera.check(side)
     }
 }

@@ -19,7 +19,7 @@ const ROW_LABELS: [&str; 2] = ["truth", "model"];
 
 /// Writes the animation, the borders in the colour of the clip's part.
 pub(super) fn write(path: &Path, system: &System, outputs: &Outputs) -> Result<()> {
-    let shown = 0..outputs.len().min(CLIPS);
+    let shown = 0..outputs.count().min(CLIPS);
     let times = enlargement(system);
     let truth = shown.clone().map(|clip| pictures(&outputs.clips.get(clip as i64), times));
     let model = shown.clone().map(|clip| pictures(&outputs.input_and_prediction(clip), times));

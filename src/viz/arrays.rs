@@ -14,7 +14,7 @@ use crate::network::physics_models::PhysicsNet;
 
 /// Writes what [`super::write_artifacts`] says of the first `count` clips.
 pub(super) fn write_outputs(path: &Path, outputs: &Outputs, count: usize) -> Result<()> {
-    let count = outputs.len().min(count) as i64;
+    let count = outputs.count().min(count) as i64;
     let first = |x: &Tensor| x.narrow(0, 0, count);
     write(
         path,

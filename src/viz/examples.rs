@@ -32,7 +32,7 @@ pub fn layout(system: &System, time: usize) -> Grid {
 /// Writes the pictures of the first `count` clips.
 pub(super) fn write(folder: &Path, system: &System, outputs: &Outputs, count: usize) -> Result<()> {
     let grid = layout(system, outputs.time());
-    for clip in 0..outputs.len().min(count) {
+    for clip in 0..outputs.count().min(count) {
         let mut canvas = empty(&grid, &sections(system, outputs.time()))?;
         let rows = [
             outputs.input_and_prediction(clip),

@@ -1,13 +1,13 @@
 //! Balls on black. Within 1 grey level of the original's skimage.
 
-use super::quantise;
+use crate::generators::film::quantise;
 use crate::generators::resize::Resize;
 use crate::tasks::scene;
 
 /// The canvas is this many times as large as the frame.
 pub(super) const BALL_SCALE: usize = 10;
 
-/// Filled discs on black, of the colours [`scene::colour`](crate::tasks::scene::colour): each of the first three has a
+/// Filled discs on black, of the colours [`scene::colour`]: each of the first three has a
 /// channel to itself, as in the original.
 ///
 /// Shrinking is linear and the same everywhere off the border, so a disc's image depends only on where its centre lies
@@ -39,7 +39,7 @@ impl Balls {
                 let mut canvas = vec![0.0; (patch_side * BALL_SCALE).pow(2)];
                 let centre = |offset: usize| (half * BALL_SCALE + offset) as isize;
                 let (y, x) = (centre(place / BALL_SCALE), centre(place % BALL_SCALE));
-                fill_disc(&mut canvas, patch_side * BALL_SCALE, y, x, radius);
+                fill_disc(&mut canvas, patch_side * BALL_SCALE, y, x, radius, 1.0);
                 patch_shrink.apply(&canvas)
             })
             .collect();
@@ -48,32 +48,39 @@ impl Balls {
 
     /// Draws the discs, at most as many as there are colours.
     pub fn draw(&self, positions: &[[f64; 2]], frame: &mut [u8]) {
-        frame.fill(0);
+        quantise(&self.levels(positions), self.channels, frame);
+    }
+
+    /// The same before the levels become grey levels: channel by channel.
+    pub fn levels(&self, positions: &[[f64; 2]]) -> Vec<f64> {
+        let mut levels = vec![0.0; self.channels * self.side * self.side];
         for (channel, centres) in self.centres_by_channel(positions) {
+            let plane = &mut levels[channel * self.side * self.side..][..self.side * self.side];
             // Shrinking is linear: images of discs that do not touch add up.
             if !self.apart(&centres) || !centres.iter().all(|&[x, y]| self.inside(x) && self.inside(y)) {
-                quantise(&self.whole_canvas(&centres), channel, self.channels, frame);
+                plane.copy_from_slice(&self.whole_canvas(&centres));
                 continue;
             }
-            let mut plane = vec![0.0; self.side * self.side];
             let last = (self.side * BALL_SCALE) as isize - 1;
             for [x, y] in centres {
                 for row in [y, -y, 2 * last - y] {
                     for column in [x, -x, 2 * last - x] {
-                        self.stamp(row, column, &mut plane);
+                        self.stamp(row, column, plane);
                     }
                 }
             }
-            quantise(&plane, channel, self.channels, frame);
         }
+        levels
     }
 
-    /// The same by drawing and shrinking the whole canvas: slow; what tests compare [`Self::draw`] with.
+    /// The same as [`Self::draw`] by drawing and shrinking the whole canvas: slow; what tests compare it with.
     pub fn draw_whole(&self, positions: &[[f64; 2]], frame: &mut [u8]) {
-        frame.fill(0);
+        let mut levels = vec![0.0; self.channels * self.side * self.side];
         for (channel, centres) in self.centres_by_channel(positions) {
-            quantise(&self.whole_canvas(&centres), channel, self.channels, frame);
+            levels[channel * self.side * self.side..][..self.side * self.side]
+                .copy_from_slice(&self.whole_canvas(&centres));
         }
+        quantise(&levels, self.channels, frame);
     }
 
     /// The channels in which something shines, with the canvas pixels of the centres of the discs that do.
@@ -97,7 +104,7 @@ impl Balls {
     fn whole_canvas(&self, centres: &[[isize; 2]]) -> Vec<f64> {
         let side = self.side * BALL_SCALE;
         let mut canvas = vec![0.0; side * side];
-        centres.iter().for_each(|&[x, y]| fill_disc(&mut canvas, side, y, x, self.radius));
+        centres.iter().for_each(|&[x, y]| fill_disc(&mut canvas, side, y, x, self.radius, 1.0));
         self.shrink.apply(&canvas)
     }
 
@@ -138,15 +145,15 @@ pub(super) fn canvas_pixel(position: f64) -> isize {
     (position * BALL_SCALE as f64) as isize
 }
 
-/// Sets the pixels nearer than `radius` to the centre.
-pub(super) fn fill_disc(canvas: &mut [f64], side: usize, y: isize, x: isize, radius: f64) {
+/// Sets the pixels nearer than `radius` to the centre to this value.
+pub(super) fn fill_disc(canvas: &mut [f64], side: usize, y: isize, x: isize, radius: f64, value: f64) {
     let reach = radius.ceil() as isize;
     let clip = |centre: isize| (centre - reach).max(0)..(centre + reach + 1).min(side as isize);
     for row in clip(y) {
         for column in clip(x) {
             let (dy, dx) = ((row - y) as f64, (column - x) as f64);
             if dy * dy + dx * dx < radius * radius {
-                canvas[row as usize * side + column as usize] = 1.0;
+                canvas[row as usize * side + column as usize] = value;
             }
         }
     }

@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use super::quantise;
+use crate::generators::film::quantise;
 use crate::generators::resize::Resize;
 use crate::tasks::scene::{BAR_HALF_WIDTH, BAR_VIEW};
 
@@ -45,19 +45,24 @@ impl Bar {
 
     /// Draws the bar at this angle, radians, into a colour frame. The canvas is empty before and after.
     pub fn draw(&self, angle: f64, canvas: &mut [f64], frame: &mut [u8]) {
+        quantise(&self.levels(angle, canvas), COLOUR.len(), frame);
+    }
+
+    /// The same before the levels become grey levels: channel by channel.
+    pub fn levels(&self, angle: f64, canvas: &mut [f64]) -> Vec<f64> {
         let end = [self.length * angle.sin(), -self.length * angle.cos()];
         let [columns, rows] = self.fill(end, BAR_HALF_WIDTH, 1.0, canvas);
         let mut cover = vec![0.0; self.side * self.side];
         let (window_rows, window_columns) = (self.shrink.reached(rows), self.shrink.reached(columns));
         self.shrink.apply_window(canvas, window_rows, window_columns, &mut Vec::new(), &mut cover);
         self.fill(end, BAR_HALF_WIDTH, 0.0, canvas);
-        for (channel, colour) in COLOUR.iter().enumerate() {
+        let plane = |colour: f64| {
             // Shrinking is linear and the hub lies wholly on the bar: white, less what the bar takes away, less what the
             // hub takes away from the bar.
             let covers = cover.iter().zip(&self.hub);
-            let plane: Vec<f64> = covers.map(|(bar, hub)| 1.0 - (1.0 - colour) * bar - colour * hub).collect();
-            quantise(&plane, channel, COLOUR.len(), frame);
-        }
+            covers.map(move |(bar, hub)| 1.0 - (1.0 - colour) * bar - colour * hub)
+        };
+        COLOUR.into_iter().flat_map(plane).collect()
     }
 
     /// Sets the canvas pixels whose centres are nearer than `reach` to the line from the hub to `end`, and returns the

@@ -1,95 +1,75 @@
-//! From states to frames: draws on an enlarged canvas and shrinks it with anti-aliasing, as the original does.
+//! From states to levels: draws on an enlarged canvas and shrinks it with anti-aliasing, as the original does.
 //!
-//! Frames are uint8 `[S, S, channels]`, row-major, RGB or grey. Grey levels are cut off, not rounded. Original:
-//! `nn/datasets/generators.py`.
+//! Original: `nn/datasets/generators.py`.
 
 mod balls;
 mod bar;
 mod overlay;
-
-use std::borrow::Cow;
+mod scenery;
+mod sprite;
+mod textures;
 
 use anyhow::{Result, bail};
-use ndarray::{Array3, Array4, Axis};
-use rand::Rng;
 
 pub use balls::Balls;
 pub use bar::Bar;
 pub use overlay::{Backdrop, Overlay};
+use scenery::Scenery;
 
+use super::film::Film;
 use super::simulate::SceneState;
+use super::streams::Streams;
 use super::variant::Variant;
 use crate::generators::source_images::SourceImages;
-use crate::tasks::scene::{Background, Look, Motion};
+use crate::tasks::scene::{Look, Motion};
 
 /// Draws the clips of one scene.
 #[derive(Debug, Clone)]
-pub enum Renderer {
-    Balls(Balls),
-    Bar(Bar),
-    Overlay(Overlay, Pictures),
+pub struct Renderer {
+    side: usize,
+    channels: usize,
+    style: Style,
 }
 
-/// What lies behind the objects of an [`Overlay`].
 #[derive(Debug, Clone)]
-pub enum Pictures {
-    One(Backdrop),
-    /// Source images of which each clip draws one, `[pictures, 32, 32, 3]`.
-    Many(Array4<u8>),
+enum Style {
+    /// The usual balls on black.
+    Balls(Balls),
+    Bar(Bar),
+    /// Everything else.
+    Scenery(Box<Scenery>),
 }
 
 impl Renderer {
     /// For these settings, with these source images where the scene has any.
     ///
     /// # Errors
-    /// Frames smaller than the pictures behind the objects.
+    /// Frames smaller than the CIFAR-10 pictures behind the objects.
     pub fn new(variant: &Variant, sources: &SourceImages) -> Result<Self> {
-        let (side, channels, radius) = (variant.side, variant.task.system.channels, variant.scene.radius);
-        let overlay = match (variant.scene.look, variant.scene.motion) {
-            (Look::Bar, Motion::Pendulum { length, .. }) => return Ok(Self::Bar(Bar::new(side, length))),
-            (Look::Balls, _) if variant.background == Background::Plain => {
-                return Ok(Self::Balls(Balls::new(side, radius, channels)));
-            }
-            (Look::Balls, _) => Overlay::balls(side, radius, channels, variant.task.system.objects)?,
+        let (side, channels, scene) = (variant.side, variant.task.system.channels, &variant.scene);
+        let usual = scene.objects.is_default() && scene.distractors.is_empty() && variant.background_look().is_black();
+        let style = match (scene.look, scene.motion) {
+            (Look::Bar, Motion::Pendulum { length, .. }) => Style::Bar(Bar::new(side, length)),
             (Look::Bar, _) => bail!("a bar is drawn at the angle of a pendulum"),
-            (Look::Digits, _) => Overlay::digits(side, sources)?,
+            (Look::Balls, _) if usual => Style::Balls(Balls::new(side, scene.radius, channels)),
+            (Look::Balls | Look::Digits, _) => Style::Scenery(Box::new(Scenery::new(variant, sources)?)),
         };
-        let first = sources.pictures.index_axis(Axis(0), 0);
-        let pictures = match variant.background {
-            Background::Plain => Pictures::One(overlay.backdrop(Array3::zeros(first.dim()).view())),
-            Background::Cifar => Pictures::One(overlay.backdrop(first)),
-            Background::RandomCifar => Pictures::Many(sources.pictures.clone()),
-        };
-        Ok(Self::Overlay(overlay, pictures))
+        Ok(Self { side, channels, style })
     }
 
-    /// Draws the frames of a clip, one after the other, into `frames`. `rng` chooses the picture behind the objects.
-    pub fn draw(&self, clip: &[SceneState], rng: &mut impl Rng, frames: &mut [u8]) {
-        let frames = frames.chunks_exact_mut(frames.len() / clip.len()).zip(clip);
-        match self {
-            Self::Balls(balls) => frames.for_each(|(frame, state)| balls.draw(state.points(), frame)),
-            Self::Bar(bar) => {
+    /// Draws the frames of a clip. What is not said by its states is drawn from its random numbers.
+    ///
+    /// # Errors
+    /// A distractor for which there is no room.
+    pub fn draw(&self, clip: &[SceneState], streams: &Streams) -> Result<Film> {
+        let frames = match &self.style {
+            Style::Balls(balls) => clip.iter().map(|state| balls.levels(state.points())).collect(),
+            Style::Bar(bar) => {
                 let mut canvas = bar.canvas();
-                frames.for_each(|(frame, state)| bar.draw(state.positions[0], &mut canvas, frame));
+                clip.iter().map(|state| bar.levels(state.positions[0], &mut canvas)).collect()
             }
-            Self::Overlay(overlay, pictures) => {
-                let backdrop = match pictures {
-                    Pictures::One(backdrop) => Cow::Borrowed(backdrop),
-                    Pictures::Many(pictures) => {
-                        let chosen = rng.random_range(0..pictures.dim().0);
-                        Cow::Owned(overlay.backdrop(pictures.index_axis(Axis(0), chosen)))
-                    }
-                };
-                let mut canvas = backdrop.canvas.clone();
-                frames.for_each(|(frame, state)| overlay.draw(state.points(), &backdrop, &mut canvas, frame));
-            }
-        }
-    }
-}
-
-/// Writes a plane of 0..1 as grey levels into one channel of a frame.
-fn quantise(plane: &[f64], channel: usize, channels: usize, frame: &mut [u8]) {
-    for (pixel, value) in frame.chunks_exact_mut(channels).zip(plane) {
-        pixel[channel] = (value.min(1.0) * 255.0) as u8;
+            Style::Scenery(scenery) => scenery.draw(clip, streams)?,
+        };
+        Ok(Film { side: self.side, channels: self.channels, frames })
     }
 }

@@ -1,0 +1,35 @@
+//! Noise of the sensor, drawn anew for each pixel of each frame.
+
+use std::f64::consts::TAU;
+
+use rand::Rng;
+
+use crate::generators::film::Film;
+
+/// Adds Gaussian noise of standard deviation `deviation`, grey levels of 255, to each channel of each pixel.
+pub fn gaussian(film: &mut Film, deviation: f64, rng: &mut impl Rng) {
+    for level in film.frames.iter_mut().flatten() {
+        *level += deviation / 255.0 * normal(rng);
+    }
+}
+
+/// Makes `amount` per cent of the pixels black or white in all channels, each with the same chance.
+pub fn salt_and_pepper(film: &mut Film, amount: f64, rng: &mut impl Rng) {
+    let pixels = film.side * film.side;
+    for frame in &mut film.frames {
+        for pixel in 0..pixels {
+            let chance = 100.0 * rng.random::<f64>();
+            if chance < amount {
+                let level = if chance < amount / 2.0 { 0.0 } else { 1.0 };
+                frame.iter_mut().skip(pixel).step_by(pixels).for_each(|channel| *channel = level);
+            }
+        }
+    }
+}
+
+/// A Gaussian number of mean 0 and standard deviation 1, by the method of Box and Muller.
+pub(super) fn normal(rng: &mut impl Rng) -> f64 {
+    // 0 has no logarithm.
+    let (radius, angle) = (1.0 - rng.random::<f64>(), rng.random::<f64>());
+    (-2.0 * radius.ln()).sqrt() * (TAU * angle).cos()
+}

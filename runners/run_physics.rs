@@ -1,4 +1,4 @@
-//! Trains and scores PAIG on any task of the task table.
+//! Trains and scores PAIG on any task.
 
 fn main() -> std::process::ExitCode {
     paig::cli::run::any_task()

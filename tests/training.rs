@@ -152,3 +152,33 @@ fn divergence_stops_the_run_and_names_tensor_and_step() {
     assert!(said.starts_with("error: discover: ") && said.contains("not finite at step "), "{said}");
     assert!(!run.join("summary.json").exists());
 }
+
+/// The true states lie beside the data for scoring alone: without them, or with damaged ones, a training ends with the same
+/// bits.
+#[test]
+fn true_states_never_enter_a_training() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = write_config(folder.path(), TINY);
+    let beside = |name: &str| name.ends_with("_states.npz");
+    let weights = ["whole", "deleted", "damaged"].map(|states| {
+        let data = folder.path().join(states);
+        fs::create_dir_all(data.join("spring_color")).unwrap();
+        for entry in fs::read_dir(common::dataset().join("spring_color")).unwrap() {
+            let from = entry.unwrap().path();
+            let to = data.join("spring_color").join(from.file_name().unwrap());
+            match (beside(from.to_str().unwrap()), states) {
+                (true, "deleted") => {}
+                (true, "damaged") => fs::write(to, b"no npz at all").unwrap(),
+                _ => drop(fs::copy(&from, to).unwrap()),
+            }
+        }
+        let run = folder.path().join(format!("run-{states}"));
+        let mut command = spring(&run);
+        command.args(["--threads", "1", "--config"]).arg(&config).arg("--data").arg(&data);
+        let output = command.output().unwrap();
+        // Damaged states cannot score a run, which is said; what was trained is there.
+        assert_eq!(output.status.success(), states != "damaged", "{}", text(&output));
+        last_weights(&run)
+    });
+    assert!(weights[0] == weights[1] && weights[0] == weights[2], "the states beside the data changed the weights");
+}

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use crate::say;
-use crate::sweep::{Event, OUTPUT, last_line};
+use crate::sweep::{OUTPUT, SweepEvent, last_line};
 
 /// How often the last lines of the runs are read.
 const REFRESH: Duration = Duration::from_secs(1);
@@ -34,17 +34,17 @@ impl SweepDisplay {
     }
 
     /// Shows what happened.
-    pub fn show(&mut self, event: Event) {
+    pub fn show(&mut self, event: SweepEvent) {
         match event {
-            Event::Started(folder) => self.started(folder, "started"),
-            Event::Resumed(folder) => self.started(folder, "resumed"),
-            Event::Skipped(folder) => self.ended(folder, "finished before"),
-            Event::Finished(folder, after) => {
+            SweepEvent::Started(folder) => self.started(folder, "started"),
+            SweepEvent::Resumed(folder) => self.started(folder, "resumed"),
+            SweepEvent::Skipped(folder) => self.ended(folder, "finished before"),
+            SweepEvent::Finished(folder, after) => {
                 self.ended(folder, &format!("finished after {:.0} s", after.as_secs_f64()));
             }
-            Event::Stopped(folder) => self.ended(folder, "stopped"),
-            Event::Failed(folder, error) => self.ended(folder, &format!("FAILED: {error:#}")),
-            Event::Waiting => self.refresh(),
+            SweepEvent::Stopped(folder) => self.ended(folder, "stopped"),
+            SweepEvent::Failed(folder, error) => self.ended(folder, &format!("FAILED: {error:#}")),
+            SweepEvent::Waiting => self.refresh(),
         }
     }
 

@@ -8,7 +8,7 @@ use rand::Rng;
 
 use crate::tasks::scene::Motion;
 
-/// Draws after which a clip is given up: far more than any clip of the task table needs.
+/// Draws after which a clip is given up: far more than any clip of a built-in task needs.
 const MAX_DRAWS: usize = 1_000_000;
 
 /// Gap, pixels, that three bodies keep beyond their radius: a closer approach throws more than the frames can show.

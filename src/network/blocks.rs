@@ -18,7 +18,7 @@ pub enum Activation {
 }
 
 impl Activation {
-    /// In place, where the map before it does not need its result again: it never does.
+    /// In place: the backward pass of the affine map does not need its result.
     fn apply(self, mut x: Tensor) -> Tensor {
         match self {
             Activation::None => x,

@@ -54,9 +54,9 @@ pub(super) fn objects_found(task: &Task, recons_loss: f64) -> Option<bool> {
     Some(recons_loss < *protocol().yardstick(&task.name)?.get(&Loss::Recons)?)
 }
 
-/// The same of a run's last validation; none where none is on record.
-pub(super) fn objects_found_last(run: &Run) -> Option<bool> {
-    objects_found(&run.config.task, run.known_course()?.last_validation(Loss::Recons.key())?)
+/// Whether a finished run does not show its objects any more; one without L_rec does not.
+pub(super) fn lost_objects(task: &Task, summary: &Summary) -> bool {
+    objects_found(task, summary.test.scores.losses.of(Loss::Recons).unwrap_or(f64::NAN)) == Some(false)
 }
 
 /// Whether a run finished within the yardsticks, and no parameter further from its truth than the paper's.

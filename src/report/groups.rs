@@ -138,7 +138,7 @@ pub(super) fn original_unit(task: &Task, parameter: &PhysicalParameter) -> f64 {
     ((side - 1.0) / side).powi(parameter.length_power)
 }
 
-/// Sorts runs into groups, by task (in the task table's order) and recipe.
+/// Sorts runs into groups, by task (in the order of the built-in ones) and recipe.
 pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for run in runs {

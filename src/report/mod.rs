@@ -14,7 +14,6 @@ mod pictures;
 mod plots;
 mod protocol;
 mod records;
-mod reproduction;
 mod results;
 mod template;
 mod view;

@@ -8,8 +8,9 @@ use minijinja::context;
 
 use super::groups::{Group, by_task};
 use super::pictures::GroupPictures;
+use super::protocol::protocol;
 use super::view::{of_group, of_task, value};
-use super::{hypotheses, reproduction, template};
+use super::{hypotheses, template};
 use crate::network::physics_models::losses::Loss;
 use crate::tasks::published::published;
 
@@ -35,7 +36,7 @@ pub(super) fn page(
         symbols => value(BTreeMap::from(Loss::ALL.map(|loss| (loss, loss.symbol())))),
         tasks => tasks.collect::<Vec<_>>(),
         findings => hypotheses::findings(groups, &views)?,
-        protocol => reproduction::view(groups),
+        recipe_of_paper => protocol().recipe.clone(),
         published => value(published()),
     })
 }

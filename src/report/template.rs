@@ -99,4 +99,11 @@ mod tests {
         let written = [3.99079, 60.0, 0.0360549, 123.456, 1632.85, 0.0, 1e-7].map(significant);
         assert_eq!(written, ["3.991", "60.00", "0.03605", "123.5", "1633", "0.000", "1.000e-7"]);
     }
+
+    #[test]
+    fn an_unknown_name_is_an_error_and_a_missing_number_a_dash() {
+        let numbers = minijinja::context! { known => Option::<f64>::None };
+        assert_eq!(fill("{{ known|significant }}", &numbers).unwrap(), NONE);
+        assert!(fill("{{ unknown|significant }}", &numbers).is_err());
+    }
 }

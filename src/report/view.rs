@@ -35,6 +35,7 @@ pub(super) fn of_task(task: &Task, groups: &[Group], views: &[Value]) -> Value {
     context! {
         name => &task.name,
         criterion => value(criteria::criterion(task)),
+        in_paper => published().knows(&task.name),
         parameters => task.system.cell.parameters.iter().map(parameter).collect::<Vec<_>>(),
         groups => views.to_vec(),
         // By recipe.
@@ -56,7 +57,7 @@ pub(super) fn of_group(group: &Group, pictures: &GroupPictures) -> Result<Value>
         // None of a task without a criterion.
         succeeded => group.succeeded(),
         // Finished runs that do not show their objects.
-        lost => group.finished().filter(|(_, summary)| lost(&group.task, summary)).count(),
+        lost => group.finished().filter(|(_, summary)| criteria::lost_objects(&group.task, summary)).count(),
         unit => group.task.system.cell.coordinates.unit(),
         // Those that are learned.
         parameters => group.learned().map(|p| parameter(group, Some(p))).collect::<Vec<_>>(),
@@ -70,12 +71,6 @@ pub(super) fn of_group(group: &Group, pictures: &GroupPictures) -> Result<Value>
         pictures => value(pictures),
         commands => commands(group)?,
     })
-}
-
-/// Whether a run does not show its objects; one without L_rec does not.
-fn lost(task: &Task, summary: &Summary) -> bool {
-    let loss = summary.test.scores.losses.of(Loss::Recons).unwrap_or(f64::NAN);
-    criteria::objects_found(task, loss) == Some(false)
 }
 
 /// A parameter that a group learned; all none without one.
@@ -118,6 +113,7 @@ fn of_run(group: &Group, run: &Run) -> Value {
     let course = run.known_course();
     let last = |loss: Loss| (loss, course.and_then(|course| course.last_validation(loss.key())));
     context! {
+        task => &group.task.name,
         seed => run.config.seed,
         status => value(criteria::status(run)),
         length => run.length(),
@@ -135,19 +131,20 @@ fn of_run(group: &Group, run: &Run) -> Value {
         unread_course => run.course.as_ref().err().map(|error| format!("{error:#}")),
         // Losses of the last validation.
         last => value(BTreeMap::from(Loss::ALL.map(last))),
-        objects_found => criteria::objects_found_last(run),
+        // At the last validation; none where none is on record, or no yardstick says so.
+        objects_found => last(Loss::Recons).1.and_then(|loss| criteria::objects_found(&group.task, loss)),
+        reaches_paper => criteria::reaches_paper(run),
         movements => group.learned().filter_map(|parameter| movement(run, parameter)).collect::<Vec<_>>(),
     }
 }
 
-/// How a parameter moved: its value at the start, half-way and at the last record.
+/// How a parameter moved: its value at the start, half-way and at the last record; and whether it ended nearer to its truth
+/// than it started (below 0), as far from it (0) or further.
 fn movement(run: &Run, parameter: &PhysicalParameter) -> Option<Value> {
     let course = run.known_course()?.start_middle_end(parameter.name)?;
-    Some(context! {
-        symbol => parameter.name,
-        course => value(course),
-        truth => run.config.task.truth_of(parameter.name),
-    })
+    let truth = run.config.task.truth_of(parameter.name);
+    let away = |truth: f64| (course[2] - truth).abs().total_cmp(&(course[0] - truth).abs()) as i8;
+    Some(context! { symbol => parameter.name, course => value(course), truth => truth, away => truth.map(away) })
 }
 
 /// How far starts from other parameters lead from the same seeds of the recipe as it is: from different objects to the

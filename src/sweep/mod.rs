@@ -7,4 +7,4 @@ mod plan;
 mod processes;
 
 pub use plan::{DONE, Job, OUTPUT, SweepPlan};
-pub use processes::{Event, SweepSummary, last_line, run};
+pub use processes::{SweepEvent, SweepSummary, last_line, run};

@@ -33,7 +33,7 @@ pub struct SweepSummary {
 
 /// What happens to the runs of a sweep, each by its folder.
 #[derive(Debug)]
-pub enum Event<'a> {
+pub enum SweepEvent<'a> {
     Started(&'a Path),
     Resumed(&'a Path),
     /// It had finished before the sweep.
@@ -64,16 +64,16 @@ pub fn run(
     jobs: &[Job],
     at_once: usize,
     stop: &dyn Fn() -> bool,
-    observe: &mut dyn FnMut(Event),
+    observe: &mut dyn FnMut(SweepEvent),
 ) -> Result<SweepSummary> {
     let mut summary = SweepSummary::default();
-    let mut tell = |event: Event| {
+    let mut tell = |event: SweepEvent| {
         match event {
-            Event::Skipped(_) => summary.skipped += 1,
-            Event::Finished(..) => summary.finished += 1,
-            Event::Stopped(_) => summary.stopped += 1,
-            Event::Failed(folder, error) => summary.failed.push(note_failure(folder, error)),
-            Event::Started(_) | Event::Resumed(_) | Event::Waiting => {}
+            SweepEvent::Skipped(_) => summary.skipped += 1,
+            SweepEvent::Finished(..) => summary.finished += 1,
+            SweepEvent::Stopped(_) => summary.stopped += 1,
+            SweepEvent::Failed(folder, error) => summary.failed.push(note_failure(folder, error)),
+            SweepEvent::Started(_) | SweepEvent::Resumed(_) | SweepEvent::Waiting => {}
         }
         observe(event);
     };
@@ -102,32 +102,32 @@ pub fn run(
             match one.child.try_wait().context("cannot wait for a run")? {
                 None => still.push(one),
                 Some(status) if status.success() => match atomic::write_file(&folder.join(DONE), |_| Ok(())) {
-                    Ok(()) => tell(Event::Finished(folder, one.since.elapsed())),
-                    Err(error) => tell(Event::Failed(folder, &error)),
+                    Ok(()) => tell(SweepEvent::Finished(folder, one.since.elapsed())),
+                    Err(error) => tell(SweepEvent::Failed(folder, &error)),
                 },
-                Some(_) if stopping => tell(Event::Stopped(folder)),
+                Some(_) if stopping => tell(SweepEvent::Stopped(folder)),
                 Some(status) => {
                     let reason = last_line(&folder.join(OUTPUT)).unwrap_or_default();
-                    tell(Event::Failed(folder, &anyhow!("the run ended with {status}: {reason}")));
+                    tell(SweepEvent::Failed(folder, &anyhow!("the run ended with {status}: {reason}")));
                 }
             }
         }
         running = still;
-        tell(Event::Waiting);
+        tell(SweepEvent::Waiting);
     }
     summary.stopped += waiting.count();
     Ok(summary)
 }
 
 /// Starts or continues a run; none if it has finished before or cannot be started.
-fn start(program: &Path, job: &Job, tell: &mut dyn FnMut(Event)) -> Option<Child> {
+fn start(program: &Path, job: &Job, tell: &mut dyn FnMut(SweepEvent)) -> Option<Child> {
     let folder = &job.folder;
     let (event, child) = match job.stage().and_then(|stage| Ok((stage, spawn(program, job, stage)?))) {
-        Ok((Stage::New, child)) => (Event::Started(folder), child),
-        Ok((Stage::CutOff, child)) => (Event::Resumed(folder), child),
-        Ok((Stage::Finished, _)) => (Event::Skipped(folder), None),
+        Ok((Stage::New, child)) => (SweepEvent::Started(folder), child),
+        Ok((Stage::CutOff, child)) => (SweepEvent::Resumed(folder), child),
+        Ok((Stage::Finished, _)) => (SweepEvent::Skipped(folder), None),
         Err(error) => {
-            tell(Event::Failed(folder, &error));
+            tell(SweepEvent::Failed(folder, &error));
             return None;
         }
     };

@@ -71,13 +71,7 @@ mod tests {
     #[test]
     fn a_band_encloses_its_median() {
         let run = |ssim: [f64; 2]| {
-            let at = |place: usize| PredictedFrame {
-                frame: 4 + place,
-                extrapolated: place > 0,
-                squared_error: 1.0,
-                ssim: ssim[place],
-            };
-            [at(0), at(1)]
+            [0, 1].map(|at| PredictedFrame { frame: 4 + at, extrapolated: at > 0, squared_error: 1.0, ssim: ssim[at] })
         };
         let runs = [run([0.9, 0.7]), run([0.8, 0.5]), run([1.0, 0.75])];
         let single = lines(BLUE, &FrameSpread::of([&runs[0][..]]), |at| at.ssim);

@@ -4,8 +4,8 @@
 //! a position and a velocity for each object: `[batch, 2 * objects]` as `(x0, y0, x1, y1, ..)`, in pixels and pixels per
 //! time unit, or one angle each, `[batch, objects]`, in radians (see [`Coordinates`]).
 //!
-//! A new system takes one file with a [`Cell`] and its [`CellKind`], a row of the task table and, where the recipe does not
-//! fit, a config: `docs/own-equation.md` goes through it with [`DAMPED_SPRING`].
+//! A new equation is a [`Cell`] and its [`CellKind`], here or in a program of one's own that calls [`register`]:
+//! `docs/own-equation.md` goes through it with [`DAMPED_SPRING`].
 
 mod actions;
 mod bouncing;

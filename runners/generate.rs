@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::{Parser, ValueEnum};
+use clap::Parser;
 use paig::cli::generate_display::Display;
 use paig::cli::run::exit_code;
 use paig::generators::source_images::SourceImages;
@@ -95,7 +95,7 @@ struct Arguments {
     /// a texture of discs, or another one in each clip; clouds that change slowly; a picture [default: plain; for
     /// digits: cifar]
     #[arg(long, help_heading = "Scene")]
-    background: Option<BackgroundName>,
+    background: Option<Background>,
     /// Folder with MNIST's train-images-idx3-ubyte, for other digits than the original's
     #[arg(long, help_heading = "Source images (digits)")]
     mnist_dir: Option<PathBuf>,
@@ -121,31 +121,6 @@ struct Arguments {
     force: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum BackgroundName {
-    Plain,
-    Cifar,
-    RandomCifar,
-    Texture,
-    RandomTexture,
-    Drifting,
-    Picture,
-}
-
-impl From<BackgroundName> for Background {
-    fn from(name: BackgroundName) -> Self {
-        match name {
-            BackgroundName::Plain => Self::Plain,
-            BackgroundName::Cifar => Self::Cifar,
-            BackgroundName::RandomCifar => Self::RandomCifar,
-            BackgroundName::Texture => Self::Texture,
-            BackgroundName::RandomTexture => Self::RandomTexture,
-            BackgroundName::Drifting => Self::Drifting,
-            BackgroundName::Picture => Self::Picture,
-        }
-    }
-}
-
 fn main() -> ExitCode {
     exit_code(run(Arguments::parse()).map(|()| ExitCode::SUCCESS))
 }
@@ -154,7 +129,7 @@ fn run(arguments: Arguments) -> Result<()> {
     let task = tasks::find(&arguments.task)?;
     let Arguments { k, equil, damping, g, m, length, a, torque, angle, spin, .. } = arguments;
     let Arguments { vx, vy, radius, dt, substeps, size, .. } = arguments;
-    let background = arguments.background.map(Background::from);
+    let background = arguments.background;
     let changes = Changes {
         k,
         equil,

@@ -15,7 +15,7 @@ use super::names::METRICS;
 const FORMAT: u32 = 1;
 
 /// What kind of record a line is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
     /// The first line: the version of the file's form.
@@ -27,12 +27,13 @@ pub enum Kind {
     /// The fit of the parameters.
     Identify,
     /// Nothing that this version knows.
+    #[default]
     #[serde(other)]
     Other,
 }
 
 /// One line of the file. What a kind of record does not say is left out; null stands for what is not a number.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     pub kind: Kind,
     #[serde(default)]
@@ -88,25 +89,7 @@ fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String
 impl Record {
     /// A record that says only where it stands.
     pub fn new(kind: Kind, phase: &str, step: u64) -> Self {
-        Record {
-            kind,
-            phase: phase.into(),
-            step,
-            format: None,
-            epoch: None,
-            train_loss: None,
-            score: None,
-            recons_loss: None,
-            pred_loss: None,
-            extrap_loss: None,
-            residual: None,
-            iterations: None,
-            offsets: None,
-            recentred: None,
-            velocity_residual: None,
-            seconds: None,
-            parameters: BTreeMap::new(),
-        }
+        Record { kind, phase: phase.into(), step, ..Record::default() }
     }
 
     /// The first record of a file.

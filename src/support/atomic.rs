@@ -11,18 +11,11 @@ use anyhow::{Context, Result, ensure};
 /// # Errors
 /// A full disk or a missing folder; nothing is left behind then.
 pub fn write_file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
-    let partial = partial_name(path);
-    let attempt = || -> Result<()> {
-        let mut file = BufWriter::new(File::create(&partial)?);
+    write_path(path, |partial| {
+        let mut file = BufWriter::new(File::create(partial)?);
         write(&mut file)?;
-        file.flush()?;
-        file.get_ref().sync_all()?;
-        fs::rename(&partial, path)?;
-        sync_folder(path)
-    };
-    attempt()
-        .inspect_err(|_| drop(fs::remove_file(&partial)))
-        .with_context(|| format!("cannot write {}", path.display()))
+        Ok(file.flush()?)
+    })
 }
 
 /// Writes a file in one step by something that takes a path.

@@ -71,6 +71,7 @@ impl ObjectLooks {
 /// What kind of thing lies behind the objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Background {
     /// One grey level, black by default; white behind a bar.
     Plain,

@@ -57,6 +57,8 @@ fn unknown_keys_and_values_are_refused() {
     }
     let of_another = write_config(folder.path(), "task = \"pendulum\"\n");
     assert_says(&refused(spring(&run).arg("--config").arg(&of_another)), &["task pendulum", "spring_color"]);
+    let changed = ["--set", "task.system.dt=0.2", "--config"];
+    assert_says(&refused(spring(&run).args(changed).arg(&of_another)), &["task pendulum", "spring_color"]);
     assert_says(&refused(spring(&run).args(["--seed", "18446744073709551615"])), &["--seed", "at most"]);
     assert_says(&refused(spring(&run).args(["--recipe", "slow"])), &["slow", "fast, paper"]);
     let config = write_config(folder.path(), "[join]\nlearning_rate = 1e-3\nlerning_rate = 1e-3\n");

@@ -7,7 +7,7 @@ use crate::network::System;
 use crate::tasks::scene::{Background, Look, Scene};
 
 /// Version of the form in the file.
-const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 1;
 /// To be raised whenever the same settings would make other clips.
 pub const GENERATOR_VERSION: u32 = 1;
 
@@ -59,11 +59,6 @@ pub struct NoiseFloor {
 }
 
 impl Settings {
-    /// The version that is written now.
-    pub fn format() -> u32 {
-        FORMAT
-    }
-
     /// All but what follows from the rest, in a line. Files of earlier versions hold this line instead of the settings, so
     /// it must not change.
     pub fn text(&self) -> String {

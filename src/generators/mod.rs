@@ -34,7 +34,7 @@ use self::variant::Variant;
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::npz;
 pub use crate::datasets::settings::Counts;
-use crate::datasets::settings::{GENERATOR_VERSION, Provenance, Settings};
+use crate::datasets::settings::{self, GENERATOR_VERSION, Provenance, Settings};
 use crate::datasets::states::{SplitStates, States};
 use crate::support::atomic;
 use crate::support::random::fnv1a;
@@ -152,7 +152,7 @@ fn settings(variant: &Variant, images: &SourceImages, frames: usize, clips: Coun
     let SourceImages { digits: [a, b], pictures } = images;
     let checksum = || fnv1a(a.iter().chain(b).chain(pictures));
     Settings {
-        format: Settings::format(),
+        format: settings::FORMAT,
         generator: GENERATOR_VERSION,
         task: task.name.clone(),
         seed,

@@ -151,11 +151,11 @@ impl Store {
     ///
     /// # Errors
     /// A full disk; the earlier ones stay. A variable that is not finite.
-    pub fn save_best(&self, model: &PhysicsNet) -> Result<()> {
+    pub fn save_best(&self, model: &PhysicsNet, steps: u64) -> Result<()> {
         let _guard = tch::no_grad_guard();
         let folder = self.folder();
         fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        let weights = finite_weights(model, 0)?;
+        let weights = finite_weights(model, steps)?;
         atomic::write_path(&folder.join(BEST), |path| write_tensors(&weights, path))
     }
 

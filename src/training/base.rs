@@ -187,7 +187,7 @@ impl Session<'_> {
         self.tell(&Event::Recorded(&record))?;
         let best = self.state.validations.iter().all(|&before| score < before);
         if let Some(store) = self.store.as_ref().filter(|_| self.last_phase && best) {
-            store.save_best(self.model)?;
+            store.save_best(self.model, self.state.steps)?;
         }
         self.state.validations.push(score);
         Ok(())

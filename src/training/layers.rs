@@ -51,10 +51,8 @@ pub fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> 
 /// As for [`load`]; a file that is for another task.
 pub fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
     let (file_layer, command_line) = (file_layer(file)?, command_line_layer(overrides)?);
+    check_task(task_name(&file_layer)?, Some(&task.name))?;
     let mut table = task.to_table();
-    if let Some(name) = task_name(&file_layer) {
-        ensure!(name == task.name, "config: the file is for task {name}, not for {}", task.name);
-    }
     changes_of_task([&file_layer, &command_line]).for_each(|changes| merge(&mut table, changes.clone()));
     merged(table, file_layer, command_line, file)
 }
@@ -65,10 +63,21 @@ fn file_layer(file: Option<&Path>) -> Result<Table> {
     read().with_context(|| format!("config {}", path.display()))
 }
 
-/// The task that a layer names, alone or in the table that holds it.
-fn task_name(layer: &Table) -> Option<String> {
-    let task = layer.get("task")?;
-    task.as_str().or(task.get("name")?.as_str()).map(String::from)
+/// Name of the task that a layer names, alone or in the table that holds it.
+fn task_name(layer: &Table) -> Result<Option<String>> {
+    Ok(match layer.get("task") {
+        Some(Value::String(task)) => Some(tasks::find(task)?.name),
+        Some(task) => task.get("name").and_then(Value::as_str).map(String::from),
+        None => None,
+    })
+}
+
+/// A config file is for one task.
+fn check_task(of_file: Option<String>, asked: Option<&str>) -> Result<()> {
+    if let (Some(of_file), Some(asked)) = (of_file, asked) {
+        ensure!(of_file == asked, "config: the file is for task {of_file}, not for {asked}");
+    }
+    Ok(())
 }
 
 /// What layers change in the task.
@@ -78,20 +87,10 @@ fn changes_of_task(layers: [&Table; 2]) -> impl Iterator<Item = &Table> {
 
 /// The task as the layers have it: the one that is named, or that the file holds, with the tables over it.
 fn task_table(file_layer: &Table, command_line: &Table) -> Result<Table> {
-    let name_in = |layer: &Table| layer.get("task").and_then(Value::as_str).map(String::from);
-    let mut task = match (name_in(command_line), name_in(file_layer)) {
-        (Some(asked), Some(of_file)) => {
-            ensure!(asked == of_file, "config: the file is for task {of_file}, not for {asked}");
-            tasks::find(&asked)?.to_table()
-        }
-        (Some(name), None) | (None, Some(name)) => tasks::find(&name)?.to_table(),
-        (None, None) => Table::new(),
-    };
-    if let (Some(Value::String(name)), Some(Value::String(other))) =
-        (task.get("name"), file_layer.get("task").and_then(Value::as_table).and_then(|task| task.get("name")))
-    {
-        ensure!(name == other, "config: the file is for task {other}, not for {name}");
-    }
+    check_task(task_name(file_layer)?, task_name(command_line)?.as_deref())?;
+    let named = [command_line, file_layer].into_iter().find_map(|layer| layer.get("task")?.as_str());
+    let mut task =
+        named.map_or_else(|| Ok(Table::new()), |name| Ok::<_, anyhow::Error>(tasks::find(name)?.to_table()))?;
     changes_of_task([file_layer, command_line]).for_each(|changes| merge(&mut task, changes.clone()));
     ensure!(!task.is_empty(), "no task given; use --task, or `task = \"..\"` in the config");
     Ok(task)

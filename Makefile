@@ -1,6 +1,7 @@
 # make demo      set up, generate the spring data, train, score
 # make test      set up, check format, lints and docs, run the tests
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
+# make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
 # make compare-speed   a training step of each of the three beside the others
 # make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
@@ -11,9 +12,10 @@ DEMO ?= runs/demo
 DATA := data/datasets
 
 SEED ?= 0
+JOBS ?= 2
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data compare compare-speed compare-defects clean
+.PHONY: demo test lint libtorch build data stress compare compare-speed compare-defects clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -32,6 +34,9 @@ build: libtorch
 
 data: build
 	$(CARGO) run --release --quiet --bin generate -- --task spring_color --out $(DATA)
+
+stress: build
+	$(CARGO) run --release --quiet --bin stress -- --jobs $(JOBS)
 
 libtorch:
 	@$(PYTHON) setup/fetch_libtorch.py $(if $(CUDA),--cuda)

@@ -38,6 +38,7 @@ pub mod generators;
 pub mod network;
 pub mod report;
 pub mod runs;
+pub mod stress;
 pub mod support;
 pub mod sweep;
 pub mod tasks;

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The folders of `src` in the order of their imports. `lib.rs` sees all of them.
-const LAYERS: [&str; 12] = [
+const LAYERS: [&str; 13] = [
     "support",
     "network",
     "tasks",
@@ -18,6 +18,7 @@ const LAYERS: [&str; 12] = [
     "viz",
     "report",
     "sweep",
+    "stress",
     "cli",
 ];
 

@@ -41,7 +41,7 @@ fn recentring_moves_positions_and_keeps_the_picture() {
     let drawn = masks(&before);
     let unshifted = difference(&drawn, &masks(&moved));
 
-    let left = recentre(&model, &frames, &offsets.map(f64::from)).unwrap();
+    let left = recentre(&model, &frames, &moved, &offsets.map(f64::from)).unwrap();
 
     // The offsets are about 1 px; the rest is what an untrained network's features cannot express.
     assert!(left < 0.2, "{left} px left");

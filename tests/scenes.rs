@@ -599,6 +599,8 @@ struct Entry {
     plain: String,
     train: Option<usize>,
     valid: Option<usize>,
+    #[serde(default)]
+    nine: bool,
 }
 
 fn suite() -> Suite {
@@ -615,7 +617,8 @@ fn stress_task(name: &str) -> Task {
 #[test]
 fn the_stress_suite_lists_its_files_and_keeps_the_limits_of_the_plain_tasks() {
     let suite = suite();
-    assert_eq!((suite.clips.train, suite.clips.valid, suite.clips.test), (5000, 500, 500));
+    assert_eq!((suite.clips.train, suite.clips.valid, suite.clips.test), (2000, 200, 200));
+    assert_eq!(suite.scenes.values().filter(|entry| entry.nine).count(), 6);
     let files = fs::read_dir(configs().join("stress")).unwrap();
     let mut names: Vec<_> = files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();

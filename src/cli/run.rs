@@ -29,6 +29,7 @@ use crate::training::layers::Overrides;
 use crate::training::recorder::Recorder;
 use crate::training::saved::load_model;
 use crate::training::trainer::Trainer;
+use crate::training::verdict::judge;
 use crate::{say, tasks, viz};
 
 /// Exit code of a run that was asked to stop, as shells have it for SIGINT.
@@ -228,8 +229,7 @@ struct TrainingData {
 }
 
 impl TrainingData {
-    /// What would stop the last phase, or the scoring after it, must not cost the phases before: the test file is read,
-    /// too, and dropped, and there must be a batch for `join`.
+    /// What would stop the scoring at the end must not cost the phases before: the test file is read, too, and dropped.
     fn load(config: &Config, device: Device) -> Result<Self> {
         let path = config.data.train_path();
         let training = DatasetFile::read(&path, &ClipShape::training(&config.task))?;
@@ -239,9 +239,7 @@ impl TrainingData {
         DatasetFile::read(&path, &ClipShape::test(&config.task))?;
         check_settings(&path, config)?;
         let clips = |split| Clips::new(training.split(split), training.actions(split), device);
-        let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
-        config.join.check_clips(data.train.len())?;
-        Ok(data)
+        Ok(TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) })
     }
 }
 
@@ -286,6 +284,7 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let state = trainer.state().clone();
+    let verdict = judge(config, &model, &data.train, &data.valid)?;
     // The true states lie beside the test file: nothing has learned from them before.
     let test = ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device).with_context(|| {
         format!(
@@ -306,6 +305,7 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
             .map(|(name, learned)| (name.to_string(), LearnedParameter { learned, truth: test.truth_of(name) }))
             .collect(),
         test: TestScores { scores, made_with: test.made_with.clone() },
+        verdict: Some(verdict.clone()),
         training_clips: Some(data.train.len()),
         validation_clips: Some(data.valid.len()),
         overrides: config.differences_from_recipe()?,
@@ -321,6 +321,7 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
     viz::write_artifacts(folder.path(), &model, &test.clips, config.output.examples)?;
     viz::write_curves(folder.path(), &config.task, &test.truth)?;
     say!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
+    say!("{verdict}");
     Ok(ExitCode::SUCCESS)
 }
 

@@ -62,11 +62,22 @@ impl Clips {
         to_float(&self.pixels.flatten(0, 1).index_select(0, &index)).permute([0, 3, 1, 2])
     }
 
-    /// `count` frames drawn at random from all clips for a step.
-    pub fn random_frames(&self, count: usize, seed: u64, step: u64) -> Tensor {
+    /// The places of `count` frames drawn at random from all clips for a step.
+    pub fn random_places(&self, count: usize, seed: u64, step: u64) -> Vec<i64> {
         let all = (self.len() * self.time()) as i64;
         let mut random = named_generator(seed, &format!("frames of step {step}"));
-        self.frames(&(0..count).map(|_| random.random_range(0..all)).collect::<Vec<_>>())
+        (0..count).map(|_| random.random_range(0..all)).collect()
+    }
+
+    /// Those frames.
+    pub fn random_frames(&self, count: usize, seed: u64, step: u64) -> Tensor {
+        self.frames(&self.random_places(count, seed, step))
+    }
+
+    /// For each frame, by its place, the median over time of the clip it is of: `[places, channels, S, S]` in \[0, 1\].
+    pub fn clip_medians(&self, places: &[i64]) -> Tensor {
+        let clips: Vec<i64> = places.iter().map(|place| place / self.time() as i64).collect();
+        self.batch(&clips, self.time()).median_dim(1, false).0
     }
 
     /// The median over time and clips of each pixel, `[channels, S, S]` in \[0, 1\], from `count` random frames: what
@@ -102,14 +113,16 @@ pub struct ShuffledBatches {
 }
 
 impl ShuffledBatches {
+    /// Of fewer clips than a batch all make one.
+    ///
     /// # Errors
-    /// Fewer clips than one batch.
+    /// No clips, or a batch of none.
     pub fn new(clips: usize, batch: usize, seed: u64) -> Result<Self> {
         ensure!(
-            batch > 0 && clips >= batch,
-            "{clips} training clips cannot fill a batch of {batch}; use more clips or a smaller batch"
+            clips > 0 && batch > 0,
+            "{clips} training clips in batches of {batch}: there must be at least one each"
         );
-        Ok(ShuffledBatches { seed, clips, batch, epoch: None, order: Vec::new() })
+        Ok(ShuffledBatches { seed, clips, batch: batch.min(clips), epoch: None, order: Vec::new() })
     }
 
     /// Steps in one pass.

@@ -110,6 +110,14 @@ impl Provenance {
         Ok(Provenance::Settings(Box::new(settings)))
     }
 
+    /// What noise leaves of the losses, if any was measured.
+    pub fn noise_floor(&self) -> Option<NoiseFloor> {
+        match self {
+            Provenance::Settings(settings) => settings.noise_floor,
+            Provenance::Earlier(_) => None,
+        }
+    }
+
     /// As it stands in a file.
     pub fn to_file(&self) -> String {
         match self {

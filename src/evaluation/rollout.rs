@@ -36,6 +36,7 @@ pub fn roll_out(model: &PhysicsNet, clip: &Tensor, actions: &Actions, frames: us
         "{frames} frames to predict: there must be at least one frame, and at most {MOST_FRAMES}"
     );
     let (_, positions) = model.encode(&clip.narrow(0, 0, input).unsqueeze(0));
+    let positions = model.named(&positions, input as usize);
     let initial = model.initial_state(&positions, actions);
     let rolled_out = model.cell.roll_out(&initial, &actions.since(input as usize - 1), model.system.dt, frames);
     let states: Vec<_> = std::iter::once(&initial).chain(&rolled_out).map(State::joined).collect();

@@ -6,14 +6,13 @@
 use std::f64::consts::TAU;
 
 use anyhow::{Result, ensure};
-use pathfinding::kuhn_munkres::kuhn_munkres_min;
-use pathfinding::matrix::Matrix;
 use tch::{Kind, Tensor};
 
 use crate::datasets::states::SplitStates;
 use crate::network::System;
 use crate::network::cells::Coordinates;
 use crate::runs::scores::StateErrors;
+use crate::support::assignment::best_assignment;
 
 /// What a model makes of clips, double, in pixels or radians.
 pub(super) struct Seen {
@@ -109,12 +108,11 @@ fn best_order(seen: &Tensor, truth: &Tensor, coordinates: Coordinates) -> Result
     let cost = |of_truth: i64, of_model: i64| {
         let apart = difference(&seen.select(2, of_model), &truth.select(2, of_truth), coordinates);
         let mean = apart.square().sum_dim_intlist([-1i64].as_slice(), false, Kind::Double).mean(Kind::Double);
-        // The solver needs whole numbers: a thousandth of a squared pixel decides nothing.
-        (mean.double_value(&[]) * 1e6).min(1e15).round() as i64
+        mean.double_value(&[])
     };
-    let costs = (0..objects).map(|of_truth| (0..objects).map(|of_model| cost(of_truth, of_model)).collect::<Vec<_>>());
-    let (_, order) = kuhn_munkres_min(&Matrix::from_rows(costs)?);
-    Ok(order.into_iter().map(|object| object as i64).collect())
+    let costs: Vec<Vec<f64>> =
+        (0..objects).map(|of_truth| (0..objects).map(|of_model| cost(of_truth, of_model)).collect()).collect();
+    Ok(best_assignment(&costs)?.into_iter().map(|object| object as i64).collect())
 }
 
 #[cfg(test)]

@@ -68,6 +68,12 @@ impl Group {
         criteria::criterion(&self.task).map(|_| succeeded)
     }
 
+    /// Runs that say of themselves that they found what they looked for, and how many say anything.
+    pub(super) fn found(&self) -> (usize, usize) {
+        let verdicts: Vec<_> = self.finished().filter_map(|(_, summary)| summary.verdict.as_ref()).collect();
+        (verdicts.iter().filter(|verdict| verdict.found).count(), verdicts.len())
+    }
+
     pub(super) fn role(&self) -> Role {
         let all = |section: &str| self.changes.iter().all(|change| change.starts_with(section));
         if self.changes.is_empty() {

@@ -56,6 +56,8 @@ pub(super) fn of_group(group: &Group, pictures: &GroupPictures) -> Result<Value>
         finished => group.finished().count(),
         // None of a task without a criterion.
         succeeded => group.succeeded(),
+        // By the runs' own verdict, and those that have one.
+        found => group.found(),
         // Finished runs that do not show their objects.
         lost => group.finished().filter(|(_, summary)| criteria::lost_objects(&group.task, summary)).count(),
         unit => group.task.system.cell.coordinates.unit(),

@@ -12,3 +12,4 @@ pub mod run;
 pub mod run_config;
 pub mod scores;
 pub mod summary;
+pub mod verdict;

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::names::SUMMARY;
 use super::scores::Scores;
+use super::verdict::Verdict;
 use crate::support::atomic;
 
 /// Version of the file's form; to be raised when a reader of today could misread it. Files of before it have none.
@@ -27,6 +28,9 @@ pub struct Summary {
     pub parameters: BTreeMap<String, LearnedParameter>,
     /// Scores on the test file.
     pub test: TestScores,
+    /// What the run says of itself, without the truth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
     pub training_clips: Option<usize>,
     pub validation_clips: Option<usize>,
     /// What differs from the plain recipe of the task, as `section.key=value`.

@@ -1,6 +1,7 @@
-//! What every other folder may use: files that appear whole or not at all, command lines, the device, random numbers,
+//! What every other folder may use: the best assignment, files that appear whole or not at all, command lines, the device, random numbers,
 //! medians, the values of TOML files.
 
+pub mod assignment;
 pub mod atomic;
 pub mod command_line;
 pub mod device;

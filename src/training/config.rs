@@ -236,7 +236,7 @@ mod tests {
             "data.test_file=\"other.npz\"",
             "discover.start.template_bump=0.0",
             "identify.horizons=[3, 12]",
-            "join.learning_rate=0.0001",
+            "join.learning_rate=0.0003",
             "join.optimizer=\"sgd\"",
             "model.exact_shift=false",
             "start.k=2.0",

@@ -67,12 +67,6 @@ impl Join {
         }
         self.schedule.check().context("config: join.schedule")
     }
-
-    /// # Errors
-    /// Fewer training clips than a batch.
-    pub fn check_clips(&self, clips: usize) -> Result<()> {
-        ShuffledBatches::new(clips, self.batch, 0).map(drop)
-    }
 }
 
 impl Phase for Join {
@@ -97,7 +91,7 @@ struct Joint<'a> {
 
 impl<'a> Joint<'a> {
     /// # Errors
-    /// A training split smaller than a batch.
+    /// No training clips.
     fn new(config: &'a Join, train: &'a Clips, seed: u64) -> Result<Self> {
         let batches = ShuffledBatches::new(train.len(), config.batch, seed)?;
         let timetable = match (config.max_steps, config.epochs) {

@@ -3,8 +3,8 @@
 //!
 //! Original: `conv_st_decoder`; paper: section 3.3 and figure 4.
 
-use tch::Tensor;
 use tch::nn::Path;
+use tch::{Kind, Tensor};
 
 use super::BACKGROUND_LOGIT;
 use crate::network::System;
@@ -14,6 +14,9 @@ use crate::network::stn;
 
 /// Added to a template before it is moved and taken off again after, so that outside its window it is -5.
 const OUTSIDE: f64 = 5.0;
+
+/// Kept from 0 and 1 under the logit by colours and masks that sprites begin at.
+const LEAST_SHARE: f64 = 0.005;
 
 /// Learned sprites and the way they are drawn.
 #[derive(Debug)]
@@ -80,6 +83,20 @@ impl Decoder {
         }
     }
 
+    /// How unlike the objects look: the squared error, summed over a frame, of drawing each in the place of each other before
+    /// the background's mean colour.
+    pub fn unlike(&self) -> Vec<Vec<f64>> {
+        let _guard = tch::no_grad_guard();
+        let sprites = self.sprites();
+        let visible = (sprites.template - BACKGROUND_LOGIT).sigmoid();
+        let behind = sprites.background.mean_dim([2i64, 3].as_slice(), true, None);
+        let drawn = &visible * (sprites.contents.sigmoid() - behind);
+        // A pixel of a template covers so many of a frame.
+        let area = (2.0 / self.log_sigma.double_value(&[]).exp()).powi(2);
+        let error = |a: i64, b: i64| (drawn.get(a) - drawn.get(b)).square().sum(Kind::Double).double_value(&[]) * area;
+        (0..self.objects).map(|a| (0..self.objects).map(|b| error(a, b)).collect()).collect()
+    }
+
     /// Begins the background at these logits, `[channels, S, S]`, its network's kernel scaled by `kernel`.
     pub fn start_background(&self, logits: &Tensor, kernel: f64) {
         self.background.start_at(&logits.permute([1, 2, 0]), kernel);
@@ -93,6 +110,17 @@ impl Decoder {
         let squared = line.square().unsqueeze(0) + line.square().unsqueeze(1);
         let bump = ((squared / (-2.0 * width * width)).exp() * 2.0 - 1.0) * height;
         self.template.start_at(&bump.repeat([self.objects, 1, 1]), 1.0);
+    }
+
+    /// Begins the sprites at masks `visible` (`[objects, S/2, S/2]`) and `colours` (`[objects, channels, S/2, S/2]`), both in
+    /// \[0, 1\], on windows that reach `reach` pixels of the frame to each side; the networks' kernels are scaled by `kernel`.
+    pub fn start_sprites(&self, visible: &Tensor, colours: &Tensor, reach: f64, kernel: f64) {
+        let _guard = tch::no_grad_guard();
+        let logit = |x: &Tensor| x.clamp(LEAST_SHARE, 1.0 - LEAST_SHARE).logit(None::<f64>);
+        self.template.start_at(&(logit(visible) + BACKGROUND_LOGIT), kernel);
+        self.contents.start_at(&logit(colours).permute([0, 2, 3, 1]), kernel);
+        // A window at scale 1 reaches all over the frame.
+        let _ = self.log_sigma.shallow_clone().fill_((self.half_span / reach).ln());
     }
 
     /// Shifts each object's sprite in its window by `offsets` (`[2 * objects]`, pixels of the frame), so that it is drawn

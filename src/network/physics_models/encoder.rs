@@ -57,8 +57,8 @@ impl Encoder {
         Encoding { positions: self.localise(&masked), masks, masked }
     }
 
-    /// `[objects, frames, channels, S, S]` to positions `[frames, 2 * objects]`.
-    fn localise(&self, masked: &Tensor) -> Tensor {
+    /// Masked frames `[objects, frames, channels, S, S]` to positions `[frames, 2 * objects]`.
+    pub fn localise(&self, masked: &Tensor) -> Tensor {
         let logits = self.localisation[2].forward(&self.localisation_features(masked));
         let half = self.side as f64 / 2.0;
         let positions = logits.tanh() * half + half;

@@ -8,6 +8,7 @@ mod coordinates;
 mod decoder;
 mod encoder;
 pub mod losses;
+pub mod naming;
 pub mod refinement;
 mod velocity;
 
@@ -16,7 +17,7 @@ use std::collections::BTreeMap;
 use anyhow::Result;
 use serde::{Deserialize, Serialize};
 use tch::nn::VarStore;
-use tch::{Device, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use crate::network::System;
 use crate::network::cells::{Actions, Cell, Coordinates, PhysicalParameter, State};
@@ -40,6 +41,9 @@ pub struct ModelOptions {
     /// Move a template by exactly one pixel for one unit of position; the original moves it by (S-1)/S pixels, so its
     /// lengths come out S/(S-1) too large.
     pub exact_shift: bool,
+    /// Within a clip an object's name follows its path where the encoder would call it another's; see [`naming`].
+    #[serde(default)]
+    pub names_by_continuity: bool,
     /// Physical parameters that are fixed at a value instead of being learned, by symbol. Where none is named, those that
     /// the cell fixes by itself: `m = 1` of gravity. Lengths are in true pixels.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -56,6 +60,7 @@ impl ModelOptions {
             alt_vel: false,
             centred_velocity_input: false,
             exact_shift: false,
+            names_by_continuity: false,
             fixed: BTreeMap::new(),
             refinement_steps: 0,
         }
@@ -230,8 +235,33 @@ impl PhysicsNet {
     pub fn encode(&self, frames: &Tensor) -> (Encoding, Tensor) {
         let (batch, time) = (frames.size()[0], frames.size()[1]);
         let encoding = self.encoder.forward(&frames.flatten(0, 1));
-        let positions = self.coordinates(&encoding).reshape([batch, time, -1]);
-        (encoding, coordinates::continuous(self.system.cell.coordinates, positions))
+        let positions = self.clip_coordinates(&encoding.positions.reshape([batch, time, -1]));
+        (encoding, positions)
+    }
+
+    /// Positions in the frames of clips, `[batch, time, 2 * objects]` (pixels), in the equation's coordinates, `[batch, time,
+    /// coordinates * objects]`.
+    pub fn clip_coordinates(&self, positions: &Tensor) -> Tensor {
+        let (kind, size) = (self.system.cell.coordinates, positions.size());
+        let single = coordinates::of(kind, &positions.flatten(0, 1), self.system.side);
+        coordinates::continuous(kind, single.reshape([size[0], size[1], -1]))
+    }
+
+    /// The position of each pixel of a row or column, `[S]`: pixel i is drawn at i + 1/2 by an exact decoder, and at
+    /// i S/(S-1) by the original's.
+    pub fn pixel_centres(&self) -> Tensor {
+        let index = Tensor::arange(self.system.side as i64, (Kind::Float, self.variables.device()));
+        if self.options.exact_shift { index + 0.5 } else { index / self.pixels_per_unit() }
+    }
+
+    /// Encoded positions `[batch, time, coordinates * objects]` in the order of their names: within a clip a name stays with
+    /// its object. The names in the first `input` frames do not depend on what comes after.
+    pub fn named(&self, positions: &Tensor, input: usize) -> Tensor {
+        let one = self.system.objects == 1 || self.system.cell.coordinates == Coordinates::Angle;
+        if one || !self.options.names_by_continuity {
+            return positions.shallow_clone();
+        }
+        naming::renamed(positions, &naming::follow(positions, &self.decoder.unlike(), input).order)
     }
 
     /// Positions of single frames in the equation's coordinates, `[frames, coordinates * objects]`.
@@ -274,9 +304,10 @@ impl PhysicsNet {
             "a clip has {time} frames; at least input and prediction, {encoded}, are needed"
         );
         let (encoding, positions) = self.encode(&clips.narrow(1, 0, encoded as i64));
-        let initial = self.initial_state(&positions.narrow(1, 0, input as i64), actions);
+        let named = self.named(&positions, input);
+        let initial = self.initial_state(&named.narrow(1, 0, input as i64), actions);
         let states = self.cell.roll_out(&initial, &actions.since(input - 1), self.system.dt, time - input);
         let (reconstructions, predictions) = self.decode(&positions, &states);
-        Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions })
+        Ok(ForwardPass { encoding, positions: named, initial, states, reconstructions, predictions })
     }
 }

@@ -1,9 +1,10 @@
-//! Guides for the encoder's masks while objects are being found: what moves belongs to an object, each object is in
-//! one place and of one colour, none goes without, and its position is where its mask is.
+//! Guides for the encoder's masks while objects are being found: what moves belongs to an object, each object is the same
+//! blob in every frame, and its position is where its mask is.
 //!
 //! The reconstruction alone gets stuck: the first object that finds a ball leaves the other without a gradient. The
-//! guides look only at the frame and at its median over the dataset, the static background. They fade to zero, so the
-//! phase ends at an optimum of the plain loss. Not in the original.
+//! guides look only at the frames. Where the blobs cannot be told apart, two weaker ones stand in: each object is in one
+//! place, and none goes without. They fade to zero, so the phase ends at an optimum of the plain loss. Not in the
+//! original.
 
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
@@ -16,16 +17,14 @@ use crate::training::ranges::not_negative;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Guide {
-    /// Difference from the median frame, summed over channels, at which a pixel counts as moving.
-    pub temperature: f64,
     /// Masks of the objects together cover what moves.
     pub coverage: f64,
-    /// Each mask is in one place.
+    /// Each object is the same blob in every frame.
+    pub identity: f64,
+    /// Where blobs cannot be told apart: each mask is in one place.
     pub compactness: f64,
-    /// No object goes without its share.
+    /// Where blobs cannot be told apart: no object goes without its share.
     pub balance: f64,
-    /// Each object is of one colour.
-    pub colour: f64,
     /// An object's position is at the centroid of its mask.
     pub tie: f64,
     /// Steps with the guides at full weight, and the step from which they are off.
@@ -35,17 +34,16 @@ pub struct Guide {
 
 impl Guide {
     pub(super) fn check(&self) -> Result<()> {
-        let Guide { temperature, coverage, compactness, balance, colour, tie, full_until, zero_from } = *self;
+        let Guide { coverage, compactness, balance, identity, tie, full_until, zero_from } = *self;
         for (key, number) in [
             ("discover.guide.coverage", coverage),
             ("discover.guide.compactness", compactness),
             ("discover.guide.balance", balance),
-            ("discover.guide.colour", colour),
+            ("discover.guide.identity", identity),
             ("discover.guide.tie", tie),
         ] {
             not_negative(key, number)?;
         }
-        ensure!(temperature > 0.0, "config: discover.guide.temperature = {temperature}: must be positive");
         ensure!(
             full_until <= zero_from,
             "config: discover.guide.full_until = {full_until} must not come after zero_from = {zero_from}"
@@ -60,34 +58,30 @@ const EMPTY: f64 = 1e-3;
 /// Keeps the logarithm of a mask finite; far below any mask that still has a gradient.
 const LEAST_MASK: f64 = 1e-30;
 
-/// What moves in each pixel, `[frames, S, S]` in \[0, 1): `1 - exp(-|frame - median| / temperature)`, the difference
-/// summed over channels.
-pub fn moving(frames: &Tensor, median: &Tensor, temperature: f64) -> Tensor {
-    let difference = (frames - median).abs().sum_dim_intlist([1i64].as_slice(), false, None);
-    1.0 - (difference / -temperature).exp()
-}
-
-/// The weight of all guides at a step: 1, then a half cosine down to 0.
-pub fn fade(guide: &Guide, step: u64) -> f64 {
-    if step < guide.full_until {
+/// The weight of all guides at a step: 1, then a half cosine down to 0. They last `rounds` times as long as the config says.
+pub fn fade(guide: &Guide, rounds: u64, step: u64) -> f64 {
+    let (full_until, zero_from) = (rounds * guide.full_until, rounds * guide.zero_from);
+    if step < full_until {
         1.0
-    } else if step >= guide.zero_from {
+    } else if step >= zero_from {
         0.0
     } else {
-        let share = (step - guide.full_until) as f64 / (guide.zero_from - guide.full_until) as f64;
+        let share = (step - full_until) as f64 / (zero_from - full_until) as f64;
         0.5 * (1.0 + (std::f64::consts::PI * share).cos())
     }
 }
 
 /// The weighted sum of the guides for frames `[frames, channels, S, S]`.
 ///
-/// * `moving`: see [`moving`];
-/// * `responsibilities`: each object's responsibility by colour, see
-///   [`Anchors::responsibilities`](super::anchors::Anchors::responsibilities), if there is any;
+/// * `positions`: as the localisation network has them, `[frames, 2 * objects]`, without a way back to the masks;
+/// * `moving`: [`Moving::share`](crate::training::objects::motion::Moving::share);
+/// * `responsibilities`: [`Names::responsibilities`](crate::training::objects::names::Names::responsibilities), if there
+///   are names;
 /// * `pixel_centres`: the position of each pixel index on an axis, `[S]`, in the model's coordinates.
 pub fn loss(
     guide: &Guide,
     encoding: &Encoding,
+    positions: &Tensor,
     moving: &Tensor,
     responsibilities: Option<&Tensor>,
     pixel_centres: &Tensor,
@@ -134,20 +128,103 @@ pub fn loss(
     // Tie: the encoded position at the centroid, counted as far as the object owns anything.
     let centroids = Tensor::stack(&[x, y], 2).detach();
     let owns = (total_share * objects as f64).clamp_max(1.0).detach();
-    let positions = encoding.positions.reshape([-1, objects, 2]);
+    let positions = positions.reshape([-1, objects, 2]);
     let distance = positions.smooth_l1_loss(&centroids, tch::Reduction::None, 1.0);
     let tie = sum(&(sum(&distance, &[2]) * owns), &[1]).mean(Kind::Float);
 
-    let guides =
-        coverage * guide.coverage + compactness * guide.compactness + balance * guide.balance + tie * guide.tie;
-    let Some(responsibilities) = responsibilities else { return guides };
+    let guides = coverage * guide.coverage + tie * guide.tie;
+    let Some(responsibilities) = responsibilities else {
+        return guides + compactness * guide.compactness + balance * guide.balance;
+    };
 
-    // Colour: cross-entropy between the responsibilities by colour and the masks.
+    // Identity: cross-entropy between the named blobs and the masks.
     let log_among = among.clamp_min(LEAST_MASK).log();
-    let colour = -sum(&(moving.unsqueeze(1) * responsibilities * log_among), &[0, 1, 2, 3]) / sum(&moving_in_all, &[0]);
-    guides + colour * guide.colour
+    let named = moving.unsqueeze(1) * responsibilities;
+    let identity = -sum(&(&named * log_among), &[0, 1, 2, 3]) / (sum(&named, &[0, 1, 2, 3]) + EMPTY);
+    guides + identity * guide.identity
 }
 
 fn sum(x: &Tensor, axes: &[i64]) -> Tensor {
     x.sum_dim_intlist(axes, false, None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDE: i64 = 16;
+
+    fn guide() -> Guide {
+        Guide {
+            coverage: 10.0,
+            identity: 10.0,
+            compactness: 300.0,
+            balance: 10.0,
+            tie: 5.0,
+            full_until: 10,
+            zero_from: 20,
+        }
+    }
+
+    /// A square of 4 x 4 pixels from this pixel on, `[1, S, S]`.
+    fn square(x: i64, y: i64) -> Tensor {
+        let frame = Tensor::zeros([1, SIDE, SIDE], (Kind::Float, tch::Device::Cpu));
+        let _ = frame.narrow(1, y, 4).narrow(2, x, 4).fill_(1.0);
+        frame
+    }
+
+    /// Two objects whose masks are nearly these squares.
+    fn encoding(first: &Tensor, second: &Tensor) -> Encoding {
+        let logits = Tensor::stack(&[&(first * 8.0), &(second * 8.0), &first.full_like(4.0)], 1);
+        let masks = logits.softmax(1, Kind::Float);
+        Encoding { masked: masks.shallow_clone(), positions: Tensor::new(), masks }
+    }
+
+    fn at(first: [f32; 2], second: [f32; 2]) -> Tensor {
+        Tensor::from_slice(&[first, second].concat()).unsqueeze(0)
+    }
+
+    /// Frames with the two squares at (2, 3) and (10, 9).
+    fn guides(encoding: &Encoding, positions: &Tensor, named: bool) -> f64 {
+        let (a, b) = (square(2, 3), square(10, 9));
+        let responsibilities = Tensor::stack(&[&a, &b], 1);
+        let centres = Tensor::arange(SIDE, (Kind::Float, tch::Device::Cpu)) + 0.5;
+        let named = named.then_some(&responsibilities);
+        loss(&guide(), encoding, positions, &(&a + &b), named, &centres).double_value(&[])
+    }
+
+    #[test]
+    fn masks_on_their_objects_cost_less_than_beside_them() {
+        let positions = at([4.0, 5.0], [12.0, 11.0]);
+        for named in [false, true] {
+            let right = guides(&encoding(&square(2, 3), &square(10, 9)), &positions, named);
+            let beside = guides(&encoding(&square(6, 3), &square(10, 9)), &positions, named);
+            let missing = guides(&encoding(&square(2, 3), &square(2, 3)), &positions, named);
+            assert!(right < 0.5 * beside && right < 0.5 * missing, "named {named}: {right}, {beside}, {missing}");
+        }
+    }
+
+    #[test]
+    fn names_tell_which_mask_is_whose_and_nothing_else_does() {
+        let (right, swapped) = (encoding(&square(2, 3), &square(10, 9)), encoding(&square(10, 9), &square(2, 3)));
+        let (here, there) = (at([4.0, 5.0], [12.0, 11.0]), at([12.0, 11.0], [4.0, 5.0]));
+        assert!(guides(&right, &here, true) + 10.0 < guides(&swapped, &there, true));
+        let unnamed = [guides(&right, &here, false), guides(&swapped, &there, false)];
+        assert!((unnamed[0] - unnamed[1]).abs() < 1e-3, "{unnamed:?}");
+    }
+
+    #[test]
+    fn a_position_belongs_to_its_mask() {
+        let masks = encoding(&square(2, 3), &square(10, 9));
+        let apart = guides(&masks, &at([7.0, 5.0], [12.0, 11.0]), true);
+        let together = guides(&masks, &at([4.0, 5.0], [12.0, 11.0]), true);
+        // 3 px beyond the quadratic part of a smooth L1: 2.5, times the weight.
+        assert!((apart - together - 2.5 * 5.0).abs() < 0.5, "{together} {apart}");
+    }
+
+    #[test]
+    fn guides_fade_and_last_longer_where_objects_look_alike() {
+        assert_eq!([9, 15, 20].map(|step| fade(&guide(), 1, step)), [1.0, 0.5, 0.0]);
+        assert_eq!([19, 40].map(|step| fade(&guide(), 2, step)), [1.0, 0.0]);
+    }
 }

@@ -3,32 +3,36 @@
 //! Frames of one clip look alike, so random frames of all clips tell more per step; physics is not trained before its
 //! objects exist (trained too early it drives its forces to zero). Not in the original.
 
-mod anchors;
 mod guide;
 
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
-use tch::{Kind, Tensor};
+use tch::Tensor;
 
-use self::anchors::Anchors;
 pub use self::guide::Guide;
 use super::base::{Outcome, Session};
 use super::objective::{Objective, StepLoss};
+use super::objects::blobs;
+use super::objects::motion::{Motion, Moving};
+use super::objects::names::Names;
+use super::objects::sprites;
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
 use super::ranges::{at_least_one, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::Clips;
+use crate::network::cells::Coordinates;
 use crate::network::physics_models::losses::{MeanLosses, RunningMean, frame_error};
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
 
-/// Frames from which the median is taken, and on which a validation is made.
-const MEDIAN_FRAMES: usize = 2000;
+/// Frames on which a validation is made.
 const VALIDATION_FRAMES: usize = 500;
-/// Frames whose moving pixels are grouped by colour.
-const ANCHOR_FRAMES: usize = 200;
+/// Frames from which the looks of the objects are learned.
+const NAMED_FRAMES: usize = 500;
 /// Frames in one validation batch.
 const VALIDATION_BATCH: i64 = 250;
+/// A sprite's share of its networks' initial kernels.
+const SPRITE_KERNEL: f64 = 0.1;
 /// Width of a template's initial bump, in half windows.
 const BUMP_WIDTH: f64 = 0.3;
 /// The median background's share of its network's initial kernel, and the margin kept from 0 and 1 under the logit.
@@ -57,6 +61,10 @@ pub struct Discover {
 pub struct DiscoverStart {
     /// The background begins as the median frame.
     pub median_background: bool,
+    /// Sprites begin as what the blobs look like, where names tell them apart; otherwise as the bump. A config of before
+    /// has none of it.
+    #[serde(default)]
+    pub sprites: bool,
     /// A template begins as a bump of +- this at its window's centre.
     pub template_bump: f64,
     /// The output layer of the localisation network is multiplied by this.
@@ -89,9 +97,9 @@ impl Phase for Discover {
 
     fn run(&self, session: &mut Session) -> Result<Outcome> {
         let (model, seed) = (session.model, session.seed);
-        let mut discovery = Discovery::new(self, model, session.train, session.valid, seed);
+        let mut discovery = Discovery::new(self, model, session.train, session.valid, seed)?;
         if session.state.step == 0 {
-            discovery.set_start(model);
+            discovery.set_start(model)?;
         }
         session.train_phase(self.name(), &mut discovery, self.optimizer, self.clip_gradients)
     }
@@ -104,58 +112,87 @@ struct Discovery<'a> {
     timetable: Timetable<'a>,
     train: &'a Clips,
     seed: u64,
-    median: Tensor,
-    anchors: Option<Anchors>,
+    motion: Motion,
+    names: Option<Names>,
+    /// How many times as long as the config says the phase lasts at most.
+    rounds: u64,
     pixel_centres: Tensor,
     validation: Tensor,
 }
 
 impl<'a> Discovery<'a> {
-    fn new(config: &'a Discover, model: &PhysicsNet, train: &'a Clips, valid: &Clips, seed: u64) -> Self {
-        let device = model.variables.device();
-        let side = model.system.side as i64;
-        // Pixel i is drawn at position i + 1/2 by an exact decoder, and at i S/(S-1) by the original's.
-        let index = Tensor::arange(side, (Kind::Float, device));
-        let pixel_centres = if model.options.exact_shift { index + 0.5 } else { index / model.pixels_per_unit() };
-        let median = train.median_frame(MEDIAN_FRAMES, seed);
-        let frames = train.random_frames(ANCHOR_FRAMES, seed, 0);
-        let moving = guide::moving(&frames, &median, config.guide.temperature);
-        let anchors = (config.guide.colour > 0.0)
-            .then(|| Anchors::find(&frames, &median, &moving, model.system.objects, seed))
-            .flatten();
+    fn new(config: &'a Discover, model: &PhysicsNet, train: &'a Clips, valid: &Clips, seed: u64) -> Result<Self> {
+        let motion = Motion::measure(train, seed);
+        let names = if config.guide.identity > 0.0 {
+            let places = train.random_places(NAMED_FRAMES, seed, u64::MAX);
+            let moving = motion.of(train, &places, &train.frames(&places));
+            Names::learn(&blobs::find(&moving, model.system.objects), seed)?
+        } else {
+            None
+        };
+        // Objects that look alike are told by their order in the frame, which is harder to learn: a round for each more.
+        let rounds = 1 + names.as_ref().map_or(0, Names::alike) as u64;
         // Scores under the guides say nothing about the plain loss.
-        let guided = config.guide.zero_from.div_ceil(config.schedule.validate_every) as usize;
-        Discovery {
+        let guided = (rounds * config.guide.zero_from).div_ceil(config.schedule.validate_every) as usize;
+        Ok(Discovery {
             config,
-            timetable: Timetable::new(&config.schedule, config.max_steps, 1, guided),
+            timetable: Timetable::new(&config.schedule, config.max_steps, rounds, guided),
             train,
             seed,
-            median,
-            anchors,
-            pixel_centres,
+            motion,
+            names,
+            rounds,
+            pixel_centres: model.pixel_centres(),
             validation: valid.random_frames(VALIDATION_FRAMES, seed, u64::MAX),
-        }
+        })
     }
 
     /// Sets the initial values from which every object is found.
-    fn set_start(&self, model: &PhysicsNet) {
+    fn set_start(&self, model: &PhysicsNet) -> Result<()> {
         let _guard = tch::no_grad_guard();
-        let DiscoverStart { median_background, template_bump, localiser_scale, mask_spread } = self.config.start;
+        let DiscoverStart { median_background, sprites, template_bump, localiser_scale, mask_spread } =
+            self.config.start;
         if median_background {
-            let logit = self.median.clamp(LOGIT_MARGIN, 1.0 - LOGIT_MARGIN).logit(None::<f64>);
+            let logit = self.motion.median.clamp(LOGIT_MARGIN, 1.0 - LOGIT_MARGIN).logit(None::<f64>);
             model.decoder.start_background(&logit, BACKGROUND_KERNEL);
         }
         if template_bump != 0.0 {
             model.decoder.start_templates(template_bump, BUMP_WIDTH);
         }
+        if sprites && model.system.cell.coordinates == Coordinates::Position {
+            self.start_sprites(model)?;
+        }
         if localiser_scale != 0.0 {
             model.encoder.scale_localiser(localiser_scale);
         }
         if mask_spread != 0.0 {
-            let frames = self.train.random_frames(self.config.frames, self.seed, 0);
-            let moving = guide::moving(&frames, &self.median, self.config.guide.temperature);
-            model.encoder.spread_masks(&frames, &moving, mask_spread);
+            let places = self.train.random_places(self.config.frames, self.seed, 0);
+            let frames = self.train.frames(&places);
+            let moving = self.motion.of(self.train, &places, &frames);
+            model.encoder.spread_masks(&frames, &moving.share, mask_spread);
         }
+        Ok(())
+    }
+
+    fn start_sprites(&self, model: &PhysicsNet) -> Result<()> {
+        let Some(names) = &self.names else { return Ok(()) };
+        let places = self.train.random_places(NAMED_FRAMES, self.seed, u64::MAX);
+        let moving = self.motion.of(self.train, &places, &self.train.frames(&places));
+        let found = blobs::find(&moving, model.system.objects);
+        if let Some(seen) = sprites::learn(&moving, &found, names, model.system.side as i64 / 2)? {
+            let behind = self.motion.median.mean_dim([1i64, 2].as_slice(), true, None);
+            model.decoder.start_sprites(&seen.visible, &(seen.colours + behind), seen.reach, SPRITE_KERNEL);
+        }
+        Ok(())
+    }
+}
+
+impl Discovery<'_> {
+    /// Which pixels are whose in these frames; none without names.
+    fn responsibilities(&self, model: &PhysicsNet, moving: &Moving) -> Result<Option<Tensor>> {
+        let Some(names) = &self.names else { return Ok(None) };
+        let shares = names.responsibilities(&blobs::find(moving, model.system.objects))?;
+        Ok(Some(shares.to_device(moving.share.device())))
     }
 }
 
@@ -165,17 +202,26 @@ impl Objective for Discovery<'_> {
     }
 
     fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
-        let frames = self.train.random_frames(self.config.frames, self.seed, step);
+        let places = self.train.random_places(self.config.frames, self.seed, step);
+        let frames = self.train.frames(&places);
         let encoding = model.encoder.forward(&frames);
         let rendering = model.decoder.forward(&model.coordinates(&encoding));
         let reconstruction = frame_error(&rendering.frames.unsqueeze(1), &frames.unsqueeze(1));
-        let fade = guide::fade(&self.config.guide, step);
+        let fade = guide::fade(&self.config.guide, self.rounds, step);
         let mut total = reconstruction.shallow_clone();
         if fade > 0.0 {
-            let moving = guide::moving(&frames, &self.median, self.config.guide.temperature);
-            let responsibilities = self.anchors.as_ref().map(|anchors| anchors.responsibilities(&frames, &self.median));
-            let guides =
-                guide::loss(&self.config.guide, &encoding, &moving, responsibilities.as_ref(), &self.pixel_centres);
+            let moving = self.motion.of(self.train, &places, &frames);
+            let responsibilities = self.responsibilities(model, &moving)?;
+            // A mask is not to move for the sake of a position.
+            let positions = model.encoder.localise(&encoding.masked.detach());
+            let guides = guide::loss(
+                &self.config.guide,
+                &encoding,
+                &positions,
+                &moving.share,
+                responsibilities.as_ref(),
+                &self.pixel_centres,
+            );
             total += guides * fade;
         }
         Ok(StepLoss { total, reconstruction, prediction: None })

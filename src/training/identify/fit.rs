@@ -13,7 +13,7 @@ use tch::{Device, Kind, Tensor};
 use super::Identify;
 use crate::network::System;
 use crate::network::cells::{Actions, State};
-use crate::network::physics_models::Parameter;
+use crate::network::physics_models::PhysicsNet;
 
 /// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or natural logarithm. In float64 roll-outs
 /// of positions up to 64 px it leaves nine digits.
@@ -27,8 +27,41 @@ const DAMPING: f64 = 1e-2;
 const DAMPING_UP: f64 = 8.0;
 const DAMPING_DOWN: f64 = 0.3;
 const DAMPING_LIMIT: f64 = 1e8;
+/// Standard deviation of normal numbers whose median size is 1.
+pub(super) const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 /// Relative fall of the cost at which a horizon is done.
 const CONVERGED: f64 = 1e-5;
+
+/// Where a fit begins, and what is free.
+#[derive(Debug, Clone)]
+pub struct Start {
+    /// Log-parameters in the cell's order.
+    pub logs: Vec<f64>,
+    /// Whether each of them is learned.
+    pub learned: Vec<bool>,
+    /// Whether each object may be seen beside its place by an offset of its own.
+    pub free_offsets: bool,
+}
+
+/// Which residuals count, and how.
+#[derive(Debug, Default)]
+pub struct Trust {
+    /// What the residuals of a frame are multiplied by, `[coordinates, coordinates]`; none for as they are.
+    pub weights: Option<Tensor>,
+    /// 1 for a residual that counts, 0 for one that does not, `[clips, frames * coordinates]`; none for all.
+    pub mask: Option<Tensor>,
+}
+
+impl Start {
+    /// The parameters of a model as they are.
+    pub fn of(model: &PhysicsNet) -> Self {
+        Start {
+            logs: model.parameters.iter().map(|parameter| parameter.log.double_value(&[])).collect(),
+            learned: model.parameters.iter().map(|parameter| parameter.learned).collect(),
+            free_offsets: true,
+        }
+    }
+}
 
 /// The result of a fit.
 #[derive(Debug)]
@@ -42,6 +75,12 @@ pub struct Fit {
     pub states: Tensor,
     /// Root mean square of the residuals at the longest horizon, pixels or radians.
     pub residual: f64,
+    /// The same from the median size of the residuals: what a usual one is, whatever a few are.
+    pub usual_residual: f64,
+    /// Residuals of all frames of the longest horizon, `[clips, frames, coordinates]`.
+    pub residuals: Tensor,
+    /// Standard deviation of each log-parameter, from the fit's curvature and the scatter over clips; 0 of one that is fixed.
+    pub deviations: Vec<f64>,
     pub iterations: usize,
 }
 
@@ -60,6 +99,11 @@ struct Problem<'a> {
     system: &'a System,
     /// Whether each of the cell's parameters is learned.
     learned: &'a [bool],
+    free_offsets: bool,
+    /// `[coordinates, coordinates]`.
+    weights: Option<&'a Tensor>,
+    /// `[clips, frames * coordinates]`.
+    mask: Option<&'a Tensor>,
     huber: f64,
     /// `[clips, frames, coordinates]`, float64.
     positions: &'a Tensor,
@@ -77,8 +121,19 @@ struct Linearised {
     by_shared: Tensor,
 }
 
-/// Fits a system's equation to encoded positions `[clips, frames, coordinates]`, beginning at the parameters' present
-/// values; `actions` begin at the first frame.
+/// The normal equations of the shared unknowns.
+struct Eliminated {
+    /// `[shared, shared]`.
+    normal: Tensor,
+    /// Of each clip, `[clips, shared]`, and of the ridge, `[shared]`.
+    gradients: Tensor,
+    held: Tensor,
+    /// What the states follow by: `[clips, state, shared]`, `[clips, state, 1]`.
+    a_b: Tensor,
+    a_g: Tensor,
+}
+
+/// Fits a system's equation to positions `[clips, frames, coordinates]`; `actions` begin at the first frame.
 ///
 /// # Errors
 /// Positions that are not finite.
@@ -87,7 +142,8 @@ pub fn fit(
     system: &System,
     positions: &Tensor,
     actions: &Actions,
-    parameters: &[Parameter],
+    start: &Start,
+    trust: &Trust,
 ) -> Result<Fit> {
     let _guard = tch::no_grad_guard();
     let positions = positions.to_device(Device::Cpu).to_kind(Kind::Double);
@@ -99,23 +155,35 @@ pub fn fit(
     let first = positions.select(1, 0);
     let velocity = (positions.select(1, 1) - &first) / system.dt;
     let coordinates = first.size()[1];
-    let logs: Vec<f64> = parameters.iter().map(|parameter| parameter.log.double_value(&[])).collect();
-    let learned: Vec<bool> = parameters.iter().map(|parameter| parameter.learned).collect();
     let mut unknowns = Unknowns {
-        logs: Tensor::from_slice(&logs),
+        logs: Tensor::from_slice(&start.logs),
         offsets: Tensor::zeros([coordinates], (Kind::Double, positions.device())),
         states: Tensor::cat(&[first, velocity], 1),
     };
+    let problem = |horizon: usize| Problem {
+        system,
+        learned: &start.learned,
+        free_offsets: start.free_offsets,
+        weights: trust.weights.as_ref(),
+        mask: trust.mask.as_ref(),
+        huber: config.huber,
+        positions: &positions,
+        actions,
+        horizon,
+    };
     let mut iterations = 0;
-    let mut residual = f64::NAN;
     for &horizon in &config.horizons {
-        let huber = config.huber;
-        let problem = Problem { system, learned: &learned, huber, positions: &positions, actions, horizon };
-        iterations += problem.minimise(&mut unknowns, config.max_iterations);
-        residual = problem.residual(&unknowns).square().mean(Kind::Double).sqrt().double_value(&[]);
+        iterations += problem(horizon).minimise(&mut unknowns, config.max_iterations);
     }
+    let longest = problem(config.horizons.last().copied().unwrap_or(positions.size()[1] as usize));
+    let deviations = longest.deviations(&unknowns);
+    let residuals = Problem { weights: None, ..longest }.residual(&unknowns);
+    let counted = longest.masked(residuals.ones_like()).sum(Kind::Double).clamp_min(1.0);
+    let residual = (longest.masked(residuals.square()).sum(Kind::Double) / counted).sqrt().double_value(&[]);
+    let usual_residual = residuals.abs().median().double_value(&[]) * MEDIAN_TO_DEVIATION;
     let (logs, offsets) = (values(&unknowns.logs), values(&unknowns.offsets));
-    Ok(Fit { logs, offsets, states: unknowns.states, residual, iterations })
+    let residuals = residuals.reshape([positions.size()[0], -1, coordinates]);
+    Ok(Fit { logs, offsets, states: unknowns.states, residual, usual_residual, residuals, deviations, iterations })
 }
 
 fn values(x: &Tensor) -> Vec<f64> {
@@ -135,15 +203,33 @@ impl Problem<'_> {
     /// Roll-out and offsets minus encoded positions, `[clips, horizon * coordinates]`.
     fn residual(&self, unknowns: &Unknowns) -> Tensor {
         let seen = self.positions.narrow(1, 0, self.horizon as i64).flatten(1, 2);
-        self.roll_out(&unknowns.logs, &unknowns.states, self.actions) + unknowns.offsets.repeat([self.horizon as i64])
-            - seen
+        let rolled_out = self.roll_out(&unknowns.logs, &unknowns.states, self.actions);
+        self.weighted(&(rolled_out + unknowns.offsets.repeat([self.horizon as i64]) - seen), 1)
+    }
+
+    /// Of each residual, `[clips, horizon * coordinates]`, nothing where it does not count.
+    fn masked(&self, x: Tensor) -> Tensor {
+        match self.mask {
+            Some(mask) => &x * mask.narrow(1, 0, x.size()[1]),
+            None => x,
+        }
+    }
+
+    /// An array with `horizon * coordinates` along an axis, those of each frame multiplied by the weights.
+    fn weighted(&self, x: &Tensor, axis: i64) -> Tensor {
+        let Some(weights) = self.weights else { return x.shallow_clone() };
+        let last = x.transpose(axis, -1);
+        let size = last.size();
+        let frames = last.reshape([-1, weights.size()[0]]).matmul(&weights.transpose(0, 1));
+        frames.reshape(size).transpose(axis, -1)
     }
 
     /// Huber loss of all residuals and the ridge on the offsets.
     fn cost(&self, unknowns: &Unknowns) -> f64 {
         let size = self.residual(unknowns).abs();
         let linear = (&size - 0.5 * self.huber) * self.huber;
-        let huber = (size.square() * 0.5).where_self(&size.le(self.huber), &linear).sum(Kind::Double);
+        let huber = (size.square() * 0.5).where_self(&size.le(self.huber), &linear);
+        let huber = self.masked(huber).sum(Kind::Double);
         let ridge = unknowns.offsets.square().sum(Kind::Double) * (0.5 * self.ridge());
         (huber + ridge).double_value(&[])
     }
@@ -161,27 +247,30 @@ impl Problem<'_> {
         let probes = Tensor::cat(&[&probe, &(-&probe)], 0);
         let copies = (states.unsqueeze(1) + probes).reshape([-1, state_size]);
         let actions = self.actions.each_repeated(2 * state_size);
-        let ends = self.roll_out(logs, &copies, &actions).reshape([clips, 2, state_size, -1]);
+        let ends = self.weighted(&self.roll_out(logs, &copies, &actions), 1).reshape([clips, 2, state_size, -1]);
         let by_state = quotient(ends.select(1, 0), ends.select(1, 1)).transpose(1, 2);
         let steps = Tensor::eye(parameters, (Kind::Double, states.device())) * PROBE;
         let mut shared: Vec<Tensor> = (0..parameters)
             .map(|p| {
                 let step = steps.get(p);
-                let shifted = |logs: Tensor| self.roll_out(&logs, states, self.actions);
+                let shifted = |logs: Tensor| self.weighted(&self.roll_out(&logs, states, self.actions), 1);
                 // Without a derivative a parameter stays where it is.
                 let learned = f64::from(self.learned[p as usize]);
                 (quotient(shifted(logs + &step), shifted(logs - &step)) * learned).unsqueeze(-1)
             })
             .collect();
         let coordinates = offsets.size()[0];
-        let by_offset = Tensor::eye(coordinates, (Kind::Double, states.device())).repeat([self.horizon as i64, 1]);
+        let free = f64::from(self.free_offsets);
+        let by_offset =
+            Tensor::eye(coordinates, (Kind::Double, states.device())).repeat([self.horizon as i64, 1]) * free;
+        let by_offset = self.weighted(&by_offset, 0);
         shared.push(by_offset.unsqueeze(0).expand([clips, -1, -1], false));
         Linearised { residual: self.residual(unknowns), by_state, by_shared: Tensor::cat(&shared, 2) }
     }
 
-    /// The damped Gauss-Newton step: changes of the shared unknowns and of the states.
-    fn step(&self, at: &Linearised, unknowns: &Unknowns, damping: f64) -> (Tensor, Tensor) {
-        let weight = (self.huber / at.residual.abs().clamp_min(self.huber)).unsqueeze(-1);
+    /// The normal equations of the shared unknowns with each clip's states eliminated.
+    fn eliminate(&self, at: &Linearised, unknowns: &Unknowns, damping: f64) -> Eliminated {
+        let weight = self.masked(self.huber / at.residual.abs().clamp_min(self.huber)).unsqueeze(-1);
         let weighted = |j: &Tensor| (j * &weight).transpose(1, 2);
         let damped = |normal: Tensor| {
             let diagonal = normal.diagonal(0, -2, -1) * damping + 1e-9;
@@ -197,20 +286,37 @@ impl Problem<'_> {
         let shared_count = state_shared.size()[2];
         let (a_b, a_g) = (eliminated.narrow(2, 0, shared_count), eliminated.narrow(2, shared_count, 1));
         let over_clips = |x: Tensor| x.sum_dim_intlist([0i64].as_slice(), false, None);
-        let parameters = unknowns.logs.size()[0];
         let ridge = Tensor::cat(&[unknowns.logs.zeros_like(), unknowns.offsets.full_like(self.ridge())], 0);
-        let shared_shared = damped(over_clips(w_shared.bmm(&at.by_shared)) + ridge.diag_embed(0, -2, -1))
+        let normal = damped(over_clips(w_shared.bmm(&at.by_shared)) + ridge.diag_embed(0, -2, -1))
             - over_clips(state_shared.transpose(1, 2).bmm(&a_b));
+        let gradients = (w_shared.bmm(&residual) - state_shared.transpose(1, 2).bmm(&a_g)).squeeze_dim(-1);
         let held = Tensor::cat(&[unknowns.logs.zeros_like(), &unknowns.offsets * self.ridge()], 0);
-        let g_shared = over_clips(w_shared.bmm(&residual)).squeeze_dim(-1) + held
-            - over_clips(state_shared.transpose(1, 2).bmm(&a_g)).squeeze_dim(-1);
-        let mut shared = -Tensor::linalg_solve(&shared_shared, &g_shared, true);
+        Eliminated { normal, gradients, held, a_b, a_g }
+    }
+
+    /// The damped Gauss-Newton step: changes of the shared unknowns and of the states.
+    fn step(&self, at: &Linearised, unknowns: &Unknowns, damping: f64) -> (Tensor, Tensor) {
+        let Eliminated { normal, gradients, held, a_b, a_g } = self.eliminate(at, unknowns, damping);
+        let gradient = gradients.sum_dim_intlist([0i64].as_slice(), false, None) + held;
+        let mut shared = -Tensor::linalg_solve(&normal, &gradient, true);
+        let parameters = unknowns.logs.size()[0];
         let largest = if parameters > 0 { shared.narrow(0, 0, parameters).abs().max().double_value(&[]) } else { 0.0 };
         if largest > LARGEST_LOG_STEP {
             shared *= LARGEST_LOG_STEP / largest;
         }
         let states = -(a_g + a_b.matmul(&shared.unsqueeze(-1))).squeeze_dim(-1);
         (shared, states)
+    }
+
+    /// Standard deviations of the log-parameters: the inverse of the normal equations around the scatter of the clips'
+    /// gradients, which need not be of independent residuals.
+    fn deviations(&self, unknowns: &Unknowns) -> Vec<f64> {
+        let Eliminated { normal, gradients, .. } = self.eliminate(&self.linearise(unknowns), unknowns, 0.0);
+        let scatter = gradients.transpose(0, 1).matmul(&gradients);
+        let half = Tensor::linalg_solve(&normal, &scatter, true);
+        let covariance = Tensor::linalg_solve(&normal, &half.transpose(0, 1), true);
+        let parameters = unknowns.logs.size()[0];
+        values(&covariance.diagonal(0, 0, 1).clamp_min(0.0).sqrt().narrow(0, 0, parameters))
     }
 
     /// Iterates until the cost stands still; returns the iterations.

@@ -3,23 +3,27 @@
 //! From poor parameters the image loss leads to free motion (k to 0): that is where reruns of the original end. Fitted
 //! to trajectories of growing length the parameters have no such trap. Not in the original.
 
+pub mod explain;
 pub mod fit;
 pub mod recentre;
+pub mod seen;
 pub mod velocity_fit;
 
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
 
+use self::explain::Explanation;
+use self::fit::Start;
+use self::seen::Seen;
 use super::base::{Outcome, Session};
+use super::objects::motion::Motion;
 use super::observer::Event;
 use super::phase::Phase;
-use super::ranges::{at_least_one, not_negative};
-use crate::network::cells::{Actions, Coordinates};
+use super::ranges::at_least_one;
 use crate::runs::metrics::{Kind, Record};
 
-/// Frames on which the positions are re-centred.
-const RECENTRE_FRAMES: usize = 1000;
+/// Clips on which the positions are re-centred.
+const RECENTRE_CLIPS: usize = 200;
 
 /// The phase's config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,8 +37,8 @@ pub struct Identify {
     pub max_iterations: usize,
     /// Residuals beyond this count linearly; pixels or radians.
     pub huber: f64,
-    /// Re-centre the templates when an offset is larger than this many pixels; 0 never does.
-    pub recentre_above: f64,
+    /// Whether templates and positions are re-centred where the motion is explained.
+    pub recentre: bool,
     /// Steps on the velocity estimator, towards the fitted trajectories' velocities. A config without it means none.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub velocity_steps: u64,
@@ -45,10 +49,15 @@ fn is_zero(count: &u64) -> bool {
 }
 
 impl Identify {
+    /// A fit of clips of so many frames as the default recipe has it: for those who judge a training that had none.
+    pub(super) fn usual(clip_frames: usize) -> Self {
+        let horizons = [3, 4, 6, 8].into_iter().filter(|horizon| *horizon < clip_frames).chain([clip_frames]).collect();
+        Identify { clips: 400, horizons, max_iterations: 30, huber: 1.0, recentre: false, velocity_steps: 0 }
+    }
+
     pub(super) fn check(&self, clip_frames: usize) -> Result<()> {
         at_least_one("identify.clips", self.clips as u64)?;
         ensure!(self.huber > 0.0, "config: identify.huber = {}: must be positive", self.huber);
-        not_negative("identify.recentre_above", self.recentre_above)?;
         ensure!(
             !self.horizons.is_empty() && self.horizons.iter().all(|&h| h >= 3 && h <= clip_frames),
             "config: identify.horizons = {:?}: there must be at least one, and each between 3 and the clip length \
@@ -58,16 +67,18 @@ impl Identify {
         Ok(())
     }
 
-    /// Takes the offsets off templates and positions if the largest is above the config's limit; whether it did.
-    fn recentre(&self, session: &mut Session, offsets: &[f64]) -> Result<bool> {
-        let largest = offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
-        // An angle is tied to where the rod is seen, which leaves little of an offset.
-        let positions = session.model.system.cell.coordinates == Coordinates::Position;
-        if !positions || self.recentre_above <= 0.0 || largest <= self.recentre_above {
+    /// Moves positions and templates to where the objects were seen; whether it did.
+    fn recentre(&self, session: &mut Session, explanation: &Explanation) -> Result<bool> {
+        let model = session.model;
+        if !self.recentre {
             return Ok(false);
         }
-        let frames = session.train.random_frames(RECENTRE_FRAMES, session.seed, session.state.steps);
-        let left = recentre::recentre(session.model, &frames, offsets)?;
+        let count = (explanation.positions.size()[0]).min(RECENTRE_CLIPS as i64);
+        let chosen: Vec<i64> = (0..count).collect();
+        let frames = session.train.batch(&chosen, session.train.time()).flatten(0, 1);
+        let positions = explanation.positions.narrow(0, 0, count).flatten(0, 1);
+        let left = recentre::recentre(model, &frames, &positions, &explanation.offsets)?;
+        let largest = explanation.offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
         session.tell(&Event::Note(&format!("recentre - largest offset {largest:.3} px, {left:.4} px left")))?;
         Ok(true)
     }
@@ -80,16 +91,18 @@ impl Phase for Identify {
 
     fn run(&self, session: &mut Session) -> Result<Outcome> {
         let model = session.model;
-        if model.learned().next().is_none() && self.velocity_steps == 0 {
-            return Ok(Outcome::Finished);
-        }
         session.tell(&Event::PhaseBegins { phase: self.name(), done: 0, of: 0 })?;
-        let (positions, actions) = encode_clips(session, self.clips);
-        let fit = fit::fit(self, &model.system, &positions, &actions, &model.parameters)?;
-        for (parameter, log) in model.parameters.iter().zip(&fit.logs).filter(|(parameter, _)| parameter.learned) {
+        let motion = Motion::measure(session.train, session.seed);
+        let seen = Seen::of(model, session.train, &motion, self.clips, session.validation.batch);
+        let explanation = explain::explain(self, model, &seen, &Start::of(model))?;
+        let fit = &explanation.fit;
+        let explains = explanation.explains();
+        for (parameter, log) in
+            model.parameters.iter().zip(&fit.logs).filter(|(parameter, _)| explains && parameter.learned)
+        {
             model.set_log(parameter, *log);
         }
-        let recentred = self.recentre(session, &fit.offsets)?;
+        let recentred = explains && self.recentre(session, &explanation)?;
         let unit = model.system.cell.coordinates.unit();
         let mut record = Record {
             residual: Some(fit.residual),
@@ -101,13 +114,14 @@ impl Phase for Identify {
             "identify - residual={:.4} {unit} iterations={} offsets={:.3?} {}",
             fit.residual,
             fit.iterations,
-            fit.offsets,
+            explanation.offsets,
             record.parameters_text()
         )))?;
-        record.offsets = Some(fit.offsets);
+        session.tell(&Event::Note(&explanation.text(unit)))?;
+        record.offsets = Some(explanation.offsets);
         if self.velocity_steps > 0 {
             let (frames, steps) = (session.train.time(), self.velocity_steps);
-            let left = velocity_fit::fit(model, &fit.states, &actions, frames, steps)?;
+            let left = velocity_fit::fit(model, &fit.states, &seen.actions, frames, steps)?;
             session.tell(&Event::Note(&format!("velocity - residual={left:.4} {unit} per time unit")))?;
             record.velocity_residual = Some(left);
         }
@@ -115,14 +129,4 @@ impl Phase for Identify {
         session.tell(&Event::PhaseEnds { phase: self.name() })?;
         Ok(Outcome::Finished)
     }
-}
-
-/// Encoded positions of the first `count` training clips, `[clips, time, coordinates * objects]`, and what acts on them.
-fn encode_clips(session: &Session, count: usize) -> (Tensor, Actions) {
-    let _guard = tch::no_grad_guard();
-    let (clips, model) = (session.train, session.model);
-    let chosen: Vec<i64> = (0..clips.len().min(count) as i64).collect();
-    let batches = chosen.chunks(session.validation.batch);
-    let encoded: Vec<Tensor> = batches.map(|chosen| model.encode(&clips.batch(chosen, clips.time())).1).collect();
-    (Tensor::cat(&encoded, 0), clips.actions(&chosen))
 }

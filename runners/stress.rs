@@ -1,0 +1,125 @@
+//! Runs the stress suite and writes its report. See `stress --help`.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::Parser;
+use paig::cli::arguments::parse_seeds;
+use paig::cli::generate_display::Display;
+use paig::cli::interrupt;
+use paig::cli::run::exit_code;
+use paig::cli::sweep_display::SweepDisplay;
+use paig::generators::generate;
+use paig::runs::find::find_runs;
+use paig::say;
+use paig::stress::{self, StressList, outcome};
+use paig::sweep;
+
+/// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
+///
+/// Each scene is filmed once for each data seed and learned from that. Given again, the same command skips what has
+/// finished and goes on with what was cut off; the report is made of all runs that are there.
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Examples:\n  stress --jobs 2\n  stress --scene spring_noise_10 --data-seeds 1 --report-only"
+)]
+struct Arguments {
+    /// List of the scenes; their files lie in a folder of its name beside it
+    #[arg(long, default_value = "configs/stress.toml")]
+    list: PathBuf,
+    /// A scene of the list; may be repeated [default: all]
+    #[arg(long)]
+    scene: Vec<String>,
+    /// Seeds of the datasets; a run's own seed is that of its dataset
+    #[arg(long, default_value = "1-3")]
+    data_seeds: String,
+    /// Folder of the datasets
+    #[arg(long, default_value = "data/stress")]
+    data: PathBuf,
+    /// Folder of the runs
+    #[arg(long, default_value = "runs/stress")]
+    runs: PathBuf,
+    /// Folder of the report
+    #[arg(long, default_value = "reports/stress")]
+    out: PathBuf,
+    /// Runs at a time, one thread each
+    #[arg(long, default_value_t = 1)]
+    jobs: usize,
+    /// Only write the report of the runs that are there
+    #[arg(long)]
+    report_only: bool,
+}
+
+fn main() -> ExitCode {
+    exit_code(run(&Arguments::parse()))
+}
+
+fn run(arguments: &Arguments) -> Result<ExitCode> {
+    ensure!(arguments.jobs > 0, "--jobs must be at least 1");
+    let list = StressList::read(&arguments.list)?;
+    let data_seeds = parse_seeds(&arguments.data_seeds)?;
+    let code = if arguments.report_only { ExitCode::SUCCESS } else { learn(arguments, &data_seeds)? };
+    report(arguments, &list, &data_seeds)?;
+    Ok(code)
+}
+
+/// Films and learns what is not there yet, one data seed after the other.
+fn learn(arguments: &Arguments, data_seeds: &[u64]) -> Result<ExitCode> {
+    let list = StressList::read(&arguments.list)?.of_names(&arguments.scene)?;
+    let this = std::env::current_exe().context("cannot find this program's own place")?;
+    let program = this.with_file_name("run_physics");
+    ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
+    interrupt::catch()?;
+    let mut failed = false;
+    for &data_seed in data_seeds {
+        let mut jobs = Vec::new();
+        for scene in &list.scenes {
+            let display = Display::default();
+            generate(&scene.dataset(&arguments.data, data_seed)?, &|event| display.show(event))?;
+            jobs.extend(scene.plan(&arguments.data, &arguments.runs, data_seed, 1).jobs()?);
+        }
+        let mut display = SweepDisplay::new(jobs.len());
+        let ended = sweep::run(&program, &jobs, arguments.jobs, &interrupt::asked, &mut |event| display.show(event))?;
+        display.close();
+        failed |= !ended.failed.is_empty();
+        if ended.stopped > 0 {
+            say!("stopped; the same command goes on");
+            return Ok(ExitCode::from(130));
+        }
+    }
+    Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Writes the report of the runs of all scenes.
+fn report(arguments: &Arguments, list: &StressList, data_seeds: &[u64]) -> Result<()> {
+    let mut outcomes = Vec::new();
+    let mut pictured = BTreeMap::new();
+    for scene in &list.scenes {
+        for &data_seed in data_seeds {
+            let folder = folder(scene, arguments, data_seed)?;
+            if !folder.exists() {
+                continue;
+            }
+            for run in find_runs(&[folder], &|_| false)?.runs {
+                let Some(outcome) = outcome(scene, data_seed, &run)? else { continue };
+                outcomes.push(outcome);
+                pictured.entry(scene.name.clone()).or_insert(run);
+            }
+        }
+    }
+    ensure!(!outcomes.is_empty(), "{} holds no finished run of the suite", arguments.runs.display());
+    let succeeded = outcomes.iter().filter(|outcome| outcome.succeeded).count();
+    stress::write(&arguments.out, list, &outcomes, &pictured)?;
+    say!("{succeeded} of {} runs succeeded; {}", outcomes.len(), arguments.out.join("report.md").display());
+    Ok(())
+}
+
+/// Where the runs of a scene on one dataset are.
+fn folder(scene: &stress::Scene, arguments: &Arguments, data_seed: u64) -> Result<PathBuf> {
+    let jobs = scene.plan(&arguments.data, &arguments.runs, data_seed, 1).jobs()?;
+    let first = jobs.first().context("a scene without runs")?;
+    Ok(first.folder.parent().map_or_else(|| arguments.runs.clone(), Path::to_path_buf))
+}

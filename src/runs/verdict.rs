@@ -1,0 +1,81 @@
+//! A run's own verdict: whether objects, names and motion were found, judged without any truth.
+
+use std::collections::BTreeMap;
+use std::fmt::{self, Display, Formatter};
+
+use serde::{Deserialize, Serialize};
+
+/// What a run says of itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Verdict {
+    /// Every check passed.
+    pub found: bool,
+    pub checks: Vec<Check>,
+    /// Of each learned parameter: what held-out clips say of it, lengths in true pixels.
+    pub intervals: BTreeMap<String, Interval>,
+}
+
+/// One condition.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Check {
+    pub name: String,
+    pub passed: bool,
+    /// What was measured, against which limit, in words.
+    pub measured: String,
+    /// Where to look if it failed.
+    pub look_at: String,
+}
+
+/// From the least to the largest estimate of a parameter on held-out clips, two standard deviations to either side.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    pub low: f64,
+    pub high: f64,
+}
+
+impl Verdict {
+    pub fn new(checks: Vec<Check>, intervals: BTreeMap<String, Interval>) -> Self {
+        Verdict { found: checks.iter().all(|check| check.passed), checks, intervals }
+    }
+
+    /// The checks that failed.
+    pub fn failed(&self) -> impl Iterator<Item = &Check> {
+        self.checks.iter().filter(|check| !check.passed)
+    }
+}
+
+impl Display for Verdict {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        let intervals = self.intervals.iter();
+        let intervals: Vec<_> =
+            intervals.map(|(name, Interval { low, high })| format!("{name} {low:.4} to {high:.4}")).collect();
+        if self.found {
+            write!(f, "found: objects, names and motion")?;
+            return if intervals.is_empty() { Ok(()) } else { write!(f, "; {}", intervals.join(", ")) };
+        }
+        write!(f, "not found")?;
+        for Check { name, measured, look_at, .. } in self.failed() {
+            write!(f, "\n  {name}: {measured}; look at {look_at}")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(name: &str, passed: bool) -> Check {
+        Check { name: name.into(), passed, measured: "so".into(), look_at: "a picture".into() }
+    }
+
+    #[test]
+    fn a_verdict_says_what_failed_and_where_to_look() {
+        let intervals = BTreeMap::from([("k".to_string(), Interval { low: 3.98, high: 4.01 })]);
+        let found = Verdict::new(vec![check("objects", true)], intervals.clone());
+        assert_eq!(found.to_string(), "found: objects, names and motion; k 3.9800 to 4.0100");
+        let lost = Verdict::new(vec![check("objects", false), check("names", true)], intervals);
+        assert!(!lost.found);
+        assert_eq!(lost.to_string(), "not found\n  objects: so; look at a picture");
+    }
+}

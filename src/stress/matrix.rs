@@ -1,0 +1,94 @@
+//! What became of the runs of the suite.
+
+use std::collections::BTreeMap;
+
+use anyhow::Result;
+use serde::{Deserialize, Serialize};
+
+use super::list::Scene;
+use crate::datasets::settings::NoiseFloor;
+use crate::datasets::states::States;
+use crate::network::physics_models::losses::Loss;
+use crate::runs::run::Run;
+use crate::runs::summary::LearnedParameter;
+
+/// A limit of a loss where noise sets a floor: the plain task's, and this many floors. What noise leaves of a picture is
+/// learned in part, and the floor is itself measured on few frames.
+const FLOORS: f64 = 1.1;
+
+/// One run.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Outcome {
+    pub scene: String,
+    /// The plain task.
+    pub task: String,
+    pub data_seed: u64,
+    pub seed: u64,
+    /// Within the plain task's limits, those of losses raised by the floor.
+    pub succeeded: bool,
+    /// What of it was beyond its limit.
+    pub missed: Vec<String>,
+    /// The run's own verdict.
+    pub found: bool,
+    /// The checks that failed.
+    pub failed_checks: Vec<String>,
+    pub parameters: BTreeMap<String, LearnedParameter>,
+    pub recons_loss: f64,
+    pub pred_loss: f64,
+    pub extrap_loss: Option<f64>,
+    /// What noise alone leaves of the losses; none without noise.
+    pub noise_floor: Option<NoiseFloor>,
+    pub seconds: f64,
+}
+
+/// What became of a run of a scene; none if it has not finished.
+///
+/// # Errors
+/// Damaged settings beside the test file.
+pub fn outcome(scene: &Scene, data_seed: u64, run: &Run) -> Result<Option<Outcome>> {
+    let Some(summary) = &run.summary else { return Ok(None) };
+    let noise_floor = noise_floor(run)?;
+    let losses = &summary.test.scores.losses;
+    let limits = &scene.plain.success;
+    let mut missed = Vec::new();
+    for (name, limit) in &limits.parameters {
+        let learned = summary.parameters.contains_key(name);
+        if learned && summary.error_percent(name).is_none_or(|error| error.abs() > *limit) {
+            missed.push(name.clone());
+        }
+    }
+    for (loss, limit) in &limits.losses {
+        let floor = noise_floor.map_or(0.0, |floor| match loss {
+            Loss::Recons => floor.reconstruction,
+            Loss::Pred | Loss::Extrap => floor.prediction,
+        });
+        if losses.of(*loss).is_none_or(|value| value > limit + FLOORS * floor) {
+            missed.push(loss.symbol().into());
+        }
+    }
+    let verdict = summary.verdict.as_ref();
+    Ok(Some(Outcome {
+        scene: scene.name.clone(),
+        task: scene.plain.name.clone(),
+        data_seed,
+        seed: summary.seed,
+        succeeded: missed.is_empty(),
+        missed,
+        found: verdict.is_some_and(|verdict| verdict.found),
+        failed_checks: verdict.map_or_else(Vec::new, |it| it.failed().map(|check| check.name.clone()).collect()),
+        parameters: summary.parameters.clone(),
+        recons_loss: losses.recons_loss,
+        pred_loss: losses.pred_loss,
+        extrap_loss: losses.extrap_loss,
+        noise_floor,
+        seconds: summary.wall_seconds,
+    }))
+}
+
+/// The floor that was measured when the run's test file was made.
+fn noise_floor(run: &Run) -> Result<Option<NoiseFloor>> {
+    let text = |key: &str| run.config.choices.get(key).map(|value| value.trim_matches('"').to_string());
+    let (folder, file) = (text("data.folder").unwrap_or_default(), &run.config.task.test_file);
+    let settings = States::settings_beside(&std::path::Path::new(&folder).join(file))?;
+    Ok(settings.and_then(|settings| settings.noise_floor()))
+}

@@ -1,0 +1,310 @@
+//! What explains the motion: the parameters, from the measure of the positions, the names and the start that fit best.
+
+use anyhow::Result;
+use tch::{Kind, Tensor};
+
+use super::Identify;
+use super::fit::{Fit, MEDIAN_TO_DEVIATION, Start, Trust, fit};
+use super::seen::Seen;
+use crate::network::cells::Coordinates;
+use crate::network::physics_models::PhysicsNet;
+use crate::network::physics_models::naming::{self, Naming};
+use crate::support::assignment::best_assignment;
+
+/// Names are taken from the paths where the encoder's change within more than this share of the clips.
+const RENAMED_CLIPS: f64 = 0.15;
+/// Rounds of naming by the fitted motion.
+const NAMING_ROUNDS: usize = 4;
+/// A usual residual of more than this, pixels or radians, makes the fit try other starts: the logarithms of all parameters
+/// changed by these.
+const TRY_OTHERS: f64 = 0.25;
+const OTHER_STARTS: [f64; 3] = [1.4, -1.4, 2.8];
+/// Offsets that the fit finds by itself are taken where they make the usual residual smaller than this share.
+const OFFSETS_PAY: f64 = 0.85;
+/// Residuals of two coordinates that go together more than this are weighted by how they do: a shaking camera moves all
+/// objects alike. The least standard deviation, pixels, keeps the weights finite.
+const TOGETHER: f64 = 0.5;
+const LEAST_DEVIATION: f64 = 0.02;
+/// Residuals beyond this many usual ones count as so many.
+const OUTLIER: f64 = 4.0;
+
+/// Positions further off than this many usual residuals, and than so many pixels or radians, are left out at the end: there
+/// a name is wrong, or the object was not seen. The rest must be this share of all.
+const FAR: f64 = 8.0;
+const LEAST_FAR: f64 = 0.3;
+const LEAST_KEPT: f64 = 0.7;
+/// Rounds of leaving out.
+const KEEPING_ROUNDS: usize = 3;
+
+/// The largest residual of a motion that is explained, pixels or radians.
+const LARGEST_RESIDUAL: f64 = 0.5;
+/// The worse measure of the positions is still a witness while its residual is at most so many times the better one's.
+const WITNESS: f64 = 3.0;
+
+/// The best explanation.
+#[derive(Debug)]
+pub struct Explanation {
+    pub fit: Fit,
+    /// Encoded minus true position of each object, pixels.
+    pub offsets: Vec<f64>,
+    /// Where the objects are, in the encoder's order, pixels: `[clips, time, 2 * objects]`.
+    pub positions: Tensor,
+    /// Share of the positions that it explains.
+    pub explained: f64,
+    /// Share of the clips in which the encoder changes names.
+    pub names_change: f64,
+    /// Usual distance between the encoder's positions and the masks' centroids, pixels.
+    pub disagreement: f64,
+    /// Whether the encoder's positions fit better than the centroids.
+    pub by_encoder: bool,
+    /// What is left of those combinations of coordinates that the equation tells best: of the distance of two objects
+    /// where a camera shakes.
+    pub independent_residual: f64,
+    /// Log-parameters by either measure of the positions, as far as it fits nearly as well as the better one.
+    pub estimates: Vec<Vec<f64>>,
+}
+
+impl Explanation {
+    /// Whether the equation explains what was seen.
+    pub fn explains(&self) -> bool {
+        self.explained >= LEAST_KEPT && self.independent_residual <= LARGEST_RESIDUAL
+    }
+
+    /// In a line, residuals in this unit.
+    pub fn text(&self, unit: &str) -> String {
+        let by = if self.by_encoder { "the encoder's positions" } else { "the masks' centroids" };
+        let mut text = format!(
+            "by {by}: usual residual {:.4} {unit}, {:.1} % of the positions explained, names change in {:.0} % of the clips",
+            self.fit.usual_residual,
+            100.0 * self.explained,
+            100.0 * self.names_change
+        );
+        if !self.explains() {
+            text += "; the equation does not explain them: nothing is applied";
+        }
+        text
+    }
+}
+
+/// Explains what was seen of some clips, beginning at `start`.
+///
+/// # Errors
+/// Positions that are not finite.
+pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start) -> Result<Explanation> {
+    let fits = Fits { config, model, seen, start };
+    let naming = fits.naming();
+    let clips = seen.centroids.size()[0] as f64;
+    let names_change = naming.as_ref().map_or(0.0, |naming| naming.changed as f64 / clips);
+    let mut order = naming.filter(|_| names_change > RENAMED_CLIPS).map(|naming| naming.order);
+
+    let mut best = fits.best_of_starts(&fits.coordinates(&seen.centroids, order.as_ref()))?;
+    if let Some(order) = &mut order {
+        best = fits.named_by_motion(best, order)?;
+    }
+    let by_encoder = fits.go_on(&fits.coordinates(&seen.encoded, order.as_ref()), &best, false, &Trust::default())?;
+    let encoder_wins = by_encoder.usual_residual < best.usual_residual;
+    let (mut at, mut other_at) = (&seen.centroids, &seen.encoded);
+    if encoder_wins {
+        (best, at, other_at) = (by_encoder, &seen.encoded, &seen.centroids);
+    }
+    let named = fits.coordinates(at, order.as_ref());
+    let mut free_offsets = false;
+    // Objects that change names have no offsets of their own.
+    if order.is_none() {
+        let free = fits.go_on(&named, &best, true, &Trust::default())?;
+        free_offsets = free.usual_residual < OFFSETS_PAY * best.usual_residual;
+        if free_offsets {
+            best = free;
+        }
+    }
+    let weights = weights(&best.residuals);
+    let independent_residual = weights.as_ref().map_or(best.usual_residual, |weights| weights.least_deviation);
+    let mut trust = Trust { weights: weights.map(|weights| weights.factor), mask: None };
+    let (best, explained) = fits.without_outliers(&named, best, free_offsets, &mut trust)?;
+
+    let mut estimates = vec![best.logs.clone()];
+    let other = fits.go_on(&fits.coordinates(other_at, order.as_ref()), &best, free_offsets, &trust)?;
+    if other.usual_residual <= WITNESS * best.usual_residual {
+        estimates.push(other.logs);
+    }
+    let found = fits.offsets_in_pixels(&best);
+    Ok(Explanation {
+        offsets: seen.offsets.iter().zip(&found).map(|(measured, found)| measured + found).collect(),
+        positions: at - Tensor::from_slice(&found).to_device(at.device()),
+        fit: best,
+        explained,
+        names_change,
+        disagreement: seen.disagreement(),
+        by_encoder: encoder_wins,
+        independent_residual,
+        estimates,
+    })
+}
+
+/// The fits of one model to what was seen.
+struct Fits<'a> {
+    config: &'a Identify,
+    model: &'a PhysicsNet,
+    seen: &'a Seen,
+    start: &'a Start,
+}
+
+impl Fits<'_> {
+    /// Names by the paths of the objects, whatever they look like; none where there is nothing to name.
+    fn naming(&self) -> Option<Naming> {
+        let system = &self.model.system;
+        let unlike = vec![vec![0.0; system.objects]; system.objects];
+        let several = system.cell.coordinates == Coordinates::Position && system.objects > 1;
+        let time = self.seen.centroids.size()[1] as usize;
+        several.then(|| naming::follow(&self.seen.centroids, &unlike, time))
+    }
+
+    /// Positions in pixels as coordinates of the equation, in the order of names, if there is one.
+    fn coordinates(&self, at: &Tensor, order: Option<&Tensor>) -> Tensor {
+        match order {
+            Some(order) => self.model.clip_coordinates(&naming::renamed(at, order)),
+            None => self.model.clip_coordinates(at),
+        }
+    }
+
+    fn fit(&self, at: &Tensor, start: &Start, trust: &Trust) -> Result<Fit> {
+        fit(self.config, &self.model.system, at, &self.seen.actions, start, trust)
+    }
+
+    /// A fit that begins at the parameters of another.
+    fn go_on(&self, at: &Tensor, from: &Fit, free_offsets: bool, trust: &Trust) -> Result<Fit> {
+        self.fit(at, &Start { logs: from.logs.clone(), free_offsets, ..self.start.clone() }, trust)
+    }
+
+    /// The fit from the given start, or from one of the others where that leaves much.
+    fn best_of_starts(&self, at: &Tensor) -> Result<Fit> {
+        let start = Start { free_offsets: false, ..self.start.clone() };
+        let mut best = self.fit(at, &start, &Trust::default())?;
+        let changes = if start.learned.contains(&true) { &OTHER_STARTS[..] } else { &[] };
+        for change in changes {
+            if best.usual_residual <= TRY_OTHERS {
+                break;
+            }
+            let logs = start.logs.iter().zip(&start.learned).map(|(log, &it)| if it { log + change } else { *log });
+            let other = self.fit(at, &Start { logs: logs.collect(), ..start.clone() }, &Trust::default())?;
+            if other.usual_residual < best.usual_residual {
+                best = other;
+            }
+        }
+        Ok(best)
+    }
+
+    /// Names each object by the motion that was fitted, and fits again, as long as names change.
+    fn named_by_motion(&self, mut best: Fit, order: &mut Tensor) -> Result<Fit> {
+        let centroids = &self.seen.centroids;
+        for _ in 0..NAMING_ROUNDS {
+            let frames = best.residuals.size()[1];
+            let rolled_out = naming::renamed(centroids, order).narrow(1, 0, frames) + &best.residuals;
+            if rename_by_motion(order, &centroids.narrow(1, 0, frames), &rolled_out)? == 0 {
+                break;
+            }
+            best = self.go_on(&self.coordinates(centroids, Some(order)), &best, false, &Trust::default())?;
+        }
+        Ok(best)
+    }
+
+    /// Fits again without the positions that are far from the motion; returns the share of those that stay.
+    fn without_outliers(
+        &self,
+        at: &Tensor,
+        mut best: Fit,
+        free_offsets: bool,
+        trust: &mut Trust,
+    ) -> Result<(Fit, f64)> {
+        let mut explained = 1.0;
+        for _ in 0..KEEPING_ROUNDS {
+            let mask = near(&best, self.model.system.objects, trust.weights.is_some());
+            explained = mask.mean(Kind::Double).double_value(&[]);
+            if explained < LEAST_KEPT || (explained == 1.0 && trust.weights.is_none()) {
+                break;
+            }
+            trust.mask = Some(mask);
+            best = self.go_on(at, &best, free_offsets, trust)?;
+        }
+        Ok((best, explained))
+    }
+
+    /// An angle is tied to where the rod is seen: it has no offset in pixels.
+    fn offsets_in_pixels(&self, fit: &Fit) -> Vec<f64> {
+        match self.model.system.cell.coordinates {
+            Coordinates::Position => fit.offsets.clone(),
+            Coordinates::Angle => vec![0.0; self.seen.offsets.len()],
+        }
+    }
+}
+
+/// 1 for the positions that are not far from where the fit has them, `[clips, frames * coordinates]`; if `whole_frames`, of a
+/// frame all or none.
+fn near(fit: &Fit, objects: usize, whole_frames: bool) -> Tensor {
+    let size = fit.residuals.size();
+    let objects = if whole_frames { 1 } else { objects as i64 };
+    let of_object = fit.residuals.abs().reshape([size[0], size[1], objects, -1]);
+    let largest = of_object.amax([3i64].as_slice(), true);
+    let near = largest.le((FAR * fit.usual_residual).max(LEAST_FAR)).to_kind(Kind::Double);
+    near.expand_as(&of_object).reshape([size[0], -1])
+}
+
+/// Gives each name the object nearest to where the fitted motion has it; returns in how many frames that changed names.
+/// `order`: `[clips, time, objects]`; `seen` in the encoder's order, `rolled_out` in that of the names.
+fn rename_by_motion(order: &mut Tensor, seen: &Tensor, rolled_out: &Tensor) -> Result<usize> {
+    let size = seen.size();
+    let (clips, frames, objects) = (size[0], size[1], size[2] as usize / 2);
+    let flat = |x: &Tensor| -> Vec<f64> { x.to_kind(Kind::Double).flatten(0, 2).try_into().expect("numbers") };
+    let (seen, rolled_out) = (flat(seen), flat(rolled_out));
+    let mut names: Vec<i64> = order.narrow(1, 0, frames).contiguous().flatten(0, 2).try_into().expect("whole numbers");
+    let mut changed = 0;
+    for (frame, names) in names.chunks_mut(objects).enumerate() {
+        let at = |from: &[f64], object: usize| {
+            let place = 2 * (frame * objects + object);
+            [from[place], from[place + 1]]
+        };
+        let cost = |name: usize, object: usize| {
+            let (expected, seen) = (at(&rolled_out, name), at(&seen, object));
+            (expected[0] - seen[0]).hypot(expected[1] - seen[1])
+        };
+        let costs: Vec<Vec<f64>> =
+            (0..objects).map(|name| (0..objects).map(|object| cost(name, object)).collect()).collect();
+        let best = best_assignment(&costs)?;
+        if best.iter().zip(names.iter()).any(|(new, old)| *new as i64 != *old) {
+            changed += 1;
+            names.iter_mut().zip(best).for_each(|(name, object)| *name = object as i64);
+        }
+    }
+    let named = Tensor::from_slice(&names).reshape([clips, frames, objects as i64]);
+    order.narrow(1, 0, frames).copy_(&named);
+    Ok(changed)
+}
+
+/// Weights that make the residuals of a frame independent.
+struct Weights {
+    /// `[coordinates, coordinates]`; counts a residual in units of the usual one, so that the same limits hold.
+    factor: Tensor,
+    /// The least standard deviation of a combination of coordinates.
+    least_deviation: f64,
+}
+
+/// None where the residuals nearly are independent.
+fn weights(residuals: &Tensor) -> Option<Weights> {
+    let flat = residuals.flatten(0, 1);
+    if flat.size()[0] == 0 {
+        return None;
+    }
+    let scale = flat.abs().median().double_value(&[]) * MEDIAN_TO_DEVIATION;
+    // What is far off would decide everything.
+    let flat = flat.clamp(-OUTLIER * scale, OUTLIER * scale);
+    let covariance = flat.transpose(0, 1).matmul(&flat) / flat.size()[0] as f64;
+    let deviations = covariance.diagonal(0, 0, 1).sqrt();
+    let together = (&covariance / (deviations.unsqueeze(0) * deviations.unsqueeze(1))).triu(1).abs();
+    if covariance.size()[0] < 2 || together.max().double_value(&[]) < TOGETHER {
+        return None;
+    }
+    let least = Tensor::eye(covariance.size()[0], (Kind::Double, covariance.device())) * LEAST_DEVIATION.powi(2);
+    let covariance = covariance + least;
+    let least_deviation = covariance.linalg_eigvalsh("L").min().double_value(&[]).max(0.0).sqrt();
+    Some(Weights { factor: covariance.linalg_cholesky(false).inverse() * scale, least_deviation })
+}

@@ -1,0 +1,107 @@
+//! Where the objects of some clips are seen: by the encoder, and by the centroids of its masks.
+//!
+//! Two measures of one thing. The localisation network may be beside its object; a mask's centroid may hold a part of
+//! another's. Where they agree but for an offset that is always the same, the positions can be trusted.
+
+use tch::{Kind, Tensor};
+
+use crate::datasets::iterators::Clips;
+use crate::network::cells::Actions;
+use crate::network::physics_models::PhysicsNet;
+use crate::training::objects::motion::Motion;
+
+/// An object whose mask holds less of what moves than this, in saturated pixels, has no centroid: the encoder's position
+/// stands for it.
+const LEAST_MASS: f64 = 0.5;
+
+/// Positions in pixels, in the encoder's order of objects: `[clips, time, 2 * objects]`.
+#[derive(Debug)]
+pub struct Seen {
+    /// The encoder's, without the offsets.
+    pub encoded: Tensor,
+    pub centroids: Tensor,
+    /// The encoder's minus the centroids', the median over all frames, `[2 * objects]`.
+    pub offsets: Vec<f64>,
+    /// Share of the frames in which each object's mask holds something that moves, and of all that moves how much it
+    /// holds on average.
+    pub present: Vec<f64>,
+    pub owned: Vec<f64>,
+    /// Of all that moves, what the masks hold together.
+    pub covered: f64,
+    /// What acts during the clips.
+    pub actions: Actions,
+}
+
+impl Seen {
+    /// The objects of the first `count` clips, seen `batch` clips at a time.
+    pub fn of(model: &PhysicsNet, clips: &Clips, motion: &Motion, count: usize, batch: usize) -> Self {
+        let _guard = tch::no_grad_guard();
+        let time = clips.time() as i64;
+        let chosen: Vec<i64> = (0..clips.len().min(count) as i64).collect();
+        let (mut encoded, mut centroids, mut present, mut owned, mut covered) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for chosen in chosen.chunks(batch) {
+            let frames = clips.batch(chosen, clips.time()).flatten(0, 1);
+            let places: Vec<i64> = chosen.iter().flat_map(|clip| (0..time).map(move |t| clip * time + t)).collect();
+            let encoding = model.encoder.forward(&frames);
+            let excess = motion.of(clips, &places, &frames).excess;
+            let masses = Masses::of(model, &encoding.masks, &excess);
+            let in_all = excess.sum_dim_intlist([1i64, 2].as_slice(), false, None).clamp_min(LEAST_MASS);
+            let objects = encoding.masks.narrow(1, 0, model.system.objects as i64);
+            let held = (objects * excess.unsqueeze(1)).sum_dim_intlist([2i64, 3].as_slice(), false, None);
+            covered.push(held.sum_dim_intlist([1i64].as_slice(), false, None) / &in_all);
+            owned.push(held / in_all.unsqueeze(1));
+            present.push(masses.present.to_kind(Kind::Float));
+            let centroid = masses.centroids(&encoding.positions);
+            for (all, part) in [(&mut encoded, encoding.positions), (&mut centroids, centroid)] {
+                all.push(part.reshape([chosen.len() as i64, time, -1]));
+            }
+        }
+        let [encoded, centroids] = [encoded, centroids].map(|parts| Tensor::cat(&parts, 0).to_kind(Kind::Double));
+        let offsets = (&encoded - &centroids).flatten(0, 1).median_dim(0, false).0;
+        let encoded = encoded - &offsets;
+        let mean = |parts: &[Tensor]| Tensor::cat(parts, 0).mean_dim([0i64].as_slice(), false, Kind::Double);
+        let numbers = |x: Tensor| -> Vec<f64> { x.try_into().expect("numbers") };
+        Seen {
+            encoded,
+            centroids,
+            offsets: numbers(offsets),
+            present: numbers(mean(&present)),
+            owned: numbers(mean(&owned)),
+            covered: mean(&covered).double_value(&[]),
+            actions: clips.actions(&chosen),
+        }
+    }
+
+    /// The usual distance between the two measures of a coordinate, pixels.
+    pub fn disagreement(&self) -> f64 {
+        (&self.encoded - &self.centroids).abs().median().double_value(&[])
+    }
+}
+
+/// What moves under each object's mask in some frames.
+struct Masses {
+    /// Whether there is enough of it, `[frames, objects]`.
+    present: Tensor,
+    /// Its centroid `(x, y)`, pixels, `[frames, objects, 2]`.
+    centroid: Tensor,
+}
+
+impl Masses {
+    /// The masks count squared: where two share a pixel it is hardly either's.
+    fn of(model: &PhysicsNet, masks: &Tensor, excess: &Tensor) -> Self {
+        let centres = model.pixel_centres();
+        let owned = masks.narrow(1, 0, model.system.objects as i64).square() * excess.unsqueeze(1);
+        let mass = owned.sum_dim_intlist([2i64, 3].as_slice(), false, None);
+        let along = |axis: i64| {
+            let by_pixel = owned.sum_dim_intlist([axis].as_slice(), false, None);
+            (by_pixel * &centres).sum_dim_intlist([2i64].as_slice(), false, None) / mass.clamp_min(LEAST_MASS)
+        };
+        Masses { present: mass.ge(LEAST_MASS), centroid: Tensor::stack(&[along(2), along(3)], 2) }
+    }
+
+    /// The centroids `[frames, 2 * objects]`, where there are any; otherwise the encoder's positions.
+    fn centroids(&self, encoded: &Tensor) -> Tensor {
+        self.centroid.where_self(&self.present.unsqueeze(2), &encoded.reshape(self.centroid.size())).flatten(1, 2)
+    }
+}

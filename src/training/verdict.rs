@@ -1,0 +1,159 @@
+//! Whether a trained model has found what it looked for, judged on held-out clips without any truth.
+//!
+//! Two measures of the positions, the encoder's and the masks' centroids, are explained anew by the equation. What was
+//! learned must agree with what they say.
+
+use std::collections::BTreeMap;
+
+use anyhow::Result;
+use tch::Kind;
+
+use super::config::Config;
+use super::identify::Identify;
+use super::identify::explain::{Explanation, explain};
+use super::identify::fit::Start;
+use super::identify::seen::Seen;
+use super::objects::motion::Motion;
+use crate::datasets::iterators::Clips;
+use crate::evaluation::{self, each_pass};
+use crate::network::physics_models::PhysicsNet;
+use crate::runs::verdict::{Check, Interval, Verdict};
+
+/// Clips on which a model is judged, at most.
+const CLIPS: usize = 200;
+/// Of the frames, those in which an object's mask must hold something that moves.
+const PRESENT: f64 = 0.9;
+/// An object's mask must hold this share of an equal part of what moves.
+const OWN_SHARE: f64 = 0.1;
+/// Of what moves, the share that the masks must hold together.
+const COVERED: f64 = 0.9;
+/// Of the squared difference from the background where something moves, the share that the drawing must explain.
+const DRAWN: f64 = 0.75;
+/// Pixels that count as moving.
+const MOVES: f64 = 0.5;
+/// Of the positions, the share that the equation must explain.
+const EXPLAINED: f64 = 0.9;
+/// Largest relative width of a parameter's interval where the task says nothing, per cent to each side.
+const WIDTH: f64 = 5.0;
+
+/// Judges a model that was trained by `config` on `train` from clips it has not learned from.
+///
+/// # Errors
+/// Clips shorter than L + T_pred, positions that are not finite.
+pub fn judge(config: &Config, model: &PhysicsNet, train: &Clips, held_out: &Clips) -> Result<Verdict> {
+    let _guard = tch::no_grad_guard();
+    let motion = Motion::measure(train, config.seed);
+    let seen = Seen::of(model, held_out, &motion, CLIPS, config.join.validation_clips.min(evaluation::BATCH));
+    let explanation = explain(&Identify::usual(held_out.time()), model, &seen, &Start::of(model))?;
+    let mut checks = vec![objects(model, &seen), drawing(model, held_out, &motion)?];
+    checks.extend([names(&explanation), motion_explained(model, &explanation)]);
+    let intervals = intervals(model, &explanation);
+    checks.extend(parameters(config, model, &intervals));
+    checks.extend(losses(config, model, held_out)?);
+    Ok(Verdict::new(checks, intervals))
+}
+
+fn check(name: &str, passed: bool, measured: String, look_at: &str) -> Check {
+    Check { name: name.into(), passed, measured, look_at: look_at.into() }
+}
+
+fn objects(model: &PhysicsNet, seen: &Seen) -> Check {
+    let equal = 1.0 / model.system.objects as f64;
+    let missing: Vec<usize> = (0..model.system.objects)
+        .filter(|&object| seen.present[object] < PRESENT || seen.owned[object] < OWN_SHARE * equal)
+        .collect();
+    let measured = match &missing[..] {
+        [] => format!("all are there; their masks hold {:.0} % of what moves", 100.0 * seen.covered),
+        missing => format!("object {missing:?} holds too little of what moves: {:.2?}", seen.owned),
+    };
+    let covered = seen.covered >= COVERED;
+    let measured = if missing.is_empty() && !covered {
+        format!("the masks hold {:.0} % of what moves (at least {:.0} %)", 100.0 * seen.covered, 100.0 * COVERED)
+    } else {
+        measured
+    };
+    check("objects", missing.is_empty() && covered, measured, "encoder_masks.png")
+}
+
+/// How much of what moves is drawn.
+fn drawing(model: &PhysicsNet, clips: &Clips, motion: &Motion) -> Result<Check> {
+    let (mut left, mut all) = (0.0, 0.0);
+    each_pass(model, clips, CLIPS, evaluation::BATCH, |chosen, frames, pass| {
+        let (time, encoded) = (clips.time() as i64, pass.reconstructions.size()[1]);
+        let places: Vec<i64> = chosen.iter().flat_map(|clip| (0..encoded).map(move |t| clip * time + t)).collect();
+        let truth = frames.narrow(1, 0, encoded).flatten(0, 1);
+        let moving = motion.of(clips, &places, &truth);
+        let moves = moving.share.gt(MOVES).unsqueeze(1);
+        let sum = |x: tch::Tensor| (x.square() * &moves).sum(Kind::Double).double_value(&[]);
+        left += sum(pass.reconstructions.flatten(0, 1) - &truth);
+        all += sum(moving.sharp);
+        Ok(())
+    })?;
+    let drawn = 1.0 - left / f64::max(all, f64::MIN_POSITIVE);
+    let measured = format!("{:.0} % of what moves is drawn (at least {:.0} %)", 100.0 * drawn, 100.0 * DRAWN);
+    Ok(check("drawing", drawn >= DRAWN, measured, "example0.png, templates.png"))
+}
+
+fn names(explanation: &Explanation) -> Check {
+    let explained = explanation.explained;
+    let measured = format!(
+        "{:.1} % of the held-out positions follow the equation (at least {:.0} %)",
+        100.0 * explained,
+        100.0 * EXPLAINED
+    );
+    check("names", explained >= EXPLAINED, measured, "animation.gif: do two objects swap?")
+}
+
+fn motion_explained(model: &PhysicsNet, explanation: &Explanation) -> Check {
+    let unit = model.system.cell.coordinates.unit();
+    let measured = format!(
+        "the equation leaves {:.3} {unit} of the positions, of what it can tell {:.3} {unit}; encoder and masks differ by {:.3} px",
+        explanation.fit.usual_residual, explanation.independent_residual, explanation.disagreement
+    );
+    check("motion", explanation.explains(), measured, "parameters.png; is it the right equation?")
+}
+
+/// Of each learned parameter, from the least to the largest of what was learned and what held-out clips say.
+fn intervals(model: &PhysicsNet, explanation: &Explanation) -> BTreeMap<String, Interval> {
+    let learned = model.parameters.iter().enumerate().filter(|(_, parameter)| parameter.learned);
+    learned
+        .map(|(place, parameter)| {
+            let unit = model.true_unit(parameter.kind);
+            let deviation = explanation.fit.deviations[place];
+            let logs = explanation.estimates.iter().map(|logs| logs[place]).chain([parameter.log.double_value(&[])]);
+            let (low, high) =
+                logs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), log| (low.min(log), high.max(log)));
+            let interval =
+                Interval { low: (low - 2.0 * deviation).exp() * unit, high: (high + 2.0 * deviation).exp() * unit };
+            (parameter.kind.name.to_string(), interval)
+        })
+        .collect()
+}
+
+fn parameters(config: &Config, model: &PhysicsNet, intervals: &BTreeMap<String, Interval>) -> Vec<Check> {
+    let learned = model.parameter_values().into_iter();
+    learned
+        .map(|(name, value)| {
+            let Interval { low, high } = intervals[name];
+            let limit = config.task.success.parameters.get(name).copied().unwrap_or(WIDTH);
+            let width = 100.0 * (high - value).max(value - low) / value;
+            let measured = format!(
+                "learned {value:.4}; held-out clips say {low:.4} to {high:.4}, {width:.2} % (at most {limit} %)"
+            );
+            check(name, width <= limit, measured, "parameters.png")
+        })
+        .collect()
+}
+
+/// The task's own limits of the losses, on held-out clips.
+fn losses(config: &Config, model: &PhysicsNet, held_out: &Clips) -> Result<Vec<Check>> {
+    let losses = evaluation::mean_losses(model, held_out, CLIPS, evaluation::BATCH)?;
+    let limits = config.task.success.losses.iter();
+    Ok(limits
+        .filter_map(|(loss, limit)| {
+            let value = losses.of(*loss)?;
+            let measured = format!("{value:.3} on held-out clips (at most {limit})");
+            Some(check(loss.symbol(), value <= *limit, measured, "example0.png"))
+        })
+        .collect())
+}

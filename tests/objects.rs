@@ -1,0 +1,169 @@
+//! What frames tell of the objects before a network has learned: what moves, blobs, and names.
+
+use paig::datasets::iterators::Clips;
+use paig::generators::source_images::SourceImages;
+use paig::generators::variant::Variant;
+use paig::generators::{Counts, generate_clips};
+use paig::tasks::Task;
+use paig::training::objects::blobs::{self, FrameBlobs};
+use paig::training::objects::motion::{Motion, Moving};
+use paig::training::objects::names::Names;
+use tch::{Device, Kind, Tensor};
+
+/// Clips of a task with additions to its file, and their true positions `[frames, 2 * objects]`.
+struct Scene {
+    clips: Clips,
+    positions: Vec<Vec<f64>>,
+    objects: usize,
+}
+
+fn scene(task: &str, additions: &str) -> Scene {
+    let mut text = paig::tasks::builtin(task).unwrap().to_table();
+    let additions: toml::Table = additions.parse().unwrap();
+    let scene = text["scene"].as_table_mut().unwrap();
+    additions.into_iter().for_each(|(key, value)| drop(scene.insert(key, value)));
+    text.remove("truth");
+    let task: Task = Task::from_toml(&toml::to_string(&text).unwrap()).unwrap();
+    let variant = Variant::new(&task, 4).unwrap();
+    let counts = Counts { train: 40, valid: 1, test: 1 };
+    let images = SourceImages::of(&variant).unwrap();
+    let (dataset, states) = generate_clips(&variant, &images, task.train_frames, counts, &|_| {}).unwrap();
+    let split = paig::datasets::files::Split::Train;
+    let clips = Clips::new(dataset.split(split), dataset.actions(split), Device::Cpu);
+    let columns = states.train.positions.dim().2;
+    let flat: Vec<f64> = states.train.positions.iter().map(|&x| f64::from(x)).collect();
+    Scene { clips, positions: flat.chunks(columns).map(<[f64]>::to_vec).collect(), objects: task.system.objects }
+}
+
+impl Scene {
+    fn moving(&self) -> Moving {
+        let places: Vec<i64> = (0..(self.clips.len() * self.clips.time()) as i64).collect();
+        Motion::measure(&self.clips, 0).of(&self.clips, &places, &self.clips.frames(&places))
+    }
+
+    fn blobs(&self) -> Vec<FrameBlobs> {
+        blobs::find(&self.moving(), self.objects)
+    }
+
+    /// Of the frames in which all objects can be told, the share in which the same true object bears each name as in the
+    /// first, and how many these frames are.
+    fn kept_names(&self, names: &Names, blobs: &[FrameBlobs]) -> (f64, usize) {
+        let mut orders = Vec::new();
+        for (frame, truth) in blobs.iter().zip(&self.positions) {
+            let named: Option<Vec<usize>> = names.of(&frame.blobs).unwrap().into_iter().collect();
+            let Some(named) = named else { continue };
+            let nearest = |blob: usize| {
+                let [x, y] = frame.blobs[blob].centre;
+                let distance = |object: &usize| (truth[2 * object] - x).hypot(truth[2 * object + 1] - y);
+                (0..self.objects).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
+            };
+            orders.push(named.into_iter().map(nearest).collect::<Vec<_>>());
+        }
+        let same = orders.iter().filter(|order| **order == orders[0]).count();
+        (same as f64 / orders.len() as f64, orders.len())
+    }
+}
+
+/// Mean share of moving within 1.5 px of a ball, and farther than 5 px from all.
+fn near_and_far(scene: &Scene) -> (f64, f64) {
+    let share = scene.moving().share;
+    let side = share.size()[1];
+    let flat: Vec<f64> = share.to_kind(Kind::Double).flatten(0, 2).try_into().unwrap();
+    let (mut near, mut far) = ((0.0, 0.0), (0.0, 0.0));
+    for (frame, truth) in flat.chunks((side * side) as usize).zip(&scene.positions) {
+        for (place, share) in frame.iter().enumerate() {
+            let (x, y) = ((place as i64 % side) as f64 + 0.5, (place as i64 / side) as f64 + 0.5);
+            let nearest = truth.chunks(2).map(|p| (p[0] - x).hypot(p[1] - y)).fold(f64::INFINITY, f64::min);
+            let sum = if nearest < 1.5 { &mut near } else { &mut far };
+            if !(1.5..=5.0).contains(&nearest) {
+                *sum = (sum.0 + share, sum.1 + 1.0);
+            }
+        }
+    }
+    (near.0 / near.1, far.0 / far.1)
+}
+
+#[test]
+fn what_moves_stands_out_of_noise_light_and_other_backgrounds() {
+    // 1000 pixels of background against 25 of balls: 2 % of the one weighs as much as the other. JPEG rings in the whole
+    // block of 8 px in which a ball lies, which no noise level of the frame tells.
+    for (additions, most) in [
+        ("", 0.02),
+        ("camera = { noise = 10.0 }", 0.02),
+        ("camera = { noise = 30.0 }", 0.02),
+        ("camera = { jpeg = 40 }", 0.06),
+        ("background = { kind = \"plain\", brightness = 0.1 }\ncamera = { flicker = 30.0 }", 0.02),
+        ("background = { kind = \"random_texture\", brightness = 0.5 }", 0.02),
+    ] {
+        let (near, far) = near_and_far(&scene("spring_color", additions));
+        println!("{additions:?}: {near:.3} on the balls, {far:.4} elsewhere");
+        assert!(near > 0.8 && far < most, "{additions:?}: {near} on the balls, {far} elsewhere");
+    }
+}
+
+#[test]
+fn blobs_are_where_the_balls_are() {
+    let scene = scene("spring_color", "");
+    let (mut errors, mut frames) = (0.0, 0.0);
+    for (frame, truth) in scene.blobs().iter().zip(&scene.positions) {
+        // Balls that touch or leave the frame are another matter.
+        let apart = (truth[0] - truth[2]).hypot(truth[1] - truth[3]) > 8.0;
+        if !apart || truth.iter().any(|&place| !(4.0..28.0).contains(&place)) {
+            continue;
+        }
+        let at = |blob: usize, object: usize| {
+            let [x, y] = frame.blobs[blob].centre;
+            (x - truth[2 * object]).powi(2) + (y - truth[2 * object + 1]).powi(2)
+        };
+        errors += (at(0, 0) + at(1, 1)).min(at(0, 1) + at(1, 0)) / 2.0;
+        frames += 1.0;
+    }
+    let error: f64 = f64::sqrt(errors / frames);
+    println!("{error:.4} px over {frames} frames");
+    assert!(frames > 100.0 && error < 0.15, "{error} px over {frames} frames");
+}
+
+#[test]
+fn objects_are_told_by_colour_size_and_pattern() {
+    for additions in [
+        "",
+        "objects = { colours = [[1.0, 0.3, 0.0], [1.0, 0.0, 0.3]] }",
+        "objects = { colours = [[0.5, 0.5, 0.5], [1.0, 1.0, 1.0]] }",
+        "objects = { colours = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], radii = [1.5, 3.5] }",
+    ] {
+        let scene = scene("spring_color", additions);
+        let blobs = scene.blobs();
+        let names = Names::learn(&blobs, 0).unwrap().unwrap();
+        let (kept, frames) = scene.kept_names(&names, &blobs);
+        println!("{additions:?}: {:.1} % of {frames} frames", 100.0 * kept);
+        assert_eq!(names.alike(), 0, "{additions:?}");
+        assert!(kept > 0.99 && frames > 200, "{additions:?}: {kept} of {frames}");
+    }
+}
+
+#[test]
+fn objects_of_one_look_are_not_told_by_it() {
+    let scene = scene("spring_color", "objects = { colours = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]] }");
+    let blobs = scene.blobs();
+    let names = Names::learn(&blobs, 0).unwrap().unwrap();
+    assert_eq!(names.alike(), 1);
+    // Named by place, so the true ones change.
+    let (kept, _) = scene.kept_names(&names, &blobs);
+    assert!(kept < 0.95, "{kept}");
+    // Of each frame the named blobs are different ones, and which pixel is whose is told at most once.
+    let shares = names.responsibilities(&blobs).unwrap();
+    assert!(shares.sum_dim_intlist([1i64].as_slice(), false, Kind::Float).max().double_value(&[]) <= 1.0);
+}
+
+#[test]
+fn nothing_that_moves_has_no_names() {
+    let still = Tensor::zeros([30, 3, 32, 32], (Kind::Float, Device::Cpu));
+    let share = still.select(1, 0);
+    let moving = Moving {
+        sharp: still.shallow_clone(),
+        difference: still.shallow_clone(),
+        excess: share.shallow_clone(),
+        share,
+    };
+    assert!(Names::learn(&blobs::find(&moving, 2), 0).unwrap().is_none());
+}

@@ -74,6 +74,11 @@ impl Group {
         (verdicts.iter().filter(|verdict| verdict.found).count(), verdicts.len())
     }
 
+    /// Whether the state at the start of a roll-out is refined on the input frames.
+    pub(super) fn refined(&self) -> bool {
+        self.runs.iter().any(|run| run.config.number("model.refinement_steps").is_some_and(|steps| steps > 0.0))
+    }
+
     pub(super) fn role(&self) -> Role {
         let all = |section: &str| self.changes.iter().all(|change| change.starts_with(section));
         if self.changes.is_empty() {

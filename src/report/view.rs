@@ -60,6 +60,7 @@ pub(super) fn of_group(group: &Group, pictures: &GroupPictures) -> Result<Value>
         found => group.found(),
         // Finished runs that do not show their objects.
         lost => group.finished().filter(|(_, summary)| criteria::lost_objects(&group.task, summary)).count(),
+        refined => group.refined(),
         unit => group.task.system.cell.coordinates.unit(),
         // Those that are learned.
         parameters => group.learned().map(|p| parameter(group, Some(p))).collect::<Vec<_>>(),

@@ -29,11 +29,6 @@ impl Actions {
         Actions(self.0.as_ref().map(|values| values.narrow(1, frame as i64, values.size()[1] - frame as i64)))
     }
 
-    /// Those of some of the clips, by their place in the batch (int64).
-    pub fn of_clips(&self, places: &Tensor) -> Self {
-        Actions(self.0.as_ref().map(|values| values.index_select(0, &places.to_device(values.device()))))
-    }
-
     /// Moved to a device and turned into a kind of number.
     pub fn to(&self, device: Device, kind: Kind) -> Self {
         Actions(self.0.as_ref().map(|values| values.to_device(device).to_kind(kind)))

@@ -3,7 +3,7 @@
 //! Two measures of one thing. The localisation network may be beside its object; a mask's centroid may hold a part of
 //! another's. Where they agree but for an offset that is always the same, the positions can be trusted.
 
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use crate::datasets::iterators::Clips;
 use crate::network::cells::Actions;
@@ -57,10 +57,10 @@ impl Seen {
                 all.push(part.reshape([chosen.len() as i64, time, -1]));
             }
         }
-        let [encoded, centroids] = [encoded, centroids].map(|parts| Tensor::cat(&parts, 0).to_kind(Kind::Double));
+        let [encoded, centroids] = [encoded, centroids].map(|parts| on_cpu(&parts));
         let offsets = (&encoded - &centroids).flatten(0, 1).median_dim(0, false).0;
         let encoded = encoded - &offsets;
-        let mean = |parts: &[Tensor]| Tensor::cat(parts, 0).mean_dim([0i64].as_slice(), false, Kind::Double);
+        let mean = |parts: &[Tensor]| on_cpu(parts).mean_dim([0i64].as_slice(), false, Kind::Double);
         let numbers = |x: Tensor| -> Vec<f64> { x.try_into().expect("numbers") };
         Seen {
             encoded,
@@ -77,6 +77,11 @@ impl Seen {
     pub fn disagreement(&self) -> f64 {
         (&self.encoded - &self.centroids).abs().median().double_value(&[])
     }
+}
+
+/// Where the fits are made, and in their precision.
+fn on_cpu(parts: &[Tensor]) -> Tensor {
+    Tensor::cat(parts, 0).to_device(Device::Cpu).to_kind(Kind::Double)
 }
 
 /// What moves under each object's mask in some frames.

@@ -1,6 +1,6 @@
 //! What moves in each frame, parted into as many blobs as there are objects: k-means on the places of the pixels.
 
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use super::motion::Moving;
 
@@ -64,7 +64,7 @@ pub fn find(moving: &Moving, objects: usize) -> Vec<FrameBlobs> {
 }
 
 fn floats(x: &Tensor) -> Vec<f32> {
-    x.to_kind(Kind::Float).contiguous().view(-1).try_into().expect("numbers")
+    x.to_device(Device::Cpu).to_kind(Kind::Float).contiguous().view(-1).try_into().expect("numbers")
 }
 
 fn frame_blobs(share: &[f32], difference: &[f32], side: usize, objects: usize) -> FrameBlobs {

@@ -10,6 +10,7 @@ use paig::datasets::settings::{NoiseFloor, Provenance};
 use paig::datasets::states::States;
 use paig::generators::effects::blur::blur;
 use paig::generators::film::Film;
+use paig::generators::noise_floor::noise_floor as measured;
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, generate_clips};
@@ -552,6 +553,25 @@ fn the_noise_floor_is_the_variance_that_no_motion_explains() {
     // Who sees a frame sees where everything is; who predicts it does not know how the camera will shake.
     let shaken = noise_floor("spring_color", "[scene.camera]\nshake = 2").unwrap();
     assert!(shaken.reconstruction == 0.0 && shaken.prediction > 2.0, "{shaken:?}");
+}
+
+#[test]
+fn a_forecast_is_no_better_than_its_start_is_seen() {
+    let [low, high, shaken] =
+        ["[scene.camera]\nnoise = 10.0", "[scene.camera]\nnoise = 30.0", "[scene.camera]\nshake = 2"].map(|tables| {
+            let variant = variant("spring_color", tables);
+            let floor = measured(&variant, &SourceImages::of(&variant).unwrap(), 30).unwrap().unwrap();
+            let forecast = floor.forecast.unwrap();
+            println!("{tables}: {floor:?}");
+            [forecast.prediction - floor.reconstruction, forecast.extrapolation - floor.reconstruction]
+        });
+    // The further, the less is known. A wrong place costs its square, and the place is as wrong as the noise is strong;
+    // on black half of the noise is cut off, which the strong one has less of.
+    assert!(low[1] > 2.0 * low[0] && high[1] > 2.0 * high[0], "{low:?} {high:?}");
+    assert!((3.0..15.0).contains(&(high[0] / low[0])), "{low:?} {high:?}");
+    // A camera that shakes by up to 2 px hides where both balls are, not how far they are apart: a ball of radius 2 is
+    // drawn beside its place, at worst as two balls, 25 px of light in the one channel of each, four times.
+    assert!((5.0..60.0).contains(&shaken[0]), "{shaken:?}");
 }
 
 #[test]

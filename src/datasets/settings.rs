@@ -4,6 +4,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 
 use crate::network::System;
+use crate::network::physics_models::losses::Loss;
 use crate::tasks::scene::{Background, Look, Scene};
 
 /// Version of the form in the file.
@@ -56,6 +57,30 @@ pub struct NoiseFloor {
     pub reconstruction: f64,
     /// Of L_pred and L_extrap. How the camera will shake nobody knows.
     pub prediction: f64,
+    /// Of a model that must tell the motion from the input frames. None in files of before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub forecast: Option<Forecast>,
+}
+
+impl NoiseFloor {
+    /// The least that is to be expected of a loss: of L_pred and L_extrap that of a forecast, where it was measured.
+    pub fn of(&self, loss: Loss) -> f64 {
+        match loss {
+            Loss::Recons => self.reconstruction,
+            Loss::Pred => self.forecast.map_or(self.prediction, |forecast| forecast.prediction),
+            Loss::Extrap => self.forecast.map_or(self.prediction, |forecast| forecast.extrapolation),
+        }
+    }
+}
+
+/// What is left of the losses of a model that knows the law, the looks and the noise, and reads the start of the motion
+/// from the input frames as exactly as the noise permits.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Forecast {
+    /// Of L_pred.
+    pub prediction: f64,
+    /// Of L_extrap.
+    pub extrapolation: f64,
 }
 
 impl Settings {

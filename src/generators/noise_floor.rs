@@ -4,12 +4,14 @@ use anyhow::Result;
 use rayon::prelude::*;
 
 use super::effects::{develop, expose};
+use super::forecast;
 use super::render::Renderer;
+use super::simulate::SceneState;
 use super::source_images::SourceImages;
 use super::streams::{Purpose, Streams};
 use super::variant::Variant;
 use crate::datasets::files::Split;
-use crate::datasets::settings::NoiseFloor;
+use crate::datasets::settings::{Forecast, NoiseFloor};
 use crate::tasks::camera::Camera;
 
 /// Motions that are filmed, and films of each.
@@ -21,7 +23,8 @@ const TAKES: usize = 16;
 /// motion is summed over a frame, so that the cut at black and white is taken into account. Of a JPEG the whole
 /// difference from the uncompressed mean counts. None where nothing but the motion is drawn by chance.
 ///
-/// A model that finds out more about a clip than its motion (how the light is, what lies behind) may get lower.
+/// A model that finds out more about a clip than its motion (how the light is, what lies behind) may get lower. Beside it
+/// stands what is left of a [forecast](forecast::errors) from the input frames.
 ///
 /// # Errors
 /// Settings under which no clip can be made.
@@ -30,25 +33,50 @@ pub fn noise_floor(variant: &Variant, images: &SourceImages, frames: usize) -> R
         return Ok(None);
     }
     let renderer = Renderer::new(variant, images)?;
-    let camera = &variant.scene.camera;
-    let mean = |camera: &Camera| -> Result<f64> {
-        let clips = (0..CLIPS).into_par_iter().map(|index| floor_of_clip(variant, &renderer, camera, index, frames));
-        Ok(clips.collect::<Result<Vec<_>>>()?.iter().sum::<f64>() / CLIPS as f64)
-    };
-    let reconstruction = mean(&Camera { shake: 0, ..camera.clone() })?;
-    let prediction = if camera.shake > 0 { mean(camera)? } else { reconstruction };
-    Ok(Some(NoiseFloor { reconstruction, prediction }))
+    let clips = (0..CLIPS).into_par_iter().map(|index| floor_of_clip(variant, &renderer, index, frames));
+    let clips: Vec<NoiseFloor> = clips.collect::<Result<_>>()?;
+    let mean = |number: &dyn Fn(&NoiseFloor) -> f64| clips.iter().map(number).sum::<f64>() / CLIPS as f64;
+    let forecast = |number: fn(&Forecast) -> f64| mean(&|floor| floor.forecast.as_ref().map_or(f64::NAN, number));
+    Ok(Some(NoiseFloor {
+        reconstruction: mean(&|floor| floor.reconstruction),
+        prediction: mean(&|floor| floor.prediction),
+        forecast: Some(Forecast {
+            prediction: forecast(|forecast| forecast.prediction),
+            extrapolation: forecast(|forecast| forecast.extrapolation),
+        }),
+    }))
 }
 
-/// Of one motion: expected squared error of the mean uncompressed film, summed over a frame.
-fn floor_of_clip(variant: &Variant, renderer: &Renderer, camera: &Camera, index: usize, frames: usize) -> Result<f64> {
-    let streams = |take| Streams { seed: variant.seed, split: Split::Test, index, take };
-    let motion = variant.world().clip(frames, &mut streams(0).of(Purpose::Motion))?;
+/// Of one motion.
+fn floor_of_clip(variant: &Variant, renderer: &Renderer, index: usize, frames: usize) -> Result<NoiseFloor> {
+    let streams = Streams { seed: variant.seed, split: Split::Test, index, take: 0 };
+    let motion = variant.world().clip(frames, &mut streams.of(Purpose::Motion))?;
+    let camera = &variant.scene.camera;
+    let held = Camera { shake: 0, ..camera.clone() };
+    let noise = errors_of_levels(renderer, &held, &motion, &streams)?;
+    let sum = |errors: &[f64]| errors.iter().sum::<f64>() / frames as f64;
+    let reconstruction = sum(&noise);
+    let shaken = || Ok(sum(&errors_of_levels(renderer, camera, &motion, &streams)?));
+    let prediction: Result<f64> = if camera.shake > 0 { shaken() } else { Ok(reconstruction) };
+    let wrong = forecast::errors(variant, renderer, &motion, &noise, &streams)?;
+    let forecast =
+        Forecast { prediction: reconstruction + wrong.prediction, extrapolation: reconstruction + wrong.extrapolation };
+    Ok(NoiseFloor { reconstruction, prediction: prediction?, forecast: Some(forecast) })
+}
+
+/// Expected squared error of the mean uncompressed film at each grey level, `[frames, side, side, channels]`.
+fn errors_of_levels(
+    renderer: &Renderer,
+    camera: &Camera,
+    motion: &[SceneState],
+    streams: &Streams,
+) -> Result<Vec<f64>> {
     let (mut files, mut uncompressed) = (Vec::new(), Vec::new());
     for take in 1..=TAKES {
-        let mut film = renderer.draw(&motion, &streams(take))?;
-        expose(camera, &mut film, &streams(take));
-        let mut levels = vec![0; frames * variant.frame_bytes()];
+        let streams = Streams { take, ..*streams };
+        let mut film = renderer.draw(motion, &streams)?;
+        expose(camera, &mut film, &streams);
+        let mut levels = vec![0; film.frames.iter().map(Vec::len).sum()];
         develop(&Camera { jpeg: None, ..camera.clone() }, &film, &mut levels)?;
         uncompressed.push(levels.clone());
         develop(camera, &film, &mut levels)?;
@@ -63,7 +91,7 @@ fn floor_of_clip(variant: &Variant, renderer: &Renderer, camera: &Camera, index:
         let squares =
             files.iter().zip(&uncompressed).map(|(file, film)| (f64::from(file[pixel]) - others(film)).powi(2));
         let variance = all().map(|level| (takes * level - sum).powi(2)).sum::<f64>() / (takes * takes * (takes - 1.0));
-        squares.sum::<f64>() / takes - variance / (takes - 1.0)
+        (squares.sum::<f64>() / takes - variance / (takes - 1.0)) / (255.0 * 255.0)
     };
-    Ok((0..frames * variant.frame_bytes()).map(error).sum::<f64>() / (frames as f64 * 255.0 * 255.0))
+    Ok((0..files[0].len()).map(error).collect())
 }

@@ -102,6 +102,18 @@ impl World {
         Some(clip)
     }
 
+    /// The states of a clip from another start, with the same actions and whatever rule they break.
+    pub fn replay(&self, clip: &[SceneState], positions: &[f64], velocities: &[f64]) -> Vec<SceneState> {
+        let mut state = SceneState { positions: positions.to_vec(), velocities: velocities.to_vec(), action: 0.0 };
+        let frame = |as_before: &SceneState| {
+            state.action = as_before.action;
+            let now = state.clone();
+            (0..self.substeps).for_each(|_| self.substep(&mut state));
+            now
+        };
+        clip.iter().map(frame).collect()
+    }
+
     /// Advances by `dt / substeps`: velocity first, then position with the new velocity; between walls (bouncing)
     /// position first, then the reflection.
     pub fn substep(&self, state: &mut SceneState) {

@@ -18,6 +18,8 @@ pub enum Purpose {
     Shake,
     Noise,
     SaltAndPepper,
+    /// By how much a forecast is wrong.
+    Forecast,
 }
 
 /// Stands beside the purposes: what all clips of a dataset have in common.

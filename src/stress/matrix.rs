@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use super::list::Scene;
 use crate::datasets::settings::NoiseFloor;
 use crate::datasets::states::States;
-use crate::network::physics_models::losses::Loss;
 use crate::runs::run::Run;
 use crate::runs::summary::LearnedParameter;
 
@@ -58,10 +57,7 @@ pub fn outcome(scene: &Scene, data_seed: u64, run: &Run) -> Result<Option<Outcom
         }
     }
     for (loss, limit) in &limits.losses {
-        let floor = noise_floor.map_or(0.0, |floor| match loss {
-            Loss::Recons => floor.reconstruction,
-            Loss::Pred | Loss::Extrap => floor.prediction,
-        });
+        let floor = noise_floor.map_or(0.0, |floor| floor.of(*loss));
         if losses.of(*loss).is_none_or(|value| value > limit + FLOORS * floor) {
             missed.push(loss.symbol().into());
         }

@@ -11,6 +11,7 @@ use image::{ImageFormat, ImageReader};
 
 use super::list::StressList;
 use super::matrix::Outcome;
+use crate::network::physics_models::losses::Loss;
 use crate::runs::run::Run;
 use crate::support::atomic;
 
@@ -68,7 +69,7 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
     );
     let _ = writeln!(
         page,
-        "| scene | runs | succeeded | found | parameters (worst error) | L_rec | L_pred | noise floor | seconds | missed |\n\
+        "| scene | runs | succeeded | found | parameters (worst error) | L_rec | L_pred | L_extrap | noise floors | seconds | missed |\n\
          |---|---|---|---|---|---|---|---|---|---|"
     );
     for scene in &list.scenes {
@@ -81,7 +82,7 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
         missed.dedup();
         let _ = writeln!(
             page,
-            "| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            "| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
             scene.name,
             runs.len(),
             count(|outcome| outcome.succeeded),
@@ -89,7 +90,8 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
             worst_errors(&runs),
             range(|outcome| outcome.recons_loss),
             range(|outcome| outcome.pred_loss),
-            floor.map_or("-".into(), |floor| format!("{:.2} / {:.2}", floor.reconstruction, floor.prediction)),
+            range(|outcome| outcome.extrap_loss.unwrap_or(f64::NAN)),
+            floor.map_or("-".into(), |floor| Loss::ALL.map(|loss| format!("{:.2}", floor.of(loss))).join(" / ")),
             range(|outcome| outcome.seconds.round()),
             missed.join(", ")
         );

@@ -26,7 +26,7 @@ const PRESENT: f64 = 0.9;
 /// An object's mask must hold this share of an equal part of what moves.
 const OWN_SHARE: f64 = 0.1;
 /// Of what moves, the share that the masks must hold together.
-const COVERED: f64 = 0.9;
+const COVERED: f64 = 0.6;
 /// Of the squared difference from the background where something moves, the share that the drawing must explain.
 const DRAWN: f64 = 0.75;
 /// Pixels that count as moving.

@@ -28,7 +28,7 @@ pub fn salt_and_pepper(film: &mut Film, amount: f64, rng: &mut impl Rng) {
 }
 
 /// A Gaussian number of mean 0 and standard deviation 1, by the method of Box and Muller.
-pub(super) fn normal(rng: &mut impl Rng) -> f64 {
+pub fn normal(rng: &mut impl Rng) -> f64 {
     // 0 has no logarithm.
     let (radius, angle) = (1.0 - rng.random::<f64>(), rng.random::<f64>());
     (-2.0 * radius.ln()).sqrt() * (TAU * angle).cos()

@@ -177,6 +177,9 @@ impl Overlay {
         for (position, sprite) in positions.iter().zip(&self.sprites) {
             let [left, top] = position.map(|p| sprite.start(p));
             let [columns, rows] = position.map(|p| self.span(sprite, p));
+            if columns.is_empty() {
+                continue;
+            }
             for (channel, ink) in sprite.ink.iter().enumerate() {
                 for row in rows.clone() {
                     let from = (row as isize - top) as usize * sprite.side + (columns.start as isize - left) as usize;

@@ -15,6 +15,7 @@ use super::objective::{Objective, StepLoss};
 use super::objects::blobs;
 use super::objects::motion::{Motion, Moving};
 use super::objects::names::Names;
+use super::objects::pasting;
 use super::objects::sprites;
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
@@ -24,6 +25,7 @@ use crate::datasets::iterators::Clips;
 use crate::network::cells::Coordinates;
 use crate::network::physics_models::losses::{MeanLosses, RunningMean, frame_error};
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
+use crate::support::random::named_generator;
 
 /// Frames on which a validation is made.
 const VALIDATION_FRAMES: usize = 500;
@@ -116,6 +118,8 @@ struct Discovery<'a> {
     names: Option<Names>,
     /// How many times as long as the config says the phase lasts at most.
     rounds: u64,
+    /// Whether there are so few frames that others are made of them.
+    few: bool,
     pixel_centres: Tensor,
     validation: Tensor,
 }
@@ -142,6 +146,8 @@ impl<'a> Discovery<'a> {
             motion,
             names,
             rounds,
+            few: model.system.cell.coordinates == Coordinates::Position
+                && train.len() * train.time() < pasting::FEW_FRAMES,
             pixel_centres: model.pixel_centres(),
             validation: valid.random_frames(VALIDATION_FRAMES, seed, u64::MAX),
         })
@@ -188,6 +194,17 @@ impl<'a> Discovery<'a> {
 }
 
 impl Discovery<'_> {
+    /// Makes the second half of these frames pasted ones.
+    fn paste_half(&self, model: &PhysicsNet, places: &[i64], frames: &mut Tensor, step: u64) {
+        let kept = places.len().div_ceil(2);
+        let seen = frames.slice(0, kept as i64, None, 1);
+        let moving = self.motion.of(self.train, &places[kept..], &seen);
+        let blobs = blobs::find(&moving, model.system.objects);
+        let mut random = named_generator(self.seed, &format!("pasting of step {step}"));
+        let pasted = pasting::pasted(&seen, &moving, &blobs, &mut random);
+        *frames = Tensor::cat(&[frames.slice(0, 0, kept as i64, 1), pasted], 0);
+    }
+
     /// Which pixels are whose in these frames; none without names.
     fn responsibilities(&self, model: &PhysicsNet, moving: &Moving) -> Result<Option<Tensor>> {
         let Some(names) = &self.names else { return Ok(None) };
@@ -203,7 +220,10 @@ impl Objective for Discovery<'_> {
 
     fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
         let places = self.train.random_places(self.config.frames, self.seed, step);
-        let frames = self.train.frames(&places);
+        let mut frames = self.train.frames(&places);
+        if self.few {
+            self.paste_half(model, &places, &mut frames, step);
+        }
         let encoding = model.encoder.forward(&frames);
         let rendering = model.decoder.forward(&model.coordinates(&encoding));
         let reconstruction = frame_error(&rendering.frames.unsqueeze(1), &frames.unsqueeze(1));

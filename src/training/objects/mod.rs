@@ -6,4 +6,5 @@
 pub mod blobs;
 pub mod motion;
 pub mod names;
+pub mod pasting;
 pub mod sprites;

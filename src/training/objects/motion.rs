@@ -16,6 +16,14 @@ const WORTH_EXPLAINING: f64 = 0.03;
 /// Difference beyond the noise, summed over channels, at which a pixel counts as moving to 63 %.
 const SATURATION: f64 = 0.1;
 
+/// A pixel is a speckle where it differs by so much, summed over channels, and by so many levels of noise, while the median
+/// of the 3x3 pixels about it differs by less than the last number. Frames are speckled where more than this share of all that differs so much are speckles;
+/// of objects only corners are.
+const SPECKLE: f64 = 0.3;
+const SPECKLE_LEVELS: f64 = 6.0;
+const AROUND_SPECKLE: f64 = 0.1;
+const SPECKLED: f64 = 0.06;
+
 /// What stands behind the objects.
 #[derive(Debug)]
 enum Background {
@@ -29,6 +37,8 @@ enum Background {
 #[derive(Debug)]
 pub struct Motion {
     background: Background,
+    /// Whether single pixels differ for no reason: then neighbours vote instead of being averaged.
+    speckled: bool,
     /// The median over the dataset, `[channels, S, S]`.
     pub median: Tensor,
 }
@@ -36,7 +46,8 @@ pub struct Motion {
 /// What moves in some frames.
 #[derive(Debug)]
 pub struct Moving {
-    /// Frames minus what stands behind them, `[frames, channels, S, S]`, and the same averaged over 3x3 pixels.
+    /// Frames minus what stands behind them, `[frames, channels, S, S]`, and the same averaged over 3x3 pixels, or
+    /// their median.
     pub sharp: Tensor,
     pub difference: Tensor,
     /// Its size summed over channels, beyond the noise, at least 0: `[frames, S, S]`.
@@ -52,13 +63,14 @@ impl Motion {
         let median = clips.median_frame(FRAMES, seed);
         let places = clips.random_places(COMPARED_FRAMES, seed, 0);
         let frames = clips.frames(&places);
+        let speckled = speckles(&(&frames - &median)) > SPECKLED;
         let level = |background: &Tensor| {
-            noise_level(&sizes(&smoothed(&(&frames - background)))).mean(Kind::Double).double_value(&[])
+            noise_level(&sizes(&smoothed(&(&frames - background), speckled))).mean(Kind::Double).double_value(&[])
         };
         let (still, of_clip) = (level(&median), level(&clips.clip_medians(&places)));
         let own = still > WORTH_EXPLAINING && of_clip < BETTER * still;
         let background = if own { Background::OfEachClip } else { Background::Still(median.shallow_clone()) };
-        Motion { background, median }
+        Motion { background, speckled, median }
     }
 
     /// What moves in these frames of the clips, by their place in the sequence of all frames; `frames` are their pixels
@@ -69,7 +81,7 @@ impl Motion {
             Background::Still(median) => frames - median,
             Background::OfEachClip => frames - clips.clip_medians(places),
         };
-        let difference = smoothed(&sharp);
+        let difference = smoothed(&sharp, self.speckled);
         let size = sizes(&difference);
         let noise = noise_level(&size).unsqueeze(-1).unsqueeze(-1);
         let excess = (size - noise * LEVELS).clamp_min(0.0);
@@ -78,9 +90,27 @@ impl Motion {
     }
 }
 
-/// Averaged over 3x3 pixels noise falls to a third, an object stays.
-fn smoothed(difference: &Tensor) -> Tensor {
-    difference.avg_pool2d(3, 1, 1, false, false, None)
+/// Averaged over 3x3 pixels noise falls to a third, an object stays. Single pixels that are far off leave nothing in the
+/// median, and the small corners of objects neither.
+fn smoothed(difference: &Tensor, speckled: bool) -> Tensor {
+    if speckled { neighbours_median(difference) } else { difference.avg_pool2d(3, 1, 1, false, false, None) }
+}
+
+/// The median of the 3x3 pixels about each, `[frames, channels, S, S]`.
+fn neighbours_median(x: &Tensor) -> Tensor {
+    let size = x.size();
+    let columns = x.contiguous().im2col([3, 3], [1, 1], [1, 1], [1, 1]);
+    columns.reshape([size[0], size[1], 9, size[2] * size[3]]).median_dim(2, false).0.reshape(&size)
+}
+
+/// Of the pixels that differ much, the share of speckles.
+fn speckles(difference: &Tensor) -> f64 {
+    let size = sizes(difference);
+    let noise = noise_level(&size).unsqueeze(-1).unsqueeze(-1);
+    let differs = size.gt_tensor(&(noise * SPECKLE_LEVELS).clamp_min(SPECKLE));
+    let alone = sizes(&neighbours_median(difference)).lt(AROUND_SPECKLE).logical_and(&differs);
+    let count = |x: &Tensor| x.sum(Kind::Double).double_value(&[]);
+    count(&alone) / count(&differs).max(1.0)
 }
 
 fn sizes(differences: &Tensor) -> Tensor {

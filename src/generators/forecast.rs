@@ -1,0 +1,142 @@
+//! How exactly a clip's future can be told from its input frames, however good the model.
+//!
+//! Noise hides where the objects are; the start of their motion is known no better than that, and the forecast runs away
+//! with time. To first order (Cramer and Rao): each frame tells the positions by how much its levels change with them,
+//! against their noise; the frames together tell the start of the motion by how much it moves them.
+
+use std::ops::Range;
+
+use anyhow::Result;
+use tch::{Kind, Tensor};
+
+use super::effects::{expose, noise::normal};
+use super::film::Film;
+use super::render::Renderer;
+use super::simulate::SceneState;
+use super::streams::{Purpose, Streams};
+use super::variant::Variant;
+use crate::datasets::settings::Forecast;
+use crate::tasks::camera::Camera;
+
+/// Forecasts that are drawn for a clip.
+const FORECASTS: usize = 8;
+/// Step of the slopes: a share of the frame's side, or a share of a radian.
+const STEP: f64 = 1.0 / WIDEST;
+/// The widest spread of a place, in steps: the frame's side, or a radian.
+const WIDEST: f64 = 128.0;
+/// Variance of a level that is cut to a whole one of 255.
+const CUT: f64 = 1.0 / (12.0 * 255.0 * 255.0);
+
+/// What wrong forecasts add to the losses, summed over a frame: the start of the motion is drawn as often from what the
+/// input frames leave open, and the film of its future compared with that of the true one, as a shaking camera shows it.
+///
+/// * `noise`: the expected squared error of each grey level, `[frames, side, side, channels]`, taken as independent.
+///
+/// # Errors
+/// A film that cannot be drawn.
+pub fn errors(
+    variant: &Variant,
+    renderer: &Renderer,
+    motion: &[SceneState],
+    noise: &[f64],
+    streams: &Streams,
+) -> Result<Forecast> {
+    let (world, system) = (variant.world(), &variant.task.system);
+    let input = system.input_steps.min(motion.len());
+    let step = STEP * if variant.coordinates() == system.objects { 1.0 } else { world.side };
+    let start = &motion[0];
+    let places = start.positions.len();
+    let begun = |changes: &[f64]| {
+        let [p, v] = [0, places].map(|first| &changes[first..first + places]);
+        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + b).collect::<Vec<_>>();
+        world.replay(motion, &sum(&start.positions, p), &sum(&start.velocities, v))
+    };
+    // By how much each position at each frame changes with each number of the start, `[frames, places, 2 places]`.
+    let per_number = (0..2 * places).map(|number| {
+        let step = if number < places { step } else { step / world.dt };
+        let mut change = vec![0.0; 2 * places];
+        let [up, down] = [step, -step].map(|step| {
+            change[number] = step;
+            begun(&change)
+        });
+        let slope = |(up, down): (&f64, &f64)| (up - down) / (2.0 * step);
+        let slopes = up.iter().zip(&down).flat_map(|(up, down)| up.positions.iter().zip(&down.positions).map(slope));
+        Tensor::from_slice(&slopes.collect::<Vec<f64>>()).reshape([motion.len() as i64, places as i64])
+    });
+    let of_start = Tensor::stack(&per_number.collect::<Vec<_>>(), 2).narrow(0, 0, input as i64);
+    let told = told_by_frames(variant, renderer, &motion[..input], step, noise, streams)?;
+    let told =
+        (of_start.transpose(1, 2).matmul(&told).matmul(&of_start)).sum_dim_intlist([0i64].as_slice(), false, None);
+    // Where an object is hidden it is still in the frame, and does not cross it between two of them.
+    let [place, speed] =
+        [WIDEST * step, WIDEST * step / world.dt].map(|widest| Tensor::from(widest.powi(-2)).repeat([places as i64]));
+    let told = told + Tensor::cat(&[place, speed], 0).diag(0);
+    let spread = told.inverse().linalg_cholesky(false);
+    let truth = renderer.draw(motion, streams)?;
+    let mut random = streams.of(Purpose::Forecast);
+    let (mut prediction, mut extrapolation) = (0.0, 0.0);
+    for take in 1..=FORECASTS {
+        let normals: Vec<f64> = (0..2 * places).map(|_| normal(&mut random)).collect();
+        let changes: Vec<f64> = spread.matmul(&Tensor::from_slice(&normals).unsqueeze(1)).view(-1).try_into()?;
+        let forecast = renderer.draw(&begun(&changes), streams)?;
+        let mut seen = truth.clone();
+        expose(
+            &Camera { shake: variant.scene.camera.shake, ..Camera::default() },
+            &mut seen,
+            &Streams { take, ..*streams },
+        );
+        let predicted = (input + system.pred_steps).min(motion.len());
+        prediction += difference(&forecast, &seen, input..predicted) / FORECASTS as f64;
+        extrapolation += difference(&forecast, &seen, predicted..motion.len()) / FORECASTS as f64;
+    }
+    Ok(Forecast { prediction, extrapolation })
+}
+
+/// What each frame tells of the positions, the inverse of their covariance: `[frames, places, places]`.
+fn told_by_frames(
+    variant: &Variant,
+    renderer: &Renderer,
+    motion: &[SceneState],
+    step: f64,
+    noise: &[f64],
+    streams: &Streams,
+) -> Result<Tensor> {
+    let places = motion[0].positions.len();
+    let (frames, channels) = (motion.len() as i64, variant.task.system.channels as i64);
+    let mut slopes = Vec::new();
+    for place in 0..places {
+        let film = |step: f64| {
+            let mut moved = motion.to_vec();
+            moved.iter_mut().for_each(|state| state.positions[place] += step);
+            renderer.draw(&moved, streams)
+        };
+        let (up, down) = (film(step)?, film(-step)?);
+        let slope: Vec<f64> = levels(&up).zip(levels(&down)).map(|(up, down)| (up - down) / (2.0 * step)).collect();
+        slopes.push(Tensor::from_slice(&slope).reshape([frames, channels, -1]));
+    }
+    // [frames, places, channels, pixels]
+    let slopes = Tensor::stack(&slopes, 1);
+    // Measured on few films a variance may come out below 0.
+    let variance = Tensor::from_slice(noise).reshape([-1, slopes.size()[3], channels]).narrow(0, 0, frames);
+    let variance = variance.clamp_min(0.0) + CUT;
+    let scaled = (slopes / variance.transpose(1, 2).unsqueeze(1).sqrt()).flatten(2, 3);
+    let told = scaled.matmul(&scaled.transpose(1, 2));
+    let shake = variant.scene.camera.shake as f64;
+    if shake == 0.0 {
+        return Ok(told);
+    }
+    // A shaking camera moves all objects by the same whole pixels, from -shake to shake along each axis.
+    let axes = Tensor::eye(2, (Kind::Double, tch::Device::Cpu)).repeat([places as i64 / 2, places as i64 / 2]);
+    Ok((told.inverse() + axes * (shake * (shake + 1.0) / 3.0)).inverse())
+}
+
+fn levels(film: &Film) -> impl Iterator<Item = f64> {
+    film.frames.iter().flatten().map(|level| level.clamp(0.0, 1.0))
+}
+
+/// Squared difference of these frames, summed over a frame; 0 of none.
+fn difference(a: &Film, b: &Film, frames: Range<usize>) -> f64 {
+    let count = frames.len().max(1) as f64;
+    let pairs = a.frames[frames.clone()].iter().flatten().zip(b.frames[frames].iter().flatten());
+    pairs.map(|(a, b)| (a.clamp(0.0, 1.0) - b.clamp(0.0, 1.0)).powi(2)).sum::<f64>() / count
+}

@@ -220,7 +220,7 @@ fn the_velocity_estimator_learns_free_motion() {
     let task = find("spring_color").unwrap();
     let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 3).unwrap();
     let stiffness = model.learned().find(|parameter| parameter.kind.name == "k").unwrap();
-    model.set_log(stiffness, 1e-6f64.ln());
+    model.set_raw(stiffness, 1e-6f64.ln());
     let start = Tensor::from_slice(&[21.0, 16.0, 9.0, 16.0]) + normal("positions", 4);
     let spread = 3.0;
     let first = Tensor::cat(&[start, normal("velocities", 4) * spread], 1);

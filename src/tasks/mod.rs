@@ -22,6 +22,7 @@ use toml::Table;
 
 use self::scene::Scene;
 use crate::network::System;
+use crate::network::cells::{CellKind, PhysicalParameter};
 use crate::network::system::SystemTable;
 
 pub use builtin::{all, builtin, names};
@@ -248,16 +249,17 @@ impl TaskTable {
             let inside = Path::new(path).components().all(|part| matches!(part, std::path::Component::Normal(_)));
             ensure!(inside && !path.is_empty(), "data.{key} = {path:?}: must lie in the datasets folder");
         }
-        let symbols: Vec<_> = system.cell.parameters.iter().map(|parameter| parameter.name).collect();
-        for (section, named) in [("truth", &self.truth), ("success.parameters", &self.success.parameters)] {
-            for (symbol, value) in named {
-                ensure!(
-                    symbols.contains(&symbol.as_str()),
-                    "{section}.{symbol}: the equation {:?} has no such parameter; it has {symbols:?}",
-                    system.cell.name
-                );
-                ensure!(value.is_finite() && *value > 0.0, "{section}.{symbol} = {value}: must be a positive number");
-            }
+        for (symbol, value) in &self.truth {
+            let bounds = parameter(system.cell, "truth", symbol)?.bounds;
+            // Errors are in per cent of the truth.
+            ensure!(bounds.contain(*value) && *value != 0.0, "truth.{symbol} = {value}: must be {bounds}, and not 0");
+        }
+        for (symbol, percent) in &self.success.parameters {
+            parameter(system.cell, "success.parameters", symbol)?;
+            ensure!(
+                percent.is_finite() && *percent > 0.0,
+                "success.parameters.{symbol} = {percent}: must be a positive number"
+            );
         }
         for symbol in self.truth.keys() {
             let of_scene = self.scene.as_ref().and_then(|scene| scene.truth(system.cell, symbol));
@@ -268,6 +270,14 @@ impl TaskTable {
         }
         Ok(())
     }
+}
+
+/// The parameter of an equation that a section names.
+fn parameter<'a>(equation: &'a CellKind, section: &str, symbol: &str) -> Result<&'a PhysicalParameter> {
+    equation.parameters.iter().find(|parameter| parameter.name == symbol).with_context(|| {
+        let symbols: Vec<_> = equation.parameters.iter().map(|parameter| parameter.name).collect();
+        format!("{section}.{symbol}: the equation {:?} has no such parameter; it has {symbols:?}", equation.name)
+    })
 }
 
 fn check_name(name: &str) -> Result<()> {

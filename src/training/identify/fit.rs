@@ -1,6 +1,6 @@
 //! The fit of the physical parameters to encoded trajectories.
 //!
-//! Unknown are the log-parameters, one offset of each object's template (the encoder may put an object beside its centre,
+//! Unknown are the log-parameters (of a parameter that has other bounds than 0 the raw number that stands for it), one offset of each object's template (the encoder may put an object beside its centre,
 //! always by as much), and the initial state of each clip.
 //!
 //! The fit is Levenberg-Marquardt in float64 with a Huber loss. The normal equations have an arrow's shape (states of
@@ -56,7 +56,7 @@ impl Start {
     /// The parameters of a model as they are.
     pub fn of(model: &PhysicsNet) -> Self {
         Start {
-            logs: model.parameters.iter().map(|parameter| parameter.log.double_value(&[])).collect(),
+            logs: model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect(),
             learned: model.parameters.iter().map(|parameter| parameter.learned).collect(),
             free_offsets: true,
         }

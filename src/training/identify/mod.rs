@@ -100,7 +100,7 @@ impl Phase for Identify {
         for (parameter, log) in
             model.parameters.iter().zip(&fit.logs).filter(|(parameter, _)| explains && parameter.learned)
         {
-            model.set_log(parameter, *log);
+            model.set_raw(parameter, *log);
         }
         let recentred = explains && self.recentre(session, &explanation)?;
         let unit = model.system.cell.coordinates.unit();

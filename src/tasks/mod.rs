@@ -17,6 +17,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, ensure};
+use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -41,8 +42,8 @@ pub struct TrueParameter {
 }
 
 /// One task: a system, its files, and what else belongs to it.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-#[serde(try_from = "TaskTable", into = "TaskTable")]
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(into = "TaskTable")]
 pub struct Task {
     /// On the command line, in run folders and in `summary.json`.
     pub name: String,
@@ -170,6 +171,14 @@ impl Task {
     /// Below the datasets folder, where the task's files are.
     pub fn data_folder(&self) -> &str {
         self.table.data.folder.as_deref().unwrap_or(&self.name)
+    }
+}
+
+/// By hand, so that an error tells all its causes.
+impl<'de> Deserialize<'de> for Task {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let table = TaskTable::deserialize(deserializer)?;
+        Task::try_from(table).map_err(|error| D::Error::custom(format!("{error:#}")))
     }
 }
 

@@ -49,6 +49,7 @@ pub fn judge(config: &Config, model: &PhysicsNet, train: &Clips, held_out: &Clip
     checks.extend([names(&explanation), motion_explained(model, &explanation)]);
     let intervals = intervals(model, &explanation);
     checks.extend(parameters(config, model, &intervals));
+    checks.extend(told_apart(model, &explanation));
     checks.extend(losses(config, model, held_out)?);
     Ok(Verdict::new(checks, intervals))
 }
@@ -142,6 +143,15 @@ fn parameters(config: &Config, model: &PhysicsNet, intervals: &BTreeMap<String, 
             check(name, width <= limit, measured, "parameters.png")
         })
         .collect()
+}
+
+/// Whether the motion tells the learned parameters apart; nothing to judge where fewer than two are learned.
+fn told_apart(model: &PhysicsNet, explanation: &Explanation) -> Option<Check> {
+    let several = model.learned().count() > 1;
+    several.then(|| match explanation.indistinct(model) {
+        Some(indistinct) => check("parameters", false, indistinct.text(), "model.fixed in the config"),
+        None => check("parameters", true, "each shows in the motion".into(), "model.fixed in the config"),
+    })
 }
 
 /// The task's own limits of the losses, on held-out clips.

@@ -1,5 +1,7 @@
 //! From the expressions of an equation to its operations: what names and functions mean, and whether all goes together.
 
+use std::collections::{BTreeMap, HashMap};
+
 use super::complaint::{Complaint, Span};
 use super::graph::{Extent, Given, Graph, Place};
 use super::operation::{Binary, FUNCTIONS, Function, Unary};
@@ -10,6 +12,9 @@ use crate::network::cells::Coordinates;
 
 /// The least norm that [`Function::Direction`] divides by: the direction of nothing is 0.
 const LEAST_NORM: f64 = 1e-6;
+/// How deep expressions may stand in each other, those of definitions counted where they are used: a text must not exhaust
+/// the program's stack.
+const DEEPEST: usize = 200;
 
 /// What the accelerations of one equation have in common.
 pub(super) struct Compiler<'a> {
@@ -17,25 +22,30 @@ pub(super) struct Compiler<'a> {
     pub coordinates: Coordinates,
     pub objects: usize,
     pub parameters: &'a Parameters,
+    /// By name, with the text.
+    pub definitions: &'a BTreeMap<String, (String, Expression)>,
     /// Which parameters a text has named.
     pub used: Vec<bool>,
+    /// Definitions that were used, by who is meant by p and q; none while one is being read.
+    defined: HashMap<(&'a str, View), Option<Place>>,
+    depth: usize,
 }
 
 /// Whose acceleration is written, and who the other is inside of `others(..)`.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct View {
     own: Own,
     other: Other,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Own {
     /// That of all objects at once.
     Each,
     One(usize),
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Other {
     /// Outside of `others(..)`.
     Nobody,
@@ -45,9 +55,21 @@ enum Other {
 }
 
 impl<'a> Compiler<'a> {
-    pub(super) fn new(coordinates: Coordinates, objects: usize, parameters: &'a Parameters) -> Self {
+    pub(super) fn new(
+        coordinates: Coordinates,
+        objects: usize,
+        parameters: &'a Parameters,
+        definitions: &'a BTreeMap<String, (String, Expression)>,
+    ) -> Self {
         let used = vec![false; parameters.all.len()];
-        Compiler { graph: Graph::default(), coordinates, objects, parameters, used }
+        let (graph, defined) = (Graph::default(), HashMap::new());
+        Compiler { graph, coordinates, objects, parameters, definitions, used, defined, depth: 0 }
+    }
+
+    /// A definition that no acceleration has used.
+    pub(super) fn unused_definition(&self) -> Option<&'a str> {
+        let mut names = self.definitions.keys().map(String::as_str);
+        names.find(|name| self.defined.keys().all(|(used, _)| used != name))
     }
 
     /// The acceleration of all objects, or of one, and where it is found.
@@ -78,7 +100,11 @@ impl<'a> Compiler<'a> {
 
     fn expression(&mut self, expression: &Expression, view: View) -> Result<Place, Complaint> {
         let at = &expression.at;
-        match &expression.term {
+        if self.depth == DEEPEST {
+            return Err(Complaint::new(at, format!("more than {DEEPEST} expressions in each other")));
+        }
+        self.depth += 1;
+        let place = match &expression.term {
             Term::Number(number) => self.graph.number(*number, at),
             Term::Name(name) => self.name(name, at, view),
             Term::Part(..) => self.parts(expression, view),
@@ -88,7 +114,9 @@ impl<'a> Compiler<'a> {
             }
             Term::Binary(..) => self.operations(expression, view),
             Term::Call(name, arguments) => self.call(name, arguments, at, view),
-        }
+        };
+        self.depth -= 1;
+        place
     }
 
     /// A chain of operators from its first operand on: a long sum must not exhaust the stack.
@@ -153,9 +181,31 @@ impl<'a> Compiler<'a> {
             "other" => Err(Complaint::new(at, "the other object's parameter is written other.name")),
             _ => match of_object(name) {
                 Some((letter, number)) => self.numbered(letter, number, at),
-                None => self.parameter(name, at, view),
+                None => match self.definitions.get_key_value(name) {
+                    Some((name, (text, meaning))) => self.definition(name, text, meaning, at, view),
+                    None => self.parameter(name, at, view),
+                },
             },
         }
+    }
+
+    /// What a definition means where it is used.
+    fn definition(
+        &mut self,
+        name: &'a str,
+        text: &str,
+        meaning: &Expression,
+        at: &Span,
+        view: View,
+    ) -> Result<Place, Complaint> {
+        match self.defined.get(&(name, view)) {
+            Some(Some(place)) => return Ok(*place),
+            Some(None) => return Err(Complaint::new(at, format!("{name} is defined by itself"))),
+            None => drop(self.defined.insert((name, view), None)),
+        }
+        let place = self.expression(meaning, view).map_err(|complaint| complaint.within(name, text))?;
+        self.defined.insert((name, view), Some(place));
+        Ok(place)
     }
 
     /// A position or a velocity.
@@ -255,6 +305,7 @@ impl<'a> Compiler<'a> {
             names.extend(["q", "w"]);
         }
         names.push("u");
+        names.extend(self.definitions.keys().map(String::as_str));
         names.extend(self.parameters.each.keys().map(String::as_str));
         names.extend(self.parameters.all.iter().map(|declared| declared.name.as_str()));
         names.join(", ")

@@ -10,15 +10,30 @@ pub(super) type Span = Range<usize>;
 pub(super) struct Complaint {
     pub at: Span,
     pub what: String,
+    /// Name and text of the definition in which the place is; none of the acceleration itself.
+    pub definition: Option<(String, String)>,
 }
 
 impl Complaint {
     pub(super) fn new(at: &Span, what: impl Into<String>) -> Self {
-        Complaint { at: at.clone(), what: what.into() }
+        Complaint { at: at.clone(), what: what.into(), definition: None }
+    }
+
+    /// The same about a place in a definition, if it is not about one inside of that.
+    pub(super) fn within(mut self, name: &str, text: &str) -> Self {
+        self.definition.get_or_insert_with(|| (name.into(), text.into()));
+        self
     }
 
     /// The complaint with its line and column in `text`, and the line itself with a mark under the place.
     pub(super) fn shown(&self, text: &str) -> String {
+        match &self.definition {
+            Some((name, text)) => format!("where {name}, {}", self.marked(text)),
+            None => self.marked(text),
+        }
+    }
+
+    fn marked(&self, text: &str) -> String {
         let before = text.get(..self.at.start).unwrap_or(text);
         let begins = before.rfind('\n').map_or(0, |newline| newline + 1);
         let line = text[begins..].lines().next().unwrap_or_default();

@@ -19,15 +19,17 @@ mod parse;
 mod table;
 mod units;
 
+use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use tch::Tensor;
 
 use self::compile::Compiler;
 use self::evaluate::Program;
 use self::integrate::TextCell;
-use self::parameters::Parameters;
+use self::parameters::{Parameters, check_name};
+use self::parse::{Expression, parse};
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, Walls};
 
 pub use table::{Accelerations, EquationTable, Integrator, ParameterTable, Restitution};
@@ -106,7 +108,8 @@ impl Equation {
             table.substeps
         );
         let parameters = Parameters::of(&table.parameters, objects)?;
-        let mut compiler = Compiler::new(table.state, objects, &parameters);
+        let definitions = definitions(table, &parameters)?;
+        let mut compiler = Compiler::new(table.state, objects, &parameters, &definitions);
         let texts = match &table.acceleration {
             Accelerations::ForAll(text) => vec![(None, text)],
             Accelerations::ForEach(texts) => {
@@ -121,7 +124,7 @@ impl Equation {
         };
         let mut accelerations = Vec::new();
         for (object, text) in texts {
-            let place = parse::parse(text).and_then(|parsed| compiler.acceleration(object, &parsed));
+            let place = parse(text).and_then(|parsed| compiler.acceleration(object, &parsed));
             let place = place.map_err(|complaint| anyhow!("{}", complaint.shown(text)));
             let whose =
                 || object.map_or("acceleration".into(), |object| format!("acceleration of object {}", object + 1));
@@ -130,11 +133,27 @@ impl Equation {
         let restitution = restitution(table, &parameters, &mut compiler.used)?;
         if let Some(unused) = compiler.used.iter().position(|used| !used) {
             let name = &parameters.all[unused].name;
-            anyhow::bail!("parameters: no acceleration names {name}; use it, or take it out");
+            bail!("parameters: no acceleration names {name}; use it, or take it out");
+        }
+        if let Some(unused) = compiler.unused_definition() {
+            bail!("where: no acceleration names {unused}; use it, or take it out");
         }
         let program = Program { graph: compiler.graph, accelerations, objects };
         Ok(Equation { table: table.clone(), parameters: parameters.physical(), program, restitution })
     }
+}
+
+/// The texts of `where`, each with what it says.
+fn definitions(table: &EquationTable, parameters: &Parameters) -> Result<BTreeMap<String, (String, Expression)>> {
+    let read = |(name, text): (&String, &String)| {
+        let of_name = || format!("where.{name}");
+        check_name(name).with_context(of_name)?;
+        let taken = parameters.place(name).is_some() || parameters.each.contains_key(name);
+        ensure!(!taken, "where.{name}: a parameter is called so, too; rename one");
+        let parsed = parse(text).map_err(|complaint| anyhow!("{}", complaint.shown(text)));
+        Ok((name.clone(), (text.clone(), parsed.with_context(of_name)?)))
+    };
+    table.definitions.iter().map(read).collect()
 }
 
 fn restitution(table: &EquationTable, parameters: &Parameters, used: &mut [bool]) -> Result<integrate::Restitution> {

@@ -183,6 +183,9 @@ impl Binary {
                 if b.vector {
                     return Err("this is a vector; nothing can be divided by one".into());
                 }
+                if b.number == Some(0.0) {
+                    return Err("this is 0; nothing can be divided by it".into());
+                }
                 Ok((a.vector, a.unit.over(b.unit)))
             }
             Binary::Power => power(a, b),

@@ -40,7 +40,7 @@ impl Parameters {
         let mut parameters = Parameters::default();
         for (name, entry) in table {
             let of_name = || format!("parameters.{name}");
-            check_name(name, objects).with_context(of_name)?;
+            check_name(name).with_context(of_name)?;
             let declared = declared(name, entry).with_context(of_name)?;
             if entry.each {
                 parameters.each.insert(name.clone(), parameters.all.len());
@@ -88,7 +88,8 @@ pub(super) fn of_object(name: &str) -> Option<(char, &str)> {
     (!number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit())).then_some((letter, number))
 }
 
-fn check_name(name: &str, objects: usize) -> Result<()> {
+/// Whether a parameter or a definition can have a name.
+pub(super) fn check_name(name: &str) -> Result<()> {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     ensure!(
         name.starts_with(|c: char| c.is_ascii_lowercase()) && name.chars().all(plain) && name.len() <= 32,
@@ -97,8 +98,7 @@ fn check_name(name: &str, objects: usize) -> Result<()> {
     let function = FUNCTIONS.iter().any(|(function, _)| *function == name);
     ensure!(
         !RESERVED.contains(&name) && !function && of_object(name).is_none(),
-        "the name means something else in an acceleration (with {objects} objects p1 to p{objects} do, too); choose \
-         another"
+        "the name means something else in an acceleration; choose another"
     );
     Ok(())
 }

@@ -14,6 +14,9 @@ pub struct EquationTable {
     #[serde(default = "position")]
     pub state: Coordinates,
     pub acceleration: Accelerations,
+    /// Names for parts of the accelerations, each with its text.
+    #[serde(default, rename = "where", skip_serializing_if = "BTreeMap::is_empty")]
+    pub definitions: BTreeMap<String, String>,
     #[serde(default)]
     pub integrator: Integrator,
     /// Steps for one frame.

@@ -268,7 +268,7 @@ fn mistakes_are_told_with_their_place() {
         ("acceleration = \"d\"\nwhere.d = \"2 *\"", "where.d: column 4: found the end"),
         ("acceleration = \"d\"\nwhere.d = \"p\"\nparameters.d = {}", "where.d: a parameter is called so, too"),
         ("acceleration = [\"p\"]", "the list has 1 texts, but there are 2 objects"),
-        ("acceleration = [\"-p\", \"-k\"]\nparameters.k = {}", "acceleration of object 2: column 1"),
+        ("acceleration = [\"-k * p\", \"-k\"]\nparameters.k = {}", "acceleration of object 2: column 1"),
         ("acceleration = 3", "a text, or a list with a text for each object"),
         (
             "acceleration = \"-k * p\"\nparameters.k.low = 2.0\nparameters.k.high = 1.0",
@@ -311,7 +311,7 @@ fn no_text_exhausts_stack_or_memory() {
     let doubled: String = (1..80).map(|i| format!("where.d{i} = \"d{} + d{}\"\n", i - 1, i - 1)).collect();
     let doubled = table(&format!("acceleration = \"d79\"\n{any}\n{doubled}"));
     assert!(text::kind(&doubled, 2).is_ok());
-    let factors = (0..20).map(|n| format!("(dot(p, q) + {n})")).collect::<Vec<_>>().join(" * ");
+    let factors = (0..20).map(|n| format!("(any * dot(p, q) + {n})")).collect::<Vec<_>>().join(" * ");
     let list = vec![format!("d0 + others({factors} * (p - q))"); 32];
     let found = complaint(&format!("acceleration = {list:?}\n{any}"), 32);
     assert!(found.contains("more than 10000 operations"), "{found}");

@@ -21,7 +21,7 @@ use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use self::scene::Scene;
+use self::scene::{Motion, Scene};
 use crate::network::System;
 use crate::network::cells::{CellKind, PhysicalParameter};
 use crate::network::system::SystemTable;
@@ -268,6 +268,15 @@ impl TaskTable {
             ensure!(
                 percent.is_finite() && *percent > 0.0,
                 "success.parameters.{symbol} = {percent}: must be a positive number"
+            );
+        }
+        if self.scene.as_ref().is_some_and(|scene| scene.motion == Motion::Equation {}) {
+            let known = |it: &&PhysicalParameter| self.truth.contains_key(it.name) || it.fixed.is_some();
+            let unknown = system.cell.parameters.iter().find(|parameter| !known(parameter));
+            ensure!(
+                unknown.is_none(),
+                "truth: the scene's motion is the equation, so all its parameters must be known; {} is missing",
+                unknown.map_or("none", |parameter| parameter.name)
             );
         }
         for symbol in self.truth.keys() {

@@ -31,6 +31,7 @@ use self::integrate::TextCell;
 use self::parameters::{Parameters, check_name};
 use self::parse::{Expression, parse};
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, Walls};
+use crate::support::random::fnv1a;
 
 pub use table::{Accelerations, EquationTable, Integrator, ParameterTable, Restitution};
 
@@ -69,7 +70,7 @@ pub fn kind(table: &EquationTable, objects: usize) -> Result<&'static CellKind> 
     }
     let equation: &'static Equation = Box::leak(Box::new(Equation::read(table, objects).context("equation")?));
     let kind = CellKind {
-        name: format!("text-{:08x}", checksum(table, objects)?).leak(),
+        name: format!("text-{:016x}", checksum(table, objects)?).leak(),
         scope: SCOPE,
         objects: Some(objects),
         coordinates: table.state,
@@ -83,10 +84,19 @@ pub fn kind(table: &EquationTable, objects: usize) -> Result<&'static CellKind> 
     Ok(kind)
 }
 
-/// FNV-1a of the table and the number of objects: the same in every version of the program.
-fn checksum(table: &EquationTable, objects: usize) -> Result<u32> {
+/// The same for the same text in every version of the program.
+fn checksum(table: &EquationTable, objects: usize) -> Result<u64> {
     let text = toml::to_string(table)? + &objects.to_string();
-    Ok(text.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)))
+    Ok(fnv1a(text.as_bytes()))
+}
+
+/// The same equation, integrated by another method: none of one that is no text.
+///
+/// # Errors
+/// None that the equation itself did not have.
+pub fn integrated_by(kind: &CellKind, integrator: Integrator) -> Result<Option<&'static CellKind>> {
+    let Build::Text(equation) = kind.build else { return Ok(None) };
+    self::kind(&EquationTable { integrator, ..equation.table.clone() }, equation.program.objects).map(Some)
 }
 
 impl Equation {

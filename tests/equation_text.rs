@@ -282,12 +282,12 @@ fn mistakes_are_told_with_their_place() {
         ("acceleration = \"-v2 * p\"\nparameters.v2 = {}", "parameters.v2: the name means something else"),
         ("acceleration = \"-K * p\"\nparameters.K = {}", "parameters.K: the name must be a lower-case letter"),
         ("acceleration = \"-k * p\"\nparameters.k.each = true\nparameters.k2 = {}", "two are called k2"),
-        ("acceleration = \"-p\"\nrestitution = 0.5", "set walls = true"),
-        ("acceleration = \"-p\"\nwalls = true\nrestitution = 1.5", "restitution = 1.5: must be 0 to 1"),
-        ("acceleration = \"-p\"\nwalls = true\nrestitution = \"e\"", "there is no such parameter"),
-        ("acceleration = \"-p\"\nstate = \"angle\"\nwalls = true", "there are walls for positions, not for angles"),
-        ("acceleration = \"-p\"\nsubsteps = 0", "substeps = 0: must be 1 to"),
-        ("acceleration = \"-p\"\nintegrator = \"leapfrog\"", "unknown variant `leapfrog`"),
+        ("acceleration = \"vec(0, 0)\"\nrestitution = 0.5", "set walls = true"),
+        ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = 1.5", "restitution = 1.5: must be 0 to 1"),
+        ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = \"e\"", "there is no such parameter"),
+        ("acceleration = \"0\"\nstate = \"angle\"\nwalls = true", "there are walls for positions, not for angles"),
+        ("acceleration = \"vec(0, 0)\"\nsubsteps = 0", "substeps = 0: must be 1 to"),
+        ("acceleration = \"vec(0, 0)\"\nintegrator = \"leapfrog\"", "unknown variant `leapfrog`"),
     ] {
         let found = of(toml);
         assert!(found.contains(expected), "{toml}: {found}");

@@ -6,9 +6,13 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use paig::generators::source_images::SourceImages;
+use paig::generators::variant::Variant;
+use paig::generators::{Counts, generate_clips};
 use paig::network::cells::{Actions, Coordinates, PhysicalParameter, State};
 use paig::support::random::named_generator;
 use paig::tasks::Task;
+use paig::tasks::scene::Motion;
 use paig::training::identify::Identify;
 use paig::training::identify::fit::{Fit, Start, Trust, fit};
 use rand::Rng;
@@ -213,6 +217,39 @@ fn pendulums_by_positions_keep_their_rods_and_their_energy() {
     };
     let change = (energy(end) - energy(begin)).abs().max().double_value(&[]);
     assert!(change < 20.0, "the energy changed by {change} of some 4000");
+}
+
+/// Where a scene moves by the equation, its clips obey it.
+#[test]
+fn clips_of_the_gallery_move_by_their_equations() {
+    let mut checked = 0;
+    for (name, task) in gallery() {
+        if task.scene.as_ref().is_none_or(|scene| scene.motion != Motion::Equation {}) {
+            continue;
+        }
+        let variant = Variant::new(&task, 5).unwrap();
+        let counts = Counts { train: 4, valid: 1, test: 1 };
+        let images = SourceImages::original().unwrap();
+        let (_, states) = generate_clips(&variant, &images, FRAMES, counts, &|_| {}).unwrap();
+        assert_eq!(
+            states.truth,
+            Some(task.truth.iter().map(|parameter| parameter.value).collect::<Vec<_>>()),
+            "{name}"
+        );
+        let tensor = |array: &ndarray::Array3<f32>| {
+            let shape: Vec<i64> = array.shape().iter().map(|&n| n as i64).collect();
+            Tensor::from_slice(array.as_slice().unwrap()).to_kind(tch::Kind::Double).reshape(shape)
+        };
+        let (pos, vel) = (tensor(&states.train.positions), tensor(&states.train.velocities));
+        let first = State { pos: pos.select(1, 0), vel: vel.select(1, 0) };
+        for (frame, state) in (0..).zip(rolled_out(&task, first, &Actions::none(), FRAMES)) {
+            let error = (pos.select(1, frame) - state.pos).abs().max().double_value(&[]);
+            // The clips are integrated by a better method: Euler's error is of the order of h times the speed's change.
+            assert!(error < 0.7, "{name}, frame {frame}: {error} px off");
+        }
+        checked += 1;
+    }
+    assert!(checked >= 10, "only {checked} tasks move by their equation");
 }
 
 #[test]

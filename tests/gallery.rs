@@ -285,6 +285,20 @@ fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
 }
 
 #[test]
+fn a_program_shows_the_place_of_a_mistake() {
+    let folder = tempfile::tempdir().unwrap();
+    let task = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/gallery/text_spring.toml");
+    let wrong = fs::read_to_string(task).unwrap().replace("norm(p - q)", "norm(p - w)");
+    fs::write(folder.path().join("wrong.toml"), wrong).unwrap();
+    let program = Path::new(env!("CARGO_BIN_EXE_run_physics"));
+    let output = Command::new(program).current_dir(folder.path()).args(["--task", "wrong.toml"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let expected = "acceleration: column 23: units [1, 0] and [1, -1] (powers of length and time) cannot be put together\n  \
+                    others(-k * (norm(p - w) - 2*l) * unit(p - q))\n                        ^\n";
+    assert!(said.starts_with("error: task file wrong.toml") && said.ends_with(expected), "{said}");
+}
+
+#[test]
 fn a_run_with_an_equation_of_text_goes_through_all_programs() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -3,9 +3,9 @@
 //! `system.equation` is then a table ([`EquationTable`]): the accelerations in a small language, the parameters they name
 //! with units and bounds, and how they are integrated. `docs/equations.md` shows the language by examples.
 //!
-//! A text is [parsed](parse), each name and function is [given its meaning](compile), ranks and units are
-//! [checked](operation), and what is left is a list of [operations](graph), each once, that are [computed](evaluate) on
-//! whole batches at every instant of the [integration](integrate).
+//! A text is parsed (`parse`, by the grammar of `grammar.pest`), each name and function is given its meaning (`compile`),
+//! ranks and units are checked (`operation`, `units`), and what is left is a list of operations (`graph`), each once, that
+//! are computed on whole batches (`evaluate`, `arithmetic`) at every instant of the integration (`integrate`).
 
 mod arithmetic;
 mod compile;

@@ -9,6 +9,8 @@ use crate::network::cells::{Bounds, PhysicalParameter};
 const FLAT: f64 = 1e-8;
 /// Parameters take part in a combination whose share of it, its largest one being 1, is at least this.
 const TAKES_PART: f64 = 0.05;
+/// Shares that differ by less than this factor count as equal.
+const ALIKE: f64 = 1.01;
 /// Exponents are shown to so many parts of 1.
 const EXPONENT_PARTS: f64 = 100.0;
 
@@ -53,8 +55,10 @@ pub fn indistinct(curvature: &Tensor, parameters: &[&PhysicalParameter]) -> Opti
     let part: Vec<_> = parameters.iter().zip(flattest).filter(|(_, share)| share.abs() >= TAKES_PART * most).collect();
     // A logarithm changes by as much whatever the value: what moves along the combination keeps these products.
     let logarithms = part.iter().all(|(parameter, _)| parameter.bounds == Bounds::POSITIVE);
-    let least = part.iter().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).filter(|_| logarithms && part.len() > 1);
-    let shows = least.map_or_else(Vec::new, |(reference, its_share)| {
+    let least = part.iter().fold(f64::INFINITY, |least, (_, share)| least.min(share.abs()));
+    let reference = part.iter().rev().find(|(_, share)| share.abs() <= ALIKE * least);
+    let reference = reference.filter(|_| logarithms && part.len() > 1);
+    let shows = reference.map_or_else(Vec::new, |(reference, its_share)| {
         let others = part.iter().filter(|(parameter, _)| parameter.name != reference.name);
         others.map(|(parameter, share)| product(parameter.name, reference.name, -share / its_share)).collect()
     });

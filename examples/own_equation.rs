@@ -8,7 +8,9 @@ use ndarray::Array5;
 use paig::datasets::iterators::Clips;
 use paig::generators::render::Balls;
 use paig::network::System;
-use paig::network::cells::{self, Actions, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
+use paig::network::cells::{
+    self, Actions, Build, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars,
+};
 use paig::network::physics_models::PhysicsNet;
 use paig::support::random::named_generator;
 use paig::tasks::Task;
@@ -27,10 +29,10 @@ static FALLING_WITH_DRAG: CellKind = CellKind {
     walls: false,
     actions: false,
     parameters: &[PhysicalParameter::learned("g", "log_g", 1), PhysicalParameter::learned("c", "log_c", 0)],
-    build: |logs, _walls| {
+    build: Build::Rust(|logs, _walls| {
         let [log_g, log_c] = scalars(logs);
         Box::new(FallingWithDrag { log_g, log_c })
-    },
+    }),
 };
 
 #[derive(Debug)]

@@ -20,7 +20,7 @@ fn state(pos: &[f64], vel: &[f64]) -> State {
 
 /// In a frame of 32 x 32, for balls of radius 2.
 fn build(kind: &CellKind, logs: &[Tensor]) -> Box<dyn Cell> {
-    (kind.build)(logs, Walls::new(32, 2.0))
+    kind.cell(logs, Walls::new(32, 2.0))
 }
 
 fn spring(k: f64, l: f64) -> Box<dyn Cell> {

@@ -128,6 +128,7 @@ fn ball_colours_follow_the_order_of_objects() {
 fn free_world(motion: Motion, objects: usize) -> World {
     World {
         motion,
+        law: None,
         objects,
         speed: [0.0; 2],
         radius: 2.0,

@@ -9,7 +9,7 @@ use paig::support::random::named_generator;
 use paig::tasks::{Task, find};
 use paig::training::identify::Identify;
 use paig::training::identify::fit::{Fit, Start, Trust, fit};
-use paig::training::identify::velocity_fit;
+use paig::training::identify::{rank, velocity_fit};
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
 
@@ -220,7 +220,7 @@ fn the_velocity_estimator_learns_free_motion() {
     let task = find("spring_color").unwrap();
     let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 3).unwrap();
     let stiffness = model.learned().find(|parameter| parameter.kind.name == "k").unwrap();
-    model.set_log(stiffness, 1e-6f64.ln());
+    model.set_raw(stiffness, 1e-6f64.ln());
     let start = Tensor::from_slice(&[21.0, 16.0, 9.0, 16.0]) + normal("positions", 4);
     let spread = 3.0;
     let first = Tensor::cat(&[start, normal("velocities", 4) * spread], 1);
@@ -230,4 +230,21 @@ fn the_velocity_estimator_learns_free_motion() {
     println!("velocity error {before} before, {after} after");
     assert!(before > 0.5 * spread, "an untrained estimator knows nothing: {before}");
     assert!(after < 0.1 * spread, "a tenth of the velocities' spread is left at most: {after}");
+}
+
+/// Of three bodies only g m^2 shows.
+#[test]
+fn a_fit_tells_which_parameters_do_not_show_apart() {
+    let task = find("3bp_color").unwrap();
+    let (pos, vel) = ([18.0, 9.0, 25.8, 22.5, 10.2, 22.5], [2.0, 0.0, -1.0, 1.7, -1.0, -1.7]);
+    let seen = observed(&task, &[60.0, 1.0], &Actions::none(), (&pos, 0.7), (&vel, 0.3), &[0.0; 6], NOISE);
+    let parameters: Vec<_> = task.system.cell.parameters.iter().collect();
+    let both = fitted(&task, &seen, &Actions::none(), &[40.0, 1.2], &[true; 2]);
+    let found = rank::indistinct(&both.curvature, &parameters).unwrap();
+    assert_eq!((found.names, found.shows), (vec!["g", "m"], vec!["g m^2".to_string()]));
+    let task = find("damped_spring").unwrap();
+    let seen = scattered_springs(&task, &[4.0, 6.0, 0.3], &[0.0; 4]);
+    let parameters: Vec<_> = task.system.cell.parameters.iter().collect();
+    let fit = fitted(&task, &seen, &Actions::none(), &[1.0; 3], &[true; 3]);
+    assert_eq!(rank::indistinct(&fit.curvature, &parameters), None);
 }

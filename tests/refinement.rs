@@ -10,7 +10,7 @@ const CLIPS: i64 = 400;
 const INPUT: usize = 4;
 
 fn build(kind: &CellKind, logs: &[Tensor]) -> Box<dyn Cell> {
-    (kind.build)(logs, Walls::new(32, 2.0))
+    kind.cell(logs, Walls::new(32, 2.0))
 }
 
 fn uniform(purpose: &str, n: i64, low: f64, high: f64) -> Tensor {

@@ -115,12 +115,18 @@ pub fn one_task(key: &str) -> ExitCode {
     exit_code(OneTask::parse().run.execute(Some(key.to_string())))
 }
 
-/// Prints an error with its causes on one line. Output that could not be written is one.
+/// Prints an error with its causes on one line; where it marks a place in a text, with the lines that show it. Output that
+/// could not be written is one.
 pub fn exit_code(result: Result<ExitCode>) -> ExitCode {
     result.and_then(|code| progress::ensure_written().map(|()| code)).unwrap_or_else(|error| {
         let chain = format!("{error:#}");
-        let lines: Vec<_> = chain.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-        eprintln!("error: {}", lines.join(" "));
+        let marks = |line: &str| line.contains('^') && line.chars().all(|c| c == '^' || c.is_whitespace());
+        if chain.lines().any(marks) {
+            eprintln!("error: {}", chain.trim_end());
+        } else {
+            let lines: Vec<_> = chain.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+            eprintln!("error: {}", lines.join(" "));
+        }
         ExitCode::FAILURE
     })
 }

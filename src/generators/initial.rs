@@ -5,13 +5,17 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use rand::Rng;
 
 use super::simulate::{SceneState, World};
-use crate::tasks::scene::Motion;
+use crate::tasks::scene::{Begin, Motion};
 
 impl World {
     /// One draw of the initial state, before any rule of [`World::clip`] is applied.
     pub(super) fn draw_initial(&self, rng: &mut impl Rng) -> SceneState {
         match self.motion {
             Motion::Bouncing {} => self.draw_free_balls(rng),
+            Motion::Equation {} => match self.law.as_ref().and_then(|law| law.begin.as_ref()) {
+                Some(begin) => self.draw_around(begin, rng),
+                None => self.draw_free_balls(rng),
+            },
             Motion::Spring { equil, .. } => self.draw_spring(equil, rng),
             Motion::ThreeBodies { .. } => self.draw_three_bodies(rng),
             Motion::Falling { bounces, .. } => self.draw_falling(bounces, rng),
@@ -37,6 +41,18 @@ impl World {
     fn draw_free_balls(&self, rng: &mut impl Rng) -> SceneState {
         let positions = (0..self.objects).map(|_| self.uniform_point(self.wall_margin, rng)).collect();
         let velocities = (0..self.objects).map(|_| self.random_velocity(rng)).collect();
+        SceneState::in_plane(positions, velocities)
+    }
+
+    /// Uniformly around the given places; a velocity in any direction on top of the given ones.
+    fn draw_around(&self, begin: &Begin, rng: &mut impl Rng) -> SceneState {
+        let (mut positions, mut velocities) = (Vec::new(), Vec::new());
+        for (object, place) in begin.positions.iter().enumerate() {
+            let given = begin.velocities.get(object).copied().unwrap_or_default();
+            let random = self.random_velocity(rng);
+            positions.push(place.map(|x| x + either_side(begin.spread, rng)));
+            velocities.push([given[0] + random[0], given[1] + random[1]]);
+        }
         SceneState::in_plane(positions, velocities)
     }
 

@@ -5,8 +5,10 @@
 
 use anyhow::{Context, Result};
 use rand::Rng;
+use tch::Tensor;
 
-use crate::tasks::scene::Motion;
+use crate::network::cells::{CellKind, State, Walls};
+use crate::tasks::scene::{Begin, Motion};
 
 /// Draws after which a clip is given up: far more than any clip of a built-in task needs.
 const MAX_DRAWS: usize = 1_000_000;
@@ -39,10 +41,34 @@ impl SceneState {
     }
 }
 
+/// An equation that moves the objects, and where they begin.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Law {
+    pub equation: &'static CellKind,
+    /// The raw number of each of its parameters.
+    pub raw: Vec<f64>,
+    pub begin: Option<Begin>,
+}
+
+impl Law {
+    /// The state of objects between these walls a time `h` later.
+    fn substep(&self, state: &mut SceneState, walls: Walls, h: f64) {
+        let _guard = tch::no_grad_guard();
+        let raw: Vec<_> = self.raw.iter().map(|raw| Tensor::from(*raw)).collect();
+        let row = |numbers: &[f64]| Tensor::from_slice(numbers).unsqueeze(0);
+        let now = State { pos: row(&state.positions), vel: row(&state.velocities) };
+        let next = self.equation.cell(&raw, walls).substep(&now, None, h);
+        let numbers = |x: Tensor| Vec::try_from(x.select(0, 0)).expect("a float64 vector");
+        (state.positions, state.velocities) = (numbers(next.pos), numbers(next.vel));
+    }
+}
+
 /// The box, the law of motion and the clock.
 #[derive(Debug, Clone, PartialEq)]
 pub struct World {
     pub motion: Motion,
+    /// What [`Motion::Equation`] follows.
+    pub law: Option<Law>,
     /// Moving objects.
     pub objects: usize,
     /// Amplitudes of the initial velocity on each axis.
@@ -65,7 +91,8 @@ pub struct World {
 impl World {
     /// States at the `frames` frames of one clip: the first is the drawn initial state, each next one is `dt` later.
     ///
-    /// Draws until a clip obeys the rules: springs, three bodies and the ball in free fall never touch a wall, at no
+    /// Draws until a clip obeys the rules: springs, three bodies, the ball in free fall and what follows an
+    /// equation without walls never touch a wall, at no
     /// substep; three bodies never come within the radius plus 1 px of each other; with `half_pane` both balls lie wholly
     /// in the left half until frame `pane_frames`; a pendulum never exceeds [`PENDULUM_MAX_SPEED`]. The rules also hold for one interval past the last frame, as in the original, and,
     /// unlike there, for the initial state itself (so no first frame shows a ball cut by the border).
@@ -119,6 +146,10 @@ impl World {
     pub fn substep(&self, state: &mut SceneState) {
         let h = self.dt / self.substeps as f64;
         match self.motion {
+            Motion::Equation {} => {
+                let walls = Walls { near: self.wall_margin, far: self.side - self.wall_margin };
+                self.law.iter().for_each(|law| law.substep(state, walls, h));
+            }
             Motion::Bouncing {} => {
                 drift(state, h);
                 self.reflect(state);
@@ -191,6 +222,10 @@ impl World {
         match self.motion {
             Motion::Bouncing {} | Motion::Falling { bounces: true, .. } => true,
             Motion::Falling { bounces: false, .. } => self.clear_of_walls(state),
+            Motion::Equation {} if self.law.as_ref().is_some_and(|law| law.equation.walls) => {
+                state.positions.iter().chain(&state.velocities).all(|number| number.is_finite())
+            }
+            Motion::Equation {} => self.clear_of_walls(state),
             Motion::Pendulum { .. } => state.velocities.iter().all(|speed| speed.abs() <= PENDULUM_MAX_SPEED),
             Motion::Spring { half_pane, .. } => {
                 let limit = self.side / 2.0 - self.wall_margin;

@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 
-use super::simulate::{PENDULUM_MAX_SPEED, World};
+use super::simulate::{Law, PENDULUM_MAX_SPEED, World};
 use crate::network::System;
-use crate::network::cells::Walls;
+use crate::network::cells::text::{self, Integrator};
+use crate::network::cells::{PhysicalParameter, Walls};
 use crate::tasks::Task;
 use crate::tasks::looks::{BackgroundLook, Distractor};
 use crate::tasks::scene::{BAR_HALF_WIDTH, BAR_VIEW, Background, DIGIT_RADIUS, Look, Motion, Scene, number_of};
@@ -160,6 +161,7 @@ impl Variant {
     pub fn world(&self) -> World {
         World {
             motion: self.scene.motion,
+            law: self.law(),
             speed: self.scene.speed,
             radius: if self.scene.look == Look::Digits { DIGIT_RADIUS } else { self.scene.radius },
             wall_margin: self.scene.wall_margin(),
@@ -169,6 +171,23 @@ impl Variant {
             substeps: self.substeps,
             pane_frames: self.task.system.input_steps + self.task.system.pred_steps,
         }
+    }
+
+    /// The task's equation with its true parameters, if the objects move by it. A text is integrated by Runge and Kutta's
+    /// method, whatever the model takes.
+    fn law(&self) -> Option<Law> {
+        let Variant { task, scene, .. } = self;
+        let raw = |parameter: &PhysicalParameter| {
+            let value = task.truth_of(parameter.name).or(parameter.fixed);
+            value.map_or(f64::NAN, |value| parameter.bounds.raw(value))
+        };
+        let cell = task.system.cell;
+        let precise = text::integrated_by(cell, Integrator::Rk4).ok().flatten();
+        (scene.motion == Motion::Equation {}).then(|| Law {
+            equation: precise.unwrap_or(cell),
+            raw: cell.parameters.iter().map(raw).collect(),
+            begin: scene.begin.clone(),
+        })
     }
 
     /// What lies behind the objects, with all that the scene says of it.
@@ -186,6 +205,9 @@ impl Variant {
     /// equation is not that of the clips: a number that the model takes as given is another one.
     pub fn truth(&self) -> Vec<f64> {
         let Some(usual) = &self.task.scene else { return Vec::new() };
+        if self.scene.motion == (Motion::Equation {}) {
+            return self.task.truth.iter().map(|parameter| parameter.value).collect();
+        }
         let (mut here, mut usual) = (self.scene.motion, usual.motion);
         // A mass is learned only where the strength of gravity is given, and is given where that is learned.
         let learned = |number: &str| {

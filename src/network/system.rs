@@ -2,12 +2,17 @@
 //!
 //! Files, scenes, true parameters and learning rates are a [task](crate::tasks)'s.
 
+use std::fmt::{self, Formatter};
+
 use anyhow::{Result, ensure};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{self, Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use super::blocks::side_multiple;
-use super::cells::{self, Cell, CellKind, Walls};
+use super::cells::text::{self, EquationTable};
+use super::cells::{self, Build, Cell, CellKind, Walls};
 
 /// Smallest side of a frame, pixels: the window of the structural similarity is 11 x 11.
 const LEAST_SIDE: usize = 12;
@@ -41,9 +46,9 @@ impl System {
         self.objects * self.cell.coordinates.per_object()
     }
 
-    /// The equation with these log-parameters, one for each of the cell's.
-    pub fn build_cell(&self, logs: &[Tensor]) -> Box<dyn Cell> {
-        (self.cell.build)(logs, self.walls)
+    /// The equation with these raw parameters, one for each of the cell's: of those that are positive, the logarithms.
+    pub fn build_cell(&self, raw: &[Tensor]) -> Box<dyn Cell> {
+        self.cell.cell(raw, self.walls)
     }
 
     /// # Errors
@@ -85,7 +90,58 @@ fn nearest_side(side: usize) -> usize {
     allowed.min_by_key(|allowed| allowed.abs_diff(side)).expect("there are allowed sides")
 }
 
-/// A system as it stands in a file: the equation by its name.
+/// An equation as it stands in a file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum EquationEntry {
+    /// One of Rust, by its name.
+    Name(String),
+    Text(EquationTable),
+}
+
+impl EquationEntry {
+    fn of(kind: &CellKind) -> Self {
+        match kind.build {
+            Build::Text(equation) => EquationEntry::Text(equation.table().clone()),
+            Build::Rust(_) => EquationEntry::Name(kind.name.into()),
+        }
+    }
+
+    /// The equation, for so many objects.
+    fn kind(&self, objects: usize) -> Result<&'static CellKind> {
+        match self {
+            EquationEntry::Name(name) => cells::find(name),
+            EquationEntry::Text(table) => text::kind(table, objects),
+        }
+    }
+}
+
+/// By hand, so that an error names the key within the table.
+impl<'de> Deserialize<'de> for EquationEntry {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NameOrTable;
+
+        impl<'de> Visitor<'de> for NameOrTable {
+            type Value = EquationEntry;
+
+            fn expecting(&self, f: &mut Formatter) -> fmt::Result {
+                write!(f, "the name of an equation, or a table that holds one")
+            }
+
+            fn visit_str<E: de::Error>(self, name: &str) -> Result<EquationEntry, E> {
+                Ok(EquationEntry::Name(name.into()))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<EquationEntry, A::Error> {
+                EquationTable::deserialize(MapAccessDeserializer::new(table)).map(EquationEntry::Text)
+            }
+        }
+
+        deserializer.deserialize_any(NameOrTable)
+    }
+}
+
+/// A system as it stands in a file: the equation by its name, or as text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SystemTable {
@@ -95,7 +151,7 @@ pub struct SystemTable {
     pub input_steps: usize,
     pub pred_steps: usize,
     pub dt: f64,
-    pub equation: String,
+    pub equation: EquationEntry,
     /// Distance from a frame's edges at which an object's centre turns, pixels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wall_margin: Option<f64>,
@@ -104,7 +160,7 @@ pub struct SystemTable {
 impl From<&System> for SystemTable {
     fn from(system: &System) -> Self {
         let &System { side, channels, objects, input_steps, pred_steps, dt, cell, walls } = system;
-        let (equation, wall_margin) = (cell.name.to_string(), Some(walls.near));
+        let (equation, wall_margin) = (EquationEntry::of(cell), Some(walls.near));
         SystemTable { side, channels, objects, input_steps, pred_steps, dt, equation, wall_margin }
     }
 }
@@ -113,10 +169,10 @@ impl SystemTable {
     /// The system; `wall_margin` where the table has none.
     ///
     /// # Errors
-    /// An unknown equation, or what [`System::check`] refuses.
+    /// An unknown equation, a text that is none, or what [`System::check`] refuses.
     pub fn system(&self, wall_margin: f64) -> Result<System> {
         let &SystemTable { side, channels, objects, input_steps, pred_steps, dt, .. } = self;
-        let cell = cells::find(&self.equation)?;
+        let cell = self.equation.kind(objects)?;
         let walls = Walls::new(side, self.wall_margin.unwrap_or(wall_margin));
         let system = System { side, channels, objects, input_steps, pred_steps, dt, cell, walls };
         system.check()?;

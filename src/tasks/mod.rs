@@ -17,11 +17,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, ensure};
+use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use self::scene::Scene;
+use self::scene::{Motion, Scene};
 use crate::network::System;
+use crate::network::cells::{CellKind, PhysicalParameter};
 use crate::network::system::SystemTable;
 
 pub use builtin::{all, builtin, names};
@@ -40,8 +42,8 @@ pub struct TrueParameter {
 }
 
 /// One task: a system, its files, and what else belongs to it.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-#[serde(try_from = "TaskTable", into = "TaskTable")]
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(into = "TaskTable")]
 pub struct Task {
     /// On the command line, in run folders and in `summary.json`.
     pub name: String,
@@ -172,6 +174,14 @@ impl Task {
     }
 }
 
+/// By hand, so that an error tells all its causes.
+impl<'de> Deserialize<'de> for Task {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let table = TaskTable::deserialize(deserializer)?;
+        Task::try_from(table).map_err(|error| D::Error::custom(format!("{error:#}")))
+    }
+}
+
 impl From<Task> for TaskTable {
     fn from(task: Task) -> Self {
         task.table
@@ -248,16 +258,26 @@ impl TaskTable {
             let inside = Path::new(path).components().all(|part| matches!(part, std::path::Component::Normal(_)));
             ensure!(inside && !path.is_empty(), "data.{key} = {path:?}: must lie in the datasets folder");
         }
-        let symbols: Vec<_> = system.cell.parameters.iter().map(|parameter| parameter.name).collect();
-        for (section, named) in [("truth", &self.truth), ("success.parameters", &self.success.parameters)] {
-            for (symbol, value) in named {
-                ensure!(
-                    symbols.contains(&symbol.as_str()),
-                    "{section}.{symbol}: the equation {:?} has no such parameter; it has {symbols:?}",
-                    system.cell.name
-                );
-                ensure!(value.is_finite() && *value > 0.0, "{section}.{symbol} = {value}: must be a positive number");
-            }
+        for (symbol, value) in &self.truth {
+            let bounds = parameter(system.cell, "truth", symbol)?.bounds;
+            // Errors are in per cent of the truth.
+            ensure!(bounds.contain(*value) && *value != 0.0, "truth.{symbol} = {value}: must be {bounds}, and not 0");
+        }
+        for (symbol, percent) in &self.success.parameters {
+            parameter(system.cell, "success.parameters", symbol)?;
+            ensure!(
+                percent.is_finite() && *percent > 0.0,
+                "success.parameters.{symbol} = {percent}: must be a positive number"
+            );
+        }
+        if self.scene.as_ref().is_some_and(|scene| scene.motion == Motion::Equation {}) {
+            let known = |it: &&PhysicalParameter| self.truth.contains_key(it.name) || it.fixed.is_some();
+            let unknown = system.cell.parameters.iter().find(|parameter| !known(parameter));
+            ensure!(
+                unknown.is_none(),
+                "truth: the scene's motion is the equation, so all its parameters must be known; {} is missing",
+                unknown.map_or("none", |parameter| parameter.name)
+            );
         }
         for symbol in self.truth.keys() {
             let of_scene = self.scene.as_ref().and_then(|scene| scene.truth(system.cell, symbol));
@@ -268,6 +288,14 @@ impl TaskTable {
         }
         Ok(())
     }
+}
+
+/// The parameter of an equation that a section names.
+fn parameter<'a>(equation: &'a CellKind, section: &str, symbol: &str) -> Result<&'a PhysicalParameter> {
+    equation.parameters.iter().find(|parameter| parameter.name == symbol).with_context(|| {
+        let symbols: Vec<_> = equation.parameters.iter().map(|parameter| parameter.name).collect();
+        format!("{section}.{symbol}: the equation {:?} has no such parameter; it has {symbols:?}", equation.name)
+    })
 }
 
 fn check_name(name: &str) -> Result<()> {

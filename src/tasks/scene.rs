@@ -68,6 +68,42 @@ pub enum Motion {
         /// Largest initial angular speed, radians per time unit.
         spin: f64,
     },
+    /// The system's own equation with the true parameters of the task.
+    Equation {},
+}
+
+/// Where the objects of an [equation](Motion::Equation) begin. The scene's speed comes on top, in any direction.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Begin {
+    /// One for each object.
+    pub positions: Vec<[f64; 2]>,
+    /// Largest distance from them on either axis, pixels.
+    #[serde(default)]
+    pub spread: f64,
+    /// One for each object, pixels per time unit; all at rest where none are given.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub velocities: Vec<[f64; 2]>,
+}
+
+impl Begin {
+    fn check(&self, objects: usize, side: usize) -> Result<()> {
+        let Begin { positions, spread, velocities } = self;
+        ensure!(positions.len() == objects, "begin.positions: there are {} for {objects} objects", positions.len());
+        ensure!(
+            velocities.is_empty() || velocities.len() == objects,
+            "begin.velocities: there are {} for {objects} objects",
+            velocities.len()
+        );
+        let inside = 0.0..side as f64;
+        ensure!(
+            positions.iter().flatten().all(|x| inside.contains(x))
+                && velocities.iter().flatten().all(|v| v.is_finite()),
+            "begin: positions must lie in the frame of {side} pixels, and velocities be finite"
+        );
+        ensure!(inside.contains(spread), "begin.spread = {spread}: must be 0 to {side} pixels");
+        Ok(())
+    }
 }
 
 /// The number of a scene that is the model's parameter of this symbol.
@@ -100,7 +136,7 @@ impl Motion {
     /// The objects it is about; none if any number will do.
     fn objects(self) -> Option<usize> {
         match self {
-            Self::Bouncing {} | Self::Falling { .. } => None,
+            Self::Bouncing {} | Self::Falling { .. } | Self::Equation {} => None,
             Self::Spring { .. } => Some(2),
             Self::ThreeBodies { .. } => Some(3),
             Self::Pendulum { .. } => Some(1),
@@ -160,6 +196,9 @@ pub struct Scene {
     #[serde(default)]
     pub radius: f64,
     pub look: Look,
+    /// Where the objects begin, if their motion is the system's equation; anywhere off the walls where nothing is said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub begin: Option<Begin>,
     #[serde(default, skip_serializing_if = "ObjectLooks::is_default")]
     pub objects: ObjectLooks,
     /// What lies behind the objects; where nothing is said, a CIFAR-10 image behind digits, nothing behind the others.
@@ -175,9 +214,12 @@ pub struct Scene {
 /// A plain scene's is written into the files of its clips, so nothing is said of what a plain scene does not have.
 impl fmt::Debug for Scene {
     fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
-        let Scene { motion, speed, radius, look, objects, background, distractors, camera } = self;
+        let Scene { motion, speed, radius, look, begin, objects, background, distractors, camera } = self;
         let mut text = formatter.debug_struct("Scene");
         text.field("motion", motion).field("speed", speed).field("radius", radius).field("look", look);
+        if let Some(begin) = begin {
+            text.field("begin", begin);
+        }
         if !objects.is_default() {
             text.field("objects", objects);
         }
@@ -229,6 +271,7 @@ impl Scene {
             (Motion::Falling { bounces: false, .. }, _) => "falling_ball",
             (Motion::Falling { bounces: true, .. }, _) => "falling_bouncing_ball",
             (Motion::Pendulum { .. }, _) => "color_pendulum",
+            (Motion::Equation {}, _) => "equation",
         }
         .to_owned();
         name += &match self.look {
@@ -236,7 +279,7 @@ impl Scene {
             _ => format!("_vx{vx}_vy{vy}_sl{frames}_r{}", self.wall_margin()),
         };
         match self.motion {
-            Motion::Bouncing {} => {}
+            Motion::Bouncing {} | Motion::Equation {} => {}
             Motion::Spring { k, equil, .. } => name += &format!("_k{k}_e{equil}"),
             Motion::ThreeBodies { g, m } => name += &format!("_g{g}_m{m}"),
             Motion::Falling { g, .. } => name += &format!("_g{g}"),
@@ -286,6 +329,13 @@ impl Scene {
             self.radius,
             self.speed
         );
+        if let Some(begin) = &self.begin {
+            ensure!(
+                self.motion == Motion::Equation {},
+                "begin is for the motion {{ law = \"equation\" }}; take it out"
+            );
+            begin.check(objects, system.side)?;
+        }
         self.check_looks(system)?;
         match self.look {
             Look::Digits if objects != 2 || channels != 3 => bail!("digits are two, in frames of 3 channels"),

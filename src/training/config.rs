@@ -36,7 +36,8 @@ pub struct Config {
     pub device: String,
     /// 0: one for each core.
     pub threads: usize,
-    /// Physical parameters at the start, by symbol, lengths in true pixels; 1 in the model's unit where none is given.
+    /// Physical parameters at the start, by symbol, lengths in true pixels. Where none is given: what an equation of text
+    /// says, or 1 in the model's unit.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub start: BTreeMap<String, f64>,
     /// The whole task, so that a run's folder stands alone.
@@ -190,14 +191,17 @@ impl Config {
         let known: Vec<_> = parameters.iter().map(|p| p.name).collect();
         for (section, symbols) in [("start", &self.start), ("model.fixed", &self.model.fixed)] {
             for (symbol, value) in symbols {
+                let parameter = parameters.iter().find(|parameter| parameter.name == symbol);
+                let parameter = parameter.with_context(|| {
+                    format!(
+                        "config: {section}.{symbol}: task {} has no such parameter; it has {known:?}",
+                        self.task.name
+                    )
+                })?;
                 ensure!(
-                    known.contains(&symbol.as_str()),
-                    "config: {section}.{symbol}: task {} has no such parameter; it has {known:?}",
-                    self.task.name
-                );
-                ensure!(
-                    value.is_finite() && *value > 0.0,
-                    "config: {section}.{symbol} = {value}: must be a positive number"
+                    parameter.bounds.contain(*value),
+                    "config: {section}.{symbol} = {value}: must be {}",
+                    parameter.bounds
                 );
             }
         }

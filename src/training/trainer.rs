@@ -23,12 +23,12 @@ impl<'a> Trainer<'a> {
     /// A training that starts from the beginning, of a model with the config's options.
     ///
     /// # Errors
-    /// A parameter in `start` that the model lacks.
+    /// A parameter in `start` that the model lacks, or a value that it cannot have.
     pub fn new(config: &'a Config, model: &'a PhysicsNet, train: &'a Clips, valid: &'a Clips) -> Result<Self> {
         for (symbol, value) in &config.start {
             let parameter = model.learned().find(|p| p.kind.name == symbol);
             let parameter = parameter.with_context(|| format!("start.{symbol}: the model learns no such parameter"))?;
-            model.set_log(parameter, (value / model.true_unit(parameter.kind)).ln());
+            model.set_value(parameter, *value).with_context(|| format!("start.{symbol}"))?;
         }
         let session = Session {
             model,

@@ -49,6 +49,7 @@ pub fn judge(config: &Config, model: &PhysicsNet, train: &Clips, held_out: &Clip
     checks.extend([names(&explanation), motion_explained(model, &explanation)]);
     let intervals = intervals(model, &explanation);
     checks.extend(parameters(config, model, &intervals));
+    checks.extend(told_apart(model, &explanation));
     checks.extend(losses(config, model, held_out)?);
     Ok(Verdict::new(checks, intervals))
 }
@@ -118,13 +119,12 @@ fn intervals(model: &PhysicsNet, explanation: &Explanation) -> BTreeMap<String, 
     let learned = model.parameters.iter().enumerate().filter(|(_, parameter)| parameter.learned);
     learned
         .map(|(place, parameter)| {
-            let unit = model.true_unit(parameter.kind);
             let deviation = explanation.fit.deviations[place];
-            let logs = explanation.estimates.iter().map(|logs| logs[place]).chain([parameter.log.double_value(&[])]);
+            let logs = explanation.estimates.iter().map(|logs| logs[place]).chain([parameter.raw.double_value(&[])]);
             let (low, high) =
                 logs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), log| (low.min(log), high.max(log)));
-            let interval =
-                Interval { low: (low - 2.0 * deviation).exp() * unit, high: (high + 2.0 * deviation).exp() * unit };
+            let value = |raw: f64| model.true_value(parameter.kind, raw);
+            let interval = Interval { low: value(low - 2.0 * deviation), high: value(high + 2.0 * deviation) };
             (parameter.kind.name.to_string(), interval)
         })
         .collect()
@@ -136,13 +136,22 @@ fn parameters(config: &Config, model: &PhysicsNet, intervals: &BTreeMap<String, 
         .map(|(name, value)| {
             let Interval { low, high } = intervals[name];
             let limit = config.task.success.parameters.get(name).copied().unwrap_or(WIDTH);
-            let width = 100.0 * (high - value).max(value - low) / value;
+            let width = 100.0 * (high - value).max(value - low) / value.abs();
             let measured = format!(
                 "learned {value:.4}; held-out clips say {low:.4} to {high:.4}, {width:.2} % (at most {limit} %)"
             );
             check(name, width <= limit, measured, "parameters.png")
         })
         .collect()
+}
+
+/// Whether the motion tells the learned parameters apart; nothing to judge where fewer than two are learned.
+fn told_apart(model: &PhysicsNet, explanation: &Explanation) -> Option<Check> {
+    let several = model.learned().count() > 1;
+    several.then(|| match explanation.indistinct(model) {
+        Some(indistinct) => check("parameters", false, indistinct.text(), "model.fixed in the config"),
+        None => check("parameters", true, "each shows in the motion".into(), "model.fixed in the config"),
+    })
 }
 
 /// The task's own limits of the losses, on held-out clips.

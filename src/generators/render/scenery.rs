@@ -50,6 +50,7 @@ impl Scenery {
         let overlay = objects.with_distractors(&scene.distractors);
         let world = |&Distractor { radius, speed, .. }: &Distractor| World {
             motion: Motion::Bouncing {},
+            law: None,
             objects: 1,
             speed: [speed; 2],
             radius,

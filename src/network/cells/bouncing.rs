@@ -5,7 +5,7 @@
 
 use tch::Tensor;
 
-use super::{Cell, CellKind, Coordinates, State, Walls, scalars};
+use super::{Build, Cell, CellKind, Coordinates, State, Walls, scalars};
 
 pub static BOUNCING: CellKind = CellKind {
     name: "bouncing",
@@ -15,10 +15,10 @@ pub static BOUNCING: CellKind = CellKind {
     walls: true,
     actions: false,
     parameters: &[],
-    build: |logs, walls| {
+    build: Build::Rust(|logs, walls| {
         let [] = scalars(logs);
         Box::new(Bouncing { walls })
-    },
+    }),
 };
 
 #[derive(Debug)]

@@ -5,7 +5,7 @@
 use tch::Tensor;
 
 use super::spring::Spring;
-use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
+use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static DAMPED_SPRING: CellKind = CellKind {
     name: "damped_spring",
@@ -19,10 +19,10 @@ pub static DAMPED_SPRING: CellKind = CellKind {
         PhysicalParameter::learned("l", "log_l", 1),
         PhysicalParameter::learned("c", "log_c", 0),
     ],
-    build: |logs, _walls| {
+    build: Build::Rust(|logs, _walls| {
         let [log_k, log_l, log_c] = scalars(logs);
         Box::new(DampedSpring { spring: Spring { log_k, log_l }, log_c })
-    },
+    }),
 };
 
 #[derive(Debug)]

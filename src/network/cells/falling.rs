@@ -5,7 +5,7 @@
 use tch::Tensor;
 
 use super::bouncing::reflected;
-use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
+use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
 
 const PARAMETERS: &[PhysicalParameter] = &[PhysicalParameter::learned("g", "log_g", 1)];
 
@@ -18,10 +18,10 @@ pub static FALLING: CellKind = CellKind {
     walls: false,
     actions: false,
     parameters: PARAMETERS,
-    build: |logs, _walls| {
+    build: Build::Rust(|logs, _walls| {
         let [log_g] = scalars(logs);
         Box::new(Falling { log_g, walls: None })
-    },
+    }),
 };
 
 /// The same, bouncing off all four walls without loss.
@@ -33,10 +33,10 @@ pub static FALLING_BOUNCING: CellKind = CellKind {
     walls: true,
     actions: false,
     parameters: PARAMETERS,
-    build: |logs, walls| {
+    build: Build::Rust(|logs, walls| {
         let [log_g] = scalars(logs);
         Box::new(Falling { log_g, walls: Some(walls) })
-    },
+    }),
 };
 
 #[derive(Debug)]

@@ -5,7 +5,7 @@
 
 use tch::Tensor;
 
-use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
+use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static GRAVITY: CellKind = CellKind {
     name: "gravity",
@@ -17,12 +17,12 @@ pub static GRAVITY: CellKind = CellKind {
     parameters: &[
         PhysicalParameter::learned("g", "log_g", 3),
         // A rescaling of the coordinates is all g's.
-        PhysicalParameter { name: "m", variable: "log_m", length_power: 0, fixed: Some(1.0) },
+        PhysicalParameter::learned("m", "log_m", 0).fixed_at(1.0),
     ],
-    build: |logs, _walls| {
+    build: Build::Rust(|logs, _walls| {
         let [log_g, log_m] = scalars(logs);
         Box::new(Gravity { log_g, log_m })
-    },
+    }),
 };
 
 /// Bounds of the squared distance under the root, and of the distance in the force, pixels.

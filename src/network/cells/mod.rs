@@ -4,21 +4,24 @@
 //! a position and a velocity for each object: `[batch, 2 * objects]` as `(x0, y0, x1, y1, ..)`, in pixels and pixels per
 //! time unit, or one angle each, `[batch, objects]`, in radians (see [`Coordinates`]).
 //!
-//! A new equation is a [`Cell`] and its [`CellKind`], here or in a program of one's own that calls [`register`]:
-//! `docs/own-equation.md` goes through it with [`DAMPED_SPRING`].
+//! A new equation is a few lines of [`text`] in a task file; or, in Rust, a [`Cell`] and its [`CellKind`], here or in a
+//! program of one's own that calls [`register`]: `docs/own-equation.md` goes through both.
 
 mod actions;
 mod bouncing;
 mod damped_spring;
 mod falling;
 mod gravity;
+mod parameter;
 mod pendulum;
 mod spring;
+pub mod text;
 
 use std::fmt::Debug;
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Result, ensure};
+use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 pub use actions::Actions;
@@ -26,14 +29,18 @@ pub use bouncing::BOUNCING;
 pub use damped_spring::DAMPED_SPRING;
 pub use falling::{FALLING, FALLING_BOUNCING};
 pub use gravity::GRAVITY;
+pub use parameter::{Bounds, PhysicalParameter};
 pub use pendulum::PENDULUM;
 pub use spring::SPRING;
+
+use text::Equation;
 
 /// Euler steps for one frame.
 pub const SUBSTEPS: usize = 5;
 
 /// What an equation calls the position of an object.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Coordinates {
     /// x and y, pixels.
     Position,
@@ -102,26 +109,6 @@ impl Walls {
     }
 }
 
-/// A parameter of an equation. It is learned as its logarithm, so the value stays positive.
-#[derive(Debug)]
-pub struct PhysicalParameter {
-    /// Symbol of the paper, the key under `parameters` in `summary.json`.
-    pub name: &'static str,
-    /// Name of its logarithm in the cell's scope.
-    pub variable: &'static str,
-    /// Power of a length in its unit: what a rescaling of the coordinates does to it.
-    pub length_power: i32,
-    /// The value it is fixed at, instead of being learned, unless the config says otherwise (`model.fixed`).
-    pub fixed: Option<f64>,
-}
-
-impl PhysicalParameter {
-    /// One that is learned.
-    pub const fn learned(name: &'static str, variable: &'static str, length_power: i32) -> Self {
-        PhysicalParameter { name, variable, length_power, fixed: None }
-    }
-}
-
 /// An equation: what it is called, what it is about, and how a cell of it is made.
 #[derive(Debug)]
 pub struct CellKind {
@@ -138,11 +125,30 @@ pub struct CellKind {
     pub actions: bool,
     /// In the order in which `build` takes them.
     pub parameters: &'static [PhysicalParameter],
-    /// The cell with these log-parameters (scalars, one for each of `parameters`).
-    pub build: fn(&[Tensor], Walls) -> Box<dyn Cell>,
+    pub build: Build,
 }
 
-/// Equations are told apart by their names.
+/// How a cell of an equation is made.
+#[derive(Debug)]
+pub enum Build {
+    /// By this function, from the logarithms of the parameters (scalars, one for each) and the walls.
+    Rust(fn(&[Tensor], Walls) -> Box<dyn Cell>),
+    /// From the text of a task file.
+    Text(&'static Equation),
+}
+
+impl CellKind {
+    /// The cell with these raw parameters (scalars, one for each of `parameters`): of those that are positive, the
+    /// logarithms.
+    pub fn cell(&self, raw: &[Tensor], walls: Walls) -> Box<dyn Cell> {
+        match &self.build {
+            Build::Rust(build) => build(raw, walls),
+            Build::Text(equation) => equation.cell(raw, walls),
+        }
+    }
+}
+
+/// Equations are told apart by their names. That of a text holds a checksum of it.
 impl PartialEq for CellKind {
     fn eq(&self, other: &CellKind) -> bool {
         self.name == other.name

@@ -6,7 +6,7 @@
 
 use tch::Tensor;
 
-use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
+use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static PENDULUM: CellKind = CellKind {
     name: "pendulum",
@@ -16,10 +16,10 @@ pub static PENDULUM: CellKind = CellKind {
     walls: false,
     actions: true,
     parameters: &[PhysicalParameter::learned("g", "log_g", 0), PhysicalParameter::learned("a", "log_a", 0)],
-    build: |logs, _walls| {
+    build: Build::Rust(|logs, _walls| {
         let [log_g, log_a] = scalars(logs);
         Box::new(Pendulum { log_g, log_a })
-    },
+    }),
 };
 
 #[derive(Debug)]

@@ -5,7 +5,7 @@
 
 use tch::Tensor;
 
-use super::{Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
+use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static SPRING: CellKind = CellKind {
     name: "spring",
@@ -15,10 +15,10 @@ pub static SPRING: CellKind = CellKind {
     walls: false,
     actions: false,
     parameters: &[PhysicalParameter::learned("k", "log_k", 0), PhysicalParameter::learned("l", "log_l", 1)],
-    build: |logs, _walls| {
+    build: Build::Rust(|logs, _walls| {
         let [log_k, log_l] = scalars(logs);
         Box::new(Spring { log_k, log_l })
-    },
+    }),
 };
 
 /// Keeps the direction finite when the bodies meet.

@@ -14,9 +14,9 @@ mod velocity;
 
 use std::collections::BTreeMap;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
-use tch::nn::VarStore;
+use tch::nn::{Init, VarStore};
 use tch::{Device, Kind, Tensor};
 
 use crate::network::System;
@@ -89,10 +89,18 @@ impl ModelOptions {
 #[derive(Debug)]
 pub struct Parameter {
     pub kind: &'static PhysicalParameter,
-    /// The logarithm, a scalar; lengths are in the model's unit of position.
-    pub log: Tensor,
+    /// The number without bounds that stands for the value, a scalar: the logarithm of a positive one. Lengths are in the
+    /// model's unit of position.
+    pub raw: Tensor,
     /// Otherwise it is fixed.
     pub learned: bool,
+}
+
+/// The raw number of a value in the model's unit.
+fn raw_within(kind: &PhysicalParameter, value: f64) -> Result<f64> {
+    let PhysicalParameter { name, bounds, .. } = kind;
+    ensure!(bounds.contain(value), "parameter {name} = {value} in the model's unit: must be {bounds}");
+    Ok(bounds.raw(value))
 }
 
 /// Which part of the model a variable belongs to.
@@ -141,7 +149,8 @@ impl PhysicsNet {
     /// A fresh model with initial values drawn from `seed`.
     ///
     /// # Errors
-    /// A system that the network cannot be built for, see [`System::check`].
+    /// A system that the network cannot be built for, see [`System::check`]; a parameter that starts or is fixed outside of
+    /// its bounds.
     pub fn new(system: &System, options: &ModelOptions, device: Device, seed: u64) -> Result<Self> {
         system.check()?;
         let variables = VarStore::new(device);
@@ -162,14 +171,18 @@ impl PhysicsNet {
         let scope = &root / system.cell.scope;
         let length = options.length_per_unit(system);
         let parameter = |kind: &'static PhysicalParameter| {
-            let fixed = options.fixed_at(kind).map(|value| (value / length.powi(kind.length_power)).ln() as f32);
-            let log = fixed.map_or_else(|| scope.zeros(kind.variable, &[]), |log| Tensor::from(log).to_device(device));
-            Parameter { kind, log, learned: fixed.is_none() }
+            let raw = |value: f64| raw_within(kind, value / length.powi(kind.length_power));
+            if let Some(value) = options.fixed_at(kind) {
+                let raw = Tensor::from(raw(value)? as f32).to_device(device);
+                return Ok(Parameter { kind, raw, learned: false });
+            }
+            let start = kind.start.map_or(Ok(0.0), raw)?;
+            Ok(Parameter { kind, raw: scope.var(kind.variable, &[], Init::Const(start)), learned: true })
         };
-        let parameters: Vec<_> = system.cell.parameters.iter().map(parameter).collect();
+        let parameters = system.cell.parameters.iter().map(parameter).collect::<Result<Vec<_>>>()?;
         grouped(VariableGroup::Physics);
-        let logs: Vec<_> = parameters.iter().map(|parameter| parameter.log.shallow_clone()).collect();
-        let cell = system.build_cell(&logs);
+        let raw: Vec<_> = parameters.iter().map(|parameter| parameter.raw.shallow_clone()).collect();
+        let cell = system.build_cell(&raw);
         initial_values::glorot_uniform(&variables, seed);
         Ok(PhysicsNet {
             system: system.clone(),
@@ -204,15 +217,29 @@ impl PhysicsNet {
         self.parameters.iter().filter(|parameter| parameter.learned)
     }
 
-    /// Sets the logarithm of a parameter that is learned.
-    pub fn set_log(&self, parameter: &Parameter, log: f64) {
+    /// Sets the raw number of a parameter that is learned: of a positive one the logarithm.
+    pub fn set_raw(&self, parameter: &Parameter, raw: f64) {
         let _guard = tch::no_grad_guard();
-        let _ = parameter.log.shallow_clone().fill_(log);
+        let _ = parameter.raw.shallow_clone().fill_(raw);
+    }
+
+    /// Sets a parameter that is learned, lengths in true pixels.
+    ///
+    /// # Errors
+    /// A value that is not within the parameter's bounds.
+    pub fn set_value(&self, parameter: &Parameter, value: f64) -> Result<()> {
+        self.set_raw(parameter, raw_within(parameter.kind, value / self.true_unit(parameter.kind))?);
+        Ok(())
+    }
+
+    /// The value that a raw number of a parameter stands for, lengths in true pixels.
+    pub fn true_value(&self, kind: &PhysicalParameter, raw: f64) -> f64 {
+        kind.bounds.value(raw) * self.true_unit(kind)
     }
 
     /// The learned parameters as `(symbol, value)`, lengths in true pixels whatever the decoder's scale.
     pub fn parameter_values(&self) -> Vec<(&'static str, f64)> {
-        self.learned().map(|p| (p.kind.name, p.log.double_value(&[]).exp() * self.true_unit(p.kind))).collect()
+        self.learned().map(|p| (p.kind.name, self.true_value(p.kind, p.raw.double_value(&[])))).collect()
     }
 
     /// What one model unit of a parameter is in true pixels.
@@ -299,10 +326,7 @@ impl PhysicsNet {
     pub fn forward(&self, clips: &Tensor, actions: &Actions) -> Result<ForwardPass> {
         let (input, encoded) = (self.system.input_steps, self.system.input_steps + self.system.pred_steps);
         let time = clips.size()[1] as usize;
-        anyhow::ensure!(
-            time >= encoded,
-            "a clip has {time} frames; at least input and prediction, {encoded}, are needed"
-        );
+        ensure!(time >= encoded, "a clip has {time} frames; at least input and prediction, {encoded}, are needed");
         let (encoding, positions) = self.encode(&clips.narrow(1, 0, encoded as i64));
         let named = self.named(&positions, input);
         let initial = self.initial_state(&named.narrow(1, 0, input as i64), actions);

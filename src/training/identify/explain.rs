@@ -5,6 +5,7 @@ use tch::{Kind, Tensor};
 
 use super::Identify;
 use super::fit::{Fit, MEDIAN_TO_DEVIATION, Start, Trust, fit};
+use super::rank::{self, Indistinct};
 use super::seen::Seen;
 use crate::network::cells::Coordinates;
 use crate::network::physics_models::PhysicsNet;
@@ -68,6 +69,15 @@ impl Explanation {
     /// Whether the equation explains what was seen.
     pub fn explains(&self) -> bool {
         self.explained >= LEAST_KEPT && self.independent_residual <= LARGEST_RESIDUAL
+    }
+
+    /// The learned parameters that the motion does not tell apart, if there are any.
+    pub fn indistinct(&self, model: &PhysicsNet) -> Option<Indistinct> {
+        let places: Vec<i64> =
+            (0..).zip(&model.parameters).filter(|(_, it)| it.learned).map(|(place, _)| place).collect();
+        let kinds: Vec<_> = model.learned().map(|parameter| parameter.kind).collect();
+        let places = Tensor::from_slice(&places);
+        rank::indistinct(&self.fit.curvature.index_select(0, &places).index_select(1, &places), &kinds)
     }
 
     /// In a line, residuals in this unit.

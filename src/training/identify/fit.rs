@@ -1,6 +1,6 @@
 //! The fit of the physical parameters to encoded trajectories.
 //!
-//! Unknown are the log-parameters, one offset of each object's template (the encoder may put an object beside its centre,
+//! Unknown are the log-parameters (of a parameter that has other bounds than 0 the raw number that stands for it), one offset of each object's template (the encoder may put an object beside its centre,
 //! always by as much), and the initial state of each clip.
 //!
 //! The fit is Levenberg-Marquardt in float64 with a Huber loss. The normal equations have an arrow's shape (states of
@@ -56,7 +56,7 @@ impl Start {
     /// The parameters of a model as they are.
     pub fn of(model: &PhysicsNet) -> Self {
         Start {
-            logs: model.parameters.iter().map(|parameter| parameter.log.double_value(&[])).collect(),
+            logs: model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect(),
             learned: model.parameters.iter().map(|parameter| parameter.learned).collect(),
             free_offsets: true,
         }
@@ -81,6 +81,9 @@ pub struct Fit {
     pub residuals: Tensor,
     /// Standard deviation of each log-parameter, from the fit's curvature and the scatter over clips; 0 of one that is fixed.
     pub deviations: Vec<f64>,
+    /// Second derivatives of the cost by the log-parameters, everything else following: `[parameters, parameters]`, in
+    /// the cell's order; 0 for one that is fixed.
+    pub curvature: Tensor,
     pub iterations: usize,
 }
 
@@ -176,14 +179,24 @@ pub fn fit(
         iterations += problem(horizon).minimise(&mut unknowns, config.max_iterations);
     }
     let longest = problem(config.horizons.last().copied().unwrap_or(positions.size()[1] as usize));
-    let deviations = longest.deviations(&unknowns);
+    let (deviations, curvature) = longest.certainty(&unknowns);
     let residuals = Problem { weights: None, ..longest }.residual(&unknowns);
     let counted = longest.masked(residuals.ones_like()).sum(Kind::Double).clamp_min(1.0);
     let residual = (longest.masked(residuals.square()).sum(Kind::Double) / counted).sqrt().double_value(&[]);
     let usual_residual = residuals.abs().median().double_value(&[]) * MEDIAN_TO_DEVIATION;
     let (logs, offsets) = (values(&unknowns.logs), values(&unknowns.offsets));
     let residuals = residuals.reshape([positions.size()[0], -1, coordinates]);
-    Ok(Fit { logs, offsets, states: unknowns.states, residual, usual_residual, residuals, deviations, iterations })
+    Ok(Fit {
+        logs,
+        offsets,
+        states: unknowns.states,
+        residual,
+        usual_residual,
+        residuals,
+        deviations,
+        curvature,
+        iterations,
+    })
 }
 
 fn values(x: &Tensor) -> Vec<f64> {
@@ -308,15 +321,22 @@ impl Problem<'_> {
         (shared, states)
     }
 
-    /// Standard deviations of the log-parameters: the inverse of the normal equations around the scatter of the clips'
-    /// gradients, which need not be of independent residuals.
-    fn deviations(&self, unknowns: &Unknowns) -> Vec<f64> {
+    /// How well the log-parameters are known.
+    ///
+    /// Standard deviations: the inverse of the normal equations around the scatter of the clips' gradients, which need not
+    /// be of independent residuals. Curvature: the normal equations with the offsets eliminated, too.
+    fn certainty(&self, unknowns: &Unknowns) -> (Vec<f64>, Tensor) {
         let Eliminated { normal, gradients, .. } = self.eliminate(&self.linearise(unknowns), unknowns, 0.0);
         let scatter = gradients.transpose(0, 1).matmul(&gradients);
         let half = Tensor::linalg_solve(&normal, &scatter, true);
         let covariance = Tensor::linalg_solve(&normal, &half.transpose(0, 1), true);
-        let parameters = unknowns.logs.size()[0];
-        values(&covariance.diagonal(0, 0, 1).clamp_min(0.0).sqrt().narrow(0, 0, parameters))
+        let (parameters, offsets) = (unknowns.logs.size()[0], unknowns.offsets.size()[0]);
+        let deviations = values(&covariance.diagonal(0, 0, 1).clamp_min(0.0).sqrt().narrow(0, 0, parameters));
+        let rows = normal.narrow(0, 0, parameters);
+        let (own, mixed) = (rows.narrow(1, 0, parameters), rows.narrow(1, parameters, offsets));
+        let of_offsets = normal.narrow(0, parameters, offsets).narrow(1, parameters, offsets);
+        let curvature = own - mixed.matmul(&Tensor::linalg_solve(&of_offsets, &mixed.transpose(0, 1), true));
+        (deviations, curvature)
     }
 
     /// Iterates until the cost stands still; returns the iterations.

@@ -5,6 +5,7 @@
 
 pub mod explain;
 pub mod fit;
+pub mod rank;
 pub mod recentre;
 pub mod seen;
 pub mod velocity_fit;
@@ -100,7 +101,7 @@ impl Phase for Identify {
         for (parameter, log) in
             model.parameters.iter().zip(&fit.logs).filter(|(parameter, _)| explains && parameter.learned)
         {
-            model.set_log(parameter, *log);
+            model.set_raw(parameter, *log);
         }
         let recentred = explains && self.recentre(session, &explanation)?;
         let unit = model.system.cell.coordinates.unit();
@@ -118,6 +119,9 @@ impl Phase for Identify {
             record.parameters_text()
         )))?;
         session.tell(&Event::Note(&explanation.text(unit)))?;
+        if let Some(indistinct) = explanation.indistinct(model) {
+            session.tell(&Event::Note(&indistinct.text()))?;
+        }
         record.offsets = Some(explanation.offsets);
         if self.velocity_steps > 0 {
             let (frames, steps) = (session.train.time(), self.velocity_steps);

@@ -1,0 +1,155 @@
+//! Integration of an equation that stands as text.
+
+use tch::Tensor;
+
+use super::Equation;
+use super::evaluate::{Constants, Instant};
+use super::table::Integrator;
+use crate::network::cells::bouncing::reflected;
+use crate::network::cells::{Actions, Cell, State, Walls};
+
+/// The least restitution that is taken back when time runs backwards: a ball that lost all its speed has no past.
+const LEAST_RESTITUTION: f64 = 0.1;
+
+/// An equation with its parameters.
+#[derive(Debug)]
+pub(super) struct TextCell {
+    pub equation: &'static Equation,
+    /// Scalars, in the order of the equation's parameters.
+    pub raw: Vec<Tensor>,
+    pub walls: Walls,
+}
+
+/// What is left of the speed towards a wall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Restitution {
+    All,
+    Number(f64),
+    Parameter(usize),
+}
+
+/// A roll-out under way.
+struct Run<'a> {
+    cell: &'a TextCell,
+    parameters: Vec<Tensor>,
+    constants: Constants,
+}
+
+/// Positions and velocities, each `[batch, objects, coordinates]`.
+struct Grid {
+    pos: Tensor,
+    vel: Tensor,
+}
+
+impl TextCell {
+    fn begin(&self, state: &State) -> Run<'_> {
+        let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
+        let parameters: Vec<_> = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.values(raw).reshape([1])).collect();
+        let options = (state.pos.kind(), state.pos.device());
+        let constants = self.equation.program.constants(&parameters, options);
+        Run { cell: self, parameters, constants }
+    }
+
+    fn grid(&self, state: &State) -> Grid {
+        let shape = [-1, self.equation.program.objects as i64, self.equation.table.state.per_object() as i64];
+        Grid { pos: state.pos.reshape(shape), vel: state.vel.reshape(shape) }
+    }
+}
+
+impl Cell for TextCell {
+    fn substep(&self, state: &State, action: Option<&Tensor>, h: f64) -> State {
+        self.begin(state).go_on(self.grid(state), action, h, 1).state()
+    }
+
+    fn step(&self, state: &State, action: Option<&Tensor>, dt: f64) -> State {
+        self.begin(state).frame(self.grid(state), action, dt).state()
+    }
+
+    fn roll_out(&self, initial: &State, actions: &Actions, dt: f64, frames: usize) -> Vec<State> {
+        let run = self.begin(initial);
+        let mut grid = self.grid(initial);
+        let mut states = Vec::with_capacity(frames);
+        for frame in 0..frames {
+            grid = run.frame(grid, actions.at(frame).as_ref(), dt);
+            states.push(grid.state());
+        }
+        states
+    }
+}
+
+impl Grid {
+    /// `[batch, objects * coordinates]` each.
+    fn state(&self) -> State {
+        State { pos: self.pos.flatten(1, 2), vel: self.vel.flatten(1, 2) }
+    }
+}
+
+impl Run<'_> {
+    fn frame(&self, grid: Grid, action: Option<&Tensor>, dt: f64) -> Grid {
+        let substeps = self.cell.equation.table.substeps;
+        self.go_on(grid, action, dt / substeps as f64, substeps)
+    }
+
+    fn go_on(&self, mut grid: Grid, action: Option<&Tensor>, h: f64, substeps: usize) -> Grid {
+        let action = action.map(|action| action.unsqueeze(-1));
+        for _ in 0..substeps {
+            grid = self.turned_back(self.moved(&grid, action.as_ref(), h), h);
+        }
+        grid
+    }
+
+    fn moved(&self, Grid { pos, vel }: &Grid, action: Option<&Tensor>, h: f64) -> Grid {
+        let acceleration = |pos: &Tensor, vel: &Tensor| {
+            self.cell.equation.program.acceleration(&self.constants, &Instant { pos, vel, action })
+        };
+        match self.cell.equation.table.integrator {
+            Integrator::Euler => {
+                let vel = vel + acceleration(pos, vel) * h;
+                Grid { pos: pos + &vel * h, vel }
+            }
+            Integrator::Verlet => {
+                let first = acceleration(pos, vel);
+                let full = vel + &first * h;
+                let pos = pos + vel * h + &first * (0.5 * h * h);
+                let second = acceleration(&pos, &full);
+                Grid { vel: vel + (first + second) * (0.5 * h), pos }
+            }
+            Integrator::Rk4 => {
+                let slope = |dp: &Tensor, dv: &Tensor, by: f64| {
+                    let (pos, vel) = (pos + dp * by, vel + dv * by);
+                    let acceleration = acceleration(&pos, &vel);
+                    (vel, acceleration)
+                };
+                let (p1, v1) = (vel.shallow_clone(), acceleration(pos, vel));
+                let (p2, v2) = slope(&p1, &v1, 0.5 * h);
+                let (p3, v3) = slope(&p2, &v2, 0.5 * h);
+                let (p4, v4) = slope(&p3, &v3, h);
+                let mean = |a: Tensor, b: Tensor, c: Tensor, d: Tensor| (a + (b + c) * 2.0 + d) * (h / 6.0);
+                Grid { pos: pos + mean(p1, p2, p3, p4), vel: vel + mean(v1, v2, v3, v4) }
+            }
+        }
+    }
+
+    /// The state after the walls have turned back what has passed them, each with what is left of its speed.
+    fn turned_back(&self, grid: Grid, h: f64) -> Grid {
+        if !self.cell.equation.table.walls {
+            return grid;
+        }
+        let walls = self.cell.walls;
+        let left = match self.cell.equation.restitution {
+            Restitution::All => {
+                let State { pos, vel } = reflected(grid.pos, &grid.vel, walls);
+                return Grid { pos, vel };
+            }
+            Restitution::Number(number) => Tensor::full([1], number, (grid.pos.kind(), grid.pos.device())),
+            Restitution::Parameter(place) => self.parameters[place].shallow_clone(),
+        };
+        let left = if h < 0.0 { left.clamp_min(LEAST_RESTITUTION).reciprocal() } else { left };
+        let Grid { pos, vel } = grid;
+        let (beyond, before) = (pos.gt(walls.far), pos.lt(walls.near));
+        let vel = (-&vel * &left).where_self(&beyond.logical_or(&before), &vel);
+        let pos = (walls.far - (&pos - walls.far) * &left).where_self(&beyond, &pos);
+        let pos = (walls.near + (walls.near - &pos) * &left).where_self(&before, &pos);
+        Grid { pos, vel }
+    }
+}

@@ -1,0 +1,93 @@
+//! An equation as it stands in a task file.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::network::cells::{Coordinates, SUBSTEPS};
+
+/// An equation: accelerations as text, the parameters they name, how they are integrated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EquationTable {
+    /// What the positions are.
+    #[serde(default = "position")]
+    pub state: Coordinates,
+    pub acceleration: Accelerations,
+    /// Names for parts of the accelerations, each with its text.
+    #[serde(default, rename = "where", skip_serializing_if = "BTreeMap::is_empty")]
+    pub definitions: BTreeMap<String, String>,
+    #[serde(default)]
+    pub integrator: Integrator,
+    /// Steps for one frame.
+    #[serde(default = "substeps")]
+    pub substeps: usize,
+    /// Whether the objects are turned back where they pass a wall.
+    #[serde(default)]
+    pub walls: bool,
+    /// What is left of the speed towards a wall; 1 if nothing is said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub restitution: Option<Restitution>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub parameters: BTreeMap<String, ParameterTable>,
+}
+
+fn position() -> Coordinates {
+    Coordinates::Position
+}
+
+fn substeps() -> usize {
+    SUBSTEPS
+}
+
+/// One text for all objects, or one for each.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "a text, or a list with a text for each object")]
+pub enum Accelerations {
+    ForAll(String),
+    ForEach(Vec<String>),
+}
+
+/// How the state moves on by a time h.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Integrator {
+    /// Semi-implicit: the velocity first, then the position with the new velocity. Of the first order; the original's.
+    #[default]
+    Euler,
+    /// Velocity Verlet, of the second order; where a force depends on the velocity, that of the end is extrapolated.
+    Verlet,
+    /// The classical method of Runge and Kutta, of the fourth order.
+    Rk4,
+}
+
+/// What is left of the speed towards a wall.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "a number, or the name of a parameter")]
+pub enum Restitution {
+    Number(f64),
+    Parameter(String),
+}
+
+/// A parameter of the equation.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ParameterTable {
+    /// Powers of a length and of a time; without it units are not checked where the parameter takes part.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<[i32; 2]>,
+    /// Where learning starts, lengths in pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<f64>,
+    /// Bounds, not included; 0 below and none above where nothing is said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub low: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub high: Option<f64>,
+    /// A value that is given instead of being learned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fixed: Option<f64>,
+    /// Whether each object has its own, by the name and the object's number: k1, k2, ..
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub each: bool,
+}

@@ -1,0 +1,561 @@
+//! Equations of text: the built-in cells written so give the same numbers and gradients, and mistakes are told with their
+//! place.
+
+use std::time::Instant;
+
+use paig::network::cells::text::{self, EquationTable};
+use paig::network::cells::{
+    Actions, BOUNCING, CellKind, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING, State, Walls,
+};
+use paig::network::physics_models::{ModelOptions, PhysicsNet};
+use paig::support::random::named_generator;
+use paig::tasks::Task;
+use paig::training::config::Config;
+use paig::training::layers::Overrides;
+use rand::Rng;
+use tch::{Device, Kind, Tensor};
+
+const SPRING_TEXT: &str = r#"
+acceleration = "others(-k * (norm(p - q) - 2*l) * (p - q) / (norm(p - q) + 1e-4))"
+parameters.k.unit = [0, -2]
+parameters.l.unit = [1, 0]
+"#;
+
+const DAMPED_SPRING_TEXT: &str = r#"
+acceleration = "others(-k * (norm(p - q) - 2*l) * (p - q) / (norm(p - q) + 1e-4)) - c * v"
+parameters.c.unit = [0, -1]
+parameters.k.unit = [0, -2]
+parameters.l.unit = [1, 0]
+"#;
+
+/// The same for each ball by itself.
+const SPRINGS_ONE_BY_ONE: &str = r#"
+acceleration = [
+    "-k * (norm(p1 - p2) - 2*l) * (p1 - p2) / (norm(p1 - p2) + 1e-4)",
+    "others(-k * (norm(p - q) - 2*l) * (p - q) / (norm(p - q) + 1e-4))",
+]
+parameters.k.unit = [0, -2]
+parameters.l.unit = [1, 0]
+"#;
+
+const GRAVITY_TEXT: &str = r#"
+acceleration = "others(-g * m^2 * (p - q) / min(max(norm(p - q), 1), 170)^3)"
+parameters.g.unit = [3, -2]
+parameters.m = { unit = [0, 0], fixed = 1.0 }
+"#;
+
+const PENDULUM_TEXT: &str = r#"
+state = "angle"
+acceleration = "1.5 * g * sin(p) + 3 * a * u"
+parameters.a = {}
+parameters.g.unit = [0, -2]
+"#;
+
+const FALLING_TEXT: &str = r#"
+acceleration = "vec(0, g)"
+parameters.g.unit = [1, -2]
+"#;
+
+const FALLING_BOUNCING_TEXT: &str = r#"
+acceleration = "vec(0, g)"
+walls = true
+parameters.g.unit = [1, -2]
+"#;
+
+const BOUNCING_TEXT: &str = r#"
+acceleration = "vec(0, 0)"
+walls = true
+"#;
+
+fn table(toml: &str) -> EquationTable {
+    toml::from_str(toml).unwrap()
+}
+
+fn read(toml: &str, objects: usize) -> &'static CellKind {
+    text::kind(&table(toml), objects).unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// What is wrong with a text.
+fn complaint(toml: &str, objects: usize) -> String {
+    match toml::from_str::<EquationTable>(toml) {
+        Ok(table) => format!("{:#}", text::kind(&table, objects).expect_err("an error")),
+        Err(error) => error.to_string(),
+    }
+}
+
+/// The complaint about an acceleration of two objects with parameters k, of unit [0, -2], and l, of [1, 0].
+fn about(acceleration: &str) -> String {
+    complaint(&format!("acceleration = {acceleration:?}\nparameters.k.unit = [0, -2]\nparameters.l.unit = [1, 0]"), 2)
+}
+
+/// Uniform between two numbers.
+fn uniform(purpose: &str, shape: &[i64], low: f64, high: f64, kind: Kind) -> Tensor {
+    let mut random = named_generator(3, purpose);
+    let values: Vec<f64> = (0..shape.iter().product::<i64>()).map(|_| random.random_range(low..high)).collect();
+    Tensor::from_slice(&values).reshape(shape).to_kind(kind)
+}
+
+/// What a built-in equation and its text are compared on.
+struct Pair {
+    built_in: &'static CellKind,
+    text: &'static str,
+    objects: usize,
+    logs: &'static [f64],
+    /// Lowest and highest coordinate, largest speed.
+    within: (f64, f64, f64),
+    /// The text's parameters are sorted by name: where each of the built-in's is among them.
+    order: &'static [usize],
+}
+
+const PAIRS: [Pair; 8] = [
+    Pair {
+        built_in: &SPRING,
+        text: SPRING_TEXT,
+        objects: 2,
+        logs: &[1.4, 1.8],
+        within: (4.0, 28.0, 8.0),
+        order: &[0, 1],
+    },
+    Pair {
+        built_in: &SPRING,
+        text: SPRINGS_ONE_BY_ONE,
+        objects: 2,
+        logs: &[1.4, 1.8],
+        within: (4.0, 28.0, 8.0),
+        order: &[0, 1],
+    },
+    Pair {
+        built_in: &DAMPED_SPRING,
+        text: DAMPED_SPRING_TEXT,
+        objects: 2,
+        logs: &[1.4, 1.8, -1.2],
+        within: (4.0, 28.0, 8.0),
+        order: &[1, 2, 0],
+    },
+    Pair {
+        built_in: &GRAVITY,
+        text: GRAVITY_TEXT,
+        objects: 3,
+        logs: &[2.0, 0.1],
+        within: (0.0, 90.0, 2.0),
+        order: &[0, 1],
+    },
+    Pair {
+        built_in: &PENDULUM,
+        text: PENDULUM_TEXT,
+        objects: 1,
+        logs: &[2.3, -0.1],
+        within: (-2.0, 2.0, 2.0),
+        order: &[1, 0],
+    },
+    Pair { built_in: &FALLING, text: FALLING_TEXT, objects: 3, logs: &[0.4], within: (4.0, 28.0, 8.0), order: &[0] },
+    Pair {
+        built_in: &FALLING_BOUNCING,
+        text: FALLING_BOUNCING_TEXT,
+        objects: 2,
+        logs: &[0.4],
+        within: (4.0, 28.0, 8.0),
+        order: &[0],
+    },
+    Pair { built_in: &BOUNCING, text: BOUNCING_TEXT, objects: 2, logs: &[], within: (4.0, 28.0, 8.0), order: &[] },
+];
+
+/// A roll-out of five frames: all states, and the gradients of a loss to the first state and the log-parameters.
+fn rolled_out(pair: &Pair, kind: &CellKind, order: &[usize], number: Kind) -> (Tensor, Vec<Tensor>) {
+    let coordinates = (pair.objects * kind.coordinates.per_object()) as i64;
+    let (low, high, speed) = pair.within;
+    let pos = uniform("positions", &[64, coordinates], low, high, number).set_requires_grad(true);
+    let vel = uniform("velocities", &[64, coordinates], -speed, speed, number).set_requires_grad(true);
+    let logs: Vec<_> = pair.logs.iter().map(|log| Tensor::from(*log).to_kind(number).set_requires_grad(true)).collect();
+    let mut ordered: Vec<_> = logs.iter().map(Tensor::shallow_clone).collect();
+    for (log, place) in logs.iter().zip(order) {
+        ordered[*place] = log.shallow_clone();
+    }
+    // The last frame has no action.
+    let actions = Actions::new(kind.actions.then(|| uniform("actions", &[64, 4], -2.0, 2.0, number)));
+    let first = State { pos: pos.shallow_clone(), vel: vel.shallow_clone() };
+    let states = kind.cell(&ordered, Walls::new(32, 2.0)).roll_out(&first, &actions, 0.1, 5);
+    let states = Tensor::stack(&states.iter().map(State::joined).collect::<Vec<_>>(), 0);
+    let weights = uniform("weights", &states.size(), -1.0, 1.0, number);
+    let leaves: Vec<_> = [pos, vel].into_iter().chain(logs).collect();
+    let gradients = Tensor::run_backward(&[(&states * weights).sum(number)], &leaves, false, false);
+    (states.detach(), gradients)
+}
+
+fn assert_close(found: &Tensor, expected: &Tensor, tolerance: f64, what: &str) {
+    assert_eq!(found.size(), expected.size(), "{what}");
+    let scale = expected.abs().max().double_value(&[]).max(1e-3);
+    let error = (found - expected).abs().max().double_value(&[]) / scale;
+    assert!(error <= tolerance, "{what}: off by {error} of the largest");
+}
+
+#[test]
+fn built_in_equations_as_text_give_the_same_numbers_and_gradients() {
+    for pair in &PAIRS {
+        let kind = read(pair.text, pair.objects);
+        assert_eq!(kind.coordinates, pair.built_in.coordinates);
+        assert_eq!((kind.walls, kind.actions), (pair.built_in.walls, pair.built_in.actions), "{}", pair.built_in.name);
+        for (place, parameter) in pair.order.iter().zip(pair.built_in.parameters) {
+            let own = &kind.parameters[*place];
+            assert_eq!((own.name, own.variable, own.fixed), (parameter.name, parameter.variable, parameter.fixed));
+            // The built-in pendulum counts lengths in rods.
+            assert_eq!(own.length_power, parameter.length_power, "{} of {}", own.name, pair.built_in.name);
+        }
+        // Rounding is 6e-8 in float32 and 1e-16 in float64; five frames of substeps and their derivatives gather some
+        // tens of them.
+        for (number, tolerance) in [(Kind::Float, 1e-5), (Kind::Double, 1e-12)] {
+            let same_order: Vec<usize> = (0..pair.logs.len()).collect();
+            let (expected, expected_gradients) = rolled_out(pair, pair.built_in, &same_order, number);
+            let (found, gradients) = rolled_out(pair, kind, pair.order, number);
+            let name = pair.built_in.name;
+            let forward = if number == Kind::Float { 1e-6 } else { 1e-14 };
+            assert_close(&found, &expected, forward, &format!("{name}, states"));
+            for (place, (found, expected)) in gradients.iter().zip(&expected_gradients).enumerate() {
+                assert_close(found, expected, tolerance, &format!("{name}, gradient {place}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn mistakes_are_told_with_their_place() {
+    for (text, expected) in [
+        ("-kk * p", "acceleration: column 2: unknown name \"kk\"; known are p, v, u, k, l\n  -kk * p\n   ^^"),
+        ("k * q", "column 5: q and w are the other object's"),
+        ("k * (p - 2", "column 11: found the end, expected"),
+        ("k * p3", "column 5: there is no object 3; they are p1 to p2"),
+        ("k * p0", "column 5: there is no object 0"),
+        ("k * lenght(p)", "column 5: unknown function \"lenght\"; known are abs, atan2,"),
+        ("k * norm(p, l) * p", "column 5: norm takes 1 argument, not 2"),
+        ("k * vec(l)", "column 5: vec takes 2 arguments, not 1"),
+        ("k * p + l", "column 9: a vector and a scalar cannot be added"),
+        ("k * p * p", "column 9: two vectors are multiplied by dot(a, b)"),
+        ("p / p", "column 5: this is a vector; nothing can be divided by one"),
+        ("k * p ^ 2", "column 9: a power is of scalars"),
+        ("sin(p)", "column 5: this is a vector, a scalar is needed"),
+        ("abs(p)", "; the size of a vector is norm"),
+        ("k * norm(l) * p", "column 10: this is a scalar, a vector is needed; the size of a scalar is abs"),
+        ("k * l", "column 1: the acceleration must be a vector, but this is a scalar"),
+        ("k * p.z", "column 5: there is no part \"z\"; a vector has .x and .y"),
+        ("k * l.x * p", "column 5: this is a scalar, a vector is needed"),
+        ("k * other.l * p", "column 5: there is an other object only inside others(..)"),
+        ("others(k * other.l * (p - q))", "objects have no parameter \"l\" of their own (each = true)"),
+        ("others(others(k * (p - q)))", "column 8: others(..) cannot stand inside others(..)"),
+        ("k * other", "column 5: the other object's parameter is written other.name"),
+        ("k * p / (1 - 1)", "column 10: this is 0; nothing can be divided by it"),
+        ("k * p * ln(1 - 2)", "column 12: this is NaN, not a finite number"),
+        // Units.
+        ("k * p + v", "column 9: units [1, -2] and [1, -1] (powers of length and time) cannot be put together"),
+        (
+            "k * p * l",
+            "column 1: the acceleration must have the unit [1, -2] (powers of length and time), but has [2, -2]",
+        ),
+        ("k * p * exp(norm(p))", "column 13: this has the unit [1, 0]"),
+        ("k * p * l ^ norm(p)", "column 13: the exponent has the unit [1, 0]"),
+        ("k * p * l ^ (k / k)", "needs a number as its exponent"),
+        ("k * vec(l, k)", "column 5: units [1, 0] and [0, -2]"),
+        ("k * vec(min(l, 3), atan2(p.x, k))", "column 20: units [1, 0] and [0, -2]"),
+    ] {
+        let found = about(text);
+        assert!(found.contains(expected), "{text}: {found}");
+    }
+    let of = |body: &str| complaint(body, 2);
+    for (toml, expected) in [
+        ("acceleration = \"-k * p\"\nparameters.k = {}\nparameters.c = {}", "no acceleration names c"),
+        ("acceleration = \"-k * p\"\nparameters.k = {}\nwhere.d = \"p\"", "where: no acceleration names d"),
+        ("acceleration = \"d\"\nwhere.d = \"2 * d\"", "where d, column 5: d is defined by itself"),
+        ("acceleration = \"d\"\nwhere.d = \"e\"\nwhere.e = \"zz\"", "where e, column 1: unknown name"),
+        ("acceleration = \"d\"\nwhere.d = \"2 *\"", "where.d: column 4: found the end"),
+        ("acceleration = \"d\"\nwhere.d = \"p\"\nparameters.d = {}", "where.d: a parameter is called so, too"),
+        ("acceleration = [\"p\"]", "the list has 1 texts, but there are 2 objects"),
+        ("acceleration = [\"-k * p\", \"-k\"]\nparameters.k = {}", "acceleration of object 2: column 1"),
+        ("acceleration = 3", "a text, or a list with a text for each object"),
+        (
+            "acceleration = \"-k * p\"\nparameters.k.low = 2.0\nparameters.k.high = 1.0",
+            "parameters.k: low = 2 must be less",
+        ),
+        ("acceleration = \"-k * p\"\nparameters.k.start = -2.0", "parameters.k: start = -2: must be a positive number"),
+        ("acceleration = \"-k * p\"\nparameters.k = { high = 3.0, fixed = 4.0 }", "must be a number between 0 and 3"),
+        ("acceleration = \"-k * p\"\nparameters.k = { start = 1.0, fixed = 1.0 }", "start and fixed are both given"),
+        ("acceleration = \"-k * p\"\nparameters.k.unit = [0.5, 1]", "expected i32"),
+        ("acceleration = \"-k * p\"\nparameters.k.units = [1, 1]", "unknown field `units`"),
+        ("acceleration = \"-v2 * p\"\nparameters.v2 = {}", "parameters.v2: the name means something else"),
+        ("acceleration = \"-K * p\"\nparameters.K = {}", "parameters.K: the name must be a lower-case letter"),
+        ("acceleration = \"-k * p\"\nparameters.k.each = true\nparameters.k2 = {}", "two are called k2"),
+        ("acceleration = \"vec(0, 0)\"\nrestitution = 0.5", "set walls = true"),
+        ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = 1.5", "restitution = 1.5: must be 0 to 1"),
+        ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = \"e\"", "there is no such parameter"),
+        ("acceleration = \"0\"\nstate = \"angle\"\nwalls = true", "there are walls for positions, not for angles"),
+        ("acceleration = \"vec(0, 0)\"\nsubsteps = 0", "substeps = 0: must be 1 to"),
+        ("acceleration = \"vec(0, 0)\"\nintegrator = \"leapfrog\"", "unknown variant `leapfrog`"),
+    ] {
+        let found = of(toml);
+        assert!(found.contains(expected), "{toml}: {found}");
+    }
+    let alone = complaint("acceleration = \"others(p - q)\"", 1);
+    assert!(alone.contains("there are no others"), "{alone}");
+    // In a text of several lines the line is named.
+    let found = complaint("acceleration = \"\"\"\n  -p\n  + zz\n\"\"\"", 2);
+    assert!(found.contains("line 2, column 5: unknown name \"zz\"; known are p, v, u\n    + zz\n      ^^"), "{found}");
+}
+
+/// Deep and long texts end in a message, whatever they are made of.
+#[test]
+fn no_text_exhausts_stack_or_memory() {
+    let any = "parameters.any.fixed = 1.0\nwhere.d0 = \"any * p\"";
+    let deep = |i: usize| format!("where.d{i} = \"{}d{}{}\"\n", "1 * (".repeat(30), i - 1, ")".repeat(30));
+    let deep: String = (1..100).map(deep).collect();
+    let found = complaint(&format!("acceleration = \"d99\"\n{any}\n{deep}"), 2);
+    assert!(found.contains("more than 200 expressions in each other"), "{found}");
+    // Each definition doubles the one before; it is computed once.
+    let doubled: String = (1..80).map(|i| format!("where.d{i} = \"d{} + d{}\"\n", i - 1, i - 1)).collect();
+    let doubled = table(&format!("acceleration = \"d79\"\n{any}\n{doubled}"));
+    assert!(text::kind(&doubled, 2).is_ok());
+    let factors = (0..20).map(|n| format!("(any * dot(p, q) + {n})")).collect::<Vec<_>>().join(" * ");
+    let list = vec![format!("d0 + others({factors} * (p - q))"); 32];
+    let found = complaint(&format!("acceleration = {list:?}\n{any}"), 32);
+    assert!(found.contains("more than 10000 operations"), "{found}");
+}
+
+#[test]
+fn the_same_text_is_read_once_and_others_are_told_apart() {
+    let first = read(SPRING_TEXT, 2);
+    assert!(std::ptr::eq(first, read(SPRING_TEXT, 2)));
+    for other in [read(SPRING_TEXT, 3), read(SPRINGS_ONE_BY_ONE, 2), &SPRING] {
+        assert_ne!(first, other);
+    }
+}
+
+#[test]
+fn lists_sums_and_parameters_of_each_object_agree() {
+    let all = read(
+        "acceleration = \"others(-k * other.m * (p - q) + k * w + vec(b, 0)) + others(k * v) / m\"\n\
+         parameters.k = {}\nparameters.b = {}\nparameters.m.each = true",
+        3,
+    );
+    assert_eq!(all.parameters.iter().map(|parameter| parameter.name).collect::<Vec<_>>(), ["b", "k", "m1", "m2", "m3"]);
+    let texts = [
+        ["-k * m2 * (p1 - p2) + k * v2 - k * m3 * (p1 - p3) + k * v3 + 2 * vec(b, 0) + 2 * k * v1 / m1"],
+        ["others(-k * other.m * (p - q) + k * w + vec(b, 0)) + others(k * v) / m"],
+        ["-k * m1 * (p3 - p1) + k * v1 - k * m2 * (p3 - p2) + k * v2 + 2 * vec(b, 0) + 2 * k * v3 / m3"],
+    ];
+    let list = read(
+        &format!(
+            "acceleration = {:?}\nparameters.k = {{}}\nparameters.b = {{}}\nparameters.m.each = true",
+            texts.concat()
+        ),
+        3,
+    );
+    let first = State {
+        pos: uniform("positions", &[8, 6], 0.0, 30.0, Kind::Double),
+        vel: uniform("velocities", &[8, 6], -5.0, 5.0, Kind::Double),
+    };
+    let raw = uniform("raw", &[5], -1.0, 1.0, Kind::Double);
+    let raw: Vec<_> = (0..5).map(|i| raw.get(i)).collect();
+    let [one, other] = [all, list].map(|kind| kind.cell(&raw, Walls::new(32, 2.0)).step(&first, None, 0.2).joined());
+    assert_close(&one, &other, 1e-14, "one text for all, and one for each");
+}
+
+/// What the functions compute, on numbers that are known.
+#[test]
+fn functions_have_their_meaning() {
+    let (p, v) = ([3.0, 4.0], [-2.0, 0.5]);
+    for (text, expected) in [
+        ("vec(norm(p), dot(p, v))", [5.0, -4.0]),
+        ("vec(cross(p, v), p.y - v.x)", [3.0 * 0.5 + 4.0 * 2.0, 6.0]),
+        ("perp(p)", [-4.0, 3.0]),
+        ("unit(p) + 0 * unit(p - p)", [0.6, 0.8]),
+        ("vec(sqrt(p.y), square(p.x))", [2.0, 9.0]),
+        ("vec(exp(v.y), ln(p.x))", [0.5f64.exp(), 3f64.ln()]),
+        ("vec(sin(v.y), cos(v.y))", [0.5f64.sin(), 0.5f64.cos()]),
+        ("vec(tan(v.y), tanh(v.y))", [0.5f64.tan(), 0.5f64.tanh()]),
+        ("vec(atan2(p.y, v.x), abs(v.x))", [4f64.atan2(-2.0), 2.0]),
+        ("vec(sign(v.x), min(p.x, p.y))", [-1.0, 3.0]),
+        ("vec(max(p.x, 3.5), min(2, 1 + 0))", [3.5, 1.0]),
+        ("vec(max(p.x, p.y), 2^3^2)", [4.0, 512.0]),
+        ("vec(-p.x^2, 2^-1)", [-9.0, 0.5]),
+        ("vec(p.x^p.y, 2^p.x)", [81.0, 8.0]),
+        ("vec(1 / p.y, 1 - p.y)", [0.25, -3.0]),
+        ("vec(1e1, p.x / 2) / 2", [5.0, 0.75]),
+    ] {
+        // Units are another matter.
+        let kind = read(&format!("acceleration = \"any * ({})\"\nparameters.any.fixed = 1.0", with_any(text)), 1);
+        let first = State { pos: Tensor::from_slice(&p).unsqueeze(0), vel: Tensor::from_slice(&v).unsqueeze(0) };
+        let end = kind.cell(&[Tensor::from(0.0)], Walls::new(32, 0.0)).substep(&first, None, 1.0);
+        let found = Vec::<f64>::try_from((end.vel - first.vel).flatten(0, 1)).unwrap();
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-12, "{text}: {found} instead of {expected}");
+        }
+    }
+}
+
+/// With positions and velocities of an unknown unit.
+fn with_any(text: &str) -> String {
+    text.replace("p.", "(any*p).").replace("v.", "(any*v).").replace("p)", "any*p)").replace("v)", "any*v)")
+}
+
+/// Errors of a swing after a fixed time fall with the step as the method's order says.
+#[test]
+fn integrators_have_their_order() {
+    for (integrator, order) in [("euler", 1), ("verlet", 2), ("rk4", 4)] {
+        let error = |substeps: usize| {
+            let kind = read(
+                &format!(
+                    "acceleration = \"-k * p - 0.5 * c * v\"\nintegrator = {integrator:?}\nsubsteps = {substeps}\n\
+                     parameters.k.unit = [0, -2]\nparameters.c.unit = [0, -1]"
+                ),
+                1,
+            );
+            let raw = [0.2f64.ln(), 3f64.ln()].map(Tensor::from);
+            let first = State::from_joined(&Tensor::from_slice(&[1.0, -0.5, 0.3, 0.8]).unsqueeze(0));
+            let end = kind.cell(&raw, Walls::new(32, 0.0)).roll_out(&first, &Actions::none(), 0.5, 4).pop().unwrap();
+            // A damped oscillation, of decay c / 4 and frequency sqrt(k - decay^2).
+            let (decay, t) = (0.05f64, 2.0f64);
+            let frequency = (3.0 - decay * decay).sqrt();
+            let at = |p: f64, v: f64| {
+                (-decay * t).exp() * (p * (frequency * t).cos() + (v + decay * p) / frequency * (frequency * t).sin())
+            };
+            let expected = Tensor::from_slice(&[at(1.0, 0.3), at(-0.5, 0.8)]).unsqueeze(0);
+            (end.pos - expected).abs().max().double_value(&[])
+        };
+        let fall = error(8) / error(16);
+        assert!(
+            (fall.log2() - f64::from(order)).abs() < 0.3,
+            "{integrator}: halving the step divides the error by {fall}"
+        );
+    }
+}
+
+#[test]
+fn restitution_is_what_a_wall_leaves_and_is_taken_back_in_reverse() {
+    let learned = read(
+        "acceleration = \"0 * p * a\"\nwalls = true\nrestitution = \"e\"\nparameters.a.fixed = 1.0\n\
+         parameters.e = { unit = [0, 0], high = 1.0 }",
+        1,
+    );
+    let fixed = read("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = 0.75", 1);
+    let first = State::from_joined(&Tensor::from_slice(&[29.0, 5.0, 8.0, 1.0]).unsqueeze(0));
+    for (kind, raw) in [(learned, vec![Tensor::from(0.0), Tensor::from(3f64.ln())]), (fixed, vec![])] {
+        let cell = kind.cell(&raw, Walls::new(32, 2.0));
+        let next = cell.substep(&first, None, 0.5);
+        // 33 would be 3 beyond the wall at 30.
+        assert_close(&next.joined(), &Tensor::from_slice(&[27.75, 5.5, -6.0, 1.0]).unsqueeze(0), 1e-12, kind.name);
+        let last = State::from_joined(&Tensor::from_slice(&[29.0, 5.5, -6.0, 1.0]).unsqueeze(0));
+        let back = cell.substep(&last, None, -0.5);
+        // Two units of way behind the wall took place at the greater speed.
+        assert_close(
+            &back.joined(),
+            &Tensor::from_slice(&[30.0 - 2.0 / 0.75, 5.0, 8.0, 1.0]).unsqueeze(0),
+            1e-12,
+            kind.name,
+        );
+    }
+}
+
+/// A charge whose parameters may be negative.
+const CHARGE: &str = r#"
+name = "a_charge"
+
+[system]
+side = 32
+channels = 1
+objects = 1
+input_steps = 4
+pred_steps = 6
+dt = 0.3
+
+[system.equation]
+acceleration = "vec(e, 0) + b * perp(v)"
+integrator = "rk4"
+
+[system.equation.parameters]
+e = { unit = [1, -2], low = -10.0, high = 10.0, start = -1.0 }
+b = { unit = [0, -1], low = -5.0 }
+
+[data]
+train_frames = 12
+test_frames = 12
+
+[truth]
+e = 0.6
+b = -1.5
+
+[success.parameters]
+b = 3.0
+"#;
+
+#[test]
+fn a_run_keeps_its_text_and_its_parameters_their_bounds() {
+    let task = Task::from_toml(CHARGE).unwrap();
+    assert_eq!(task.truth_of("b"), Some(-1.5));
+    let overrides = Overrides { set: vec!["start.b=-0.5".into()], ..Overrides::default() };
+    let config = Config::load_task(task.clone(), None, &overrides).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("config.toml");
+    std::fs::write(&path, config.to_toml()).unwrap();
+    let again = Config::read(&path).unwrap();
+    assert_eq!(again, config);
+    assert!(std::ptr::eq(again.task.system.cell, task.system.cell));
+    assert_eq!(again.differences(&config), [""; 0]);
+
+    let value =
+        |model: &PhysicsNet, name: &str| model.parameter_values().into_iter().find(|(own, _)| *own == name).unwrap().1;
+    let model = PhysicsNet::new(&task.system, &config.model, Device::Cpu, 1).unwrap();
+    // Where nothing is said the raw number is 0: one above the bound.
+    assert!((value(&model, "e") + 1.0).abs() < 1e-5 && (value(&model, "b") + 4.0).abs() < 1e-5);
+    for parameter in model.learned() {
+        model.set_value(parameter, -0.25).unwrap();
+        assert!((value(&model, parameter.kind.name) + 0.25).abs() < 1e-5);
+        assert!(model.set_value(parameter, -11.0).unwrap_err().to_string().contains("must be a number"));
+    }
+    for (set, expected) in [
+        ("start.b=-7.0", "must be a number above -5"),
+        ("model.fixed.e=12.0", "must be a number between -10 and 10"),
+        ("start.zz=1.0", "no such parameter"),
+        ("task.system.equation.parameters.e.low=0.0", "start = -1: must be a number between 0 and 10"),
+    ] {
+        let overrides = Overrides { set: vec![set.into()], ..Overrides::default() };
+        let error = format!("{:#}", Config::load_task(task.clone(), None, &overrides).unwrap_err());
+        assert!(error.contains(expected), "{set}: {error}");
+    }
+    let wrong = CHARGE.replace("b = -1.5", "b = -5.5");
+    assert!(
+        format!("{:#}", Task::from_toml(&wrong).unwrap_err()).contains("truth.b = -5.5: must be a number above -5")
+    );
+    let options = ModelOptions { fixed: [("b".to_string(), -2.0)].into(), ..ModelOptions::original() };
+    let model = PhysicsNet::new(&task.system, &options, Device::Cpu, 1).unwrap();
+    assert_eq!(model.parameter_values().len(), 1);
+}
+
+/// `cargo test --release --test equation_text -- --ignored --nocapture`: time of a training step's physics, text over
+/// built-in.
+#[test]
+#[ignore = "a measurement; other work on the machine disturbs it"]
+fn a_text_is_nearly_as_fast_as_a_built_in_equation() {
+    tch::set_num_threads(1);
+    for pair in &PAIRS {
+        let same_order: Vec<usize> = (0..pair.logs.len()).collect();
+        let text = read(pair.text, pair.objects);
+        let time = |kind: &CellKind, order: &[usize]| {
+            let begin = Instant::now();
+            for _ in 0..20 {
+                let _ = rolled_out(pair, kind, order, Kind::Float);
+            }
+            begin.elapsed().as_secs_f64()
+        };
+        // By turns, so that both see the same disturbances; the least of many is the undisturbed one.
+        let least = (0..15)
+            .map(|_| [time(pair.built_in, &same_order), time(text, pair.order)])
+            .fold([f64::INFINITY; 2], |least, times| [least[0].min(times[0]), least[1].min(times[1])]);
+        println!(
+            "{:<18} {:.2} ms, as text {:.2} ms: {:.2} times",
+            pair.built_in.name,
+            50.0 * least[0],
+            50.0 * least[1],
+            least[1] / least[0]
+        );
+        // With a text for each ball each force is computed twice.
+        let one_text = !pair.text.contains("acceleration = [");
+        assert!(!one_text || least[1] < 1.3 * least[0], "{}", pair.built_in.name);
+    }
+}

@@ -12,6 +12,7 @@ pub mod looks;
 pub mod published;
 pub mod scene;
 mod success;
+pub mod video;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,11 +22,15 @@ use serde::{Deserialize, Serialize};
 use toml::Table;
 
 use self::scene::Scene;
+use self::video::Video;
 use crate::network::System;
 use crate::network::system::SystemTable;
 
 pub use builtin::{all, builtin, names};
 pub use success::Success;
+
+/// As `data.folder`: the files lie beside the task's own file.
+pub const BESIDE_THE_TASK: &str = ".";
 
 /// Rates of the paper's protocol where a task file says nothing: those of the paper's spring.
 const BASE_LR: f64 = 6e-4;
@@ -77,6 +82,9 @@ pub struct TaskTable {
     data: DataTable,
     #[serde(skip_serializing_if = "Option::is_none")]
     scene: Option<Scene>,
+    /// Where the clips were filmed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    video: Option<Video>,
     /// True parameters by symbol, where no scene tells them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     truth: BTreeMap<String, f64>,
@@ -94,7 +102,7 @@ pub struct TaskTable {
 struct DataTable {
     train_frames: usize,
     test_frames: usize,
-    /// Below the datasets folder; the task's name by default.
+    /// Below the datasets folder; the task's name by default. `.`: beside the task's file.
     #[serde(skip_serializing_if = "Option::is_none")]
     folder: Option<String>,
     /// In that folder; the authors' naming by default where there is a scene, otherwise `train.npz` and `test.npz`.
@@ -138,6 +146,7 @@ impl Task {
             system: SystemTable::from(system),
             data: DataTable { train_frames, test_frames, folder: None, train_file: None, test_file: None },
             scene: None,
+            video: None,
             truth: BTreeMap::new(),
             success: Success::default(),
             training: PaperRates::default(),
@@ -149,6 +158,16 @@ impl Task {
     /// One line for `--help`.
     pub fn summary(&self) -> &str {
         &self.table.summary
+    }
+
+    /// Where the clips were filmed, if `import` made them.
+    pub fn video(&self) -> Option<&Video> {
+        self.table.video.as_ref()
+    }
+
+    /// Whether the dataset files lie beside the task's file, and not in a folder of the datasets folder.
+    pub fn data_lie_beside(&self) -> bool {
+        self.table.data.folder.as_deref() == Some(BESIDE_THE_TASK)
     }
 
     /// The whole task as a table of TOML.
@@ -222,7 +241,8 @@ impl TaskTable {
         let folder = self.data.folder.as_ref().unwrap_or(&self.name);
         let by_scene = || self.scene.as_ref().map(|scene| scene.file_stem(self.system.dt, frames));
         let default = || by_scene().unwrap_or_else(|| plain.to_string()) + ".npz";
-        format!("{folder}/{}", named.clone().unwrap_or_else(default))
+        let name = named.clone().unwrap_or_else(default);
+        if folder == BESIDE_THE_TASK { name } else { format!("{folder}/{name}") }
     }
 
     fn true_parameters(&self, system: &System) -> Vec<TrueParameter> {
@@ -245,8 +265,14 @@ impl TaskTable {
         }
         for (key, path) in [("folder", folder), ("train_file", train_file), ("test_file", test_file)] {
             let Some(path) = path else { continue };
+            if key == "folder" && path == BESIDE_THE_TASK {
+                continue;
+            }
             let inside = Path::new(path).components().all(|part| matches!(part, std::path::Component::Normal(_)));
             ensure!(inside && !path.is_empty(), "data.{key} = {path:?}: must lie in the datasets folder");
+        }
+        if let Some(video) = &self.video {
+            video.check()?;
         }
         let symbols: Vec<_> = system.cell.parameters.iter().map(|parameter| parameter.name).collect();
         for (section, named) in [("truth", &self.truth), ("success.parameters", &self.success.parameters)] {

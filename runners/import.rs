@@ -1,9 +1,9 @@
 //! Makes a task from videos. See `import --help`.
 
+use std::cell::RefCell;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
-use std::sync::OnceLock;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
@@ -155,15 +155,18 @@ fn main() -> ExitCode {
 
 fn run(arguments: Arguments) -> Result<()> {
     let request = request(arguments)?;
-    let bar: OnceLock<(usize, Progress)> = OnceLock::new();
+    let bar: RefCell<Option<Progress>> = RefCell::default();
     let imported = import(&request, &|done, total| {
-        let (_, bar) = bar.get_or_init(|| (total, Progress::new("frames", total as u64, done as u64)));
-        bar.step(|| format!("{done} of {total}"));
-    });
-    if let Some((_, bar)) = bar.get() {
-        bar.finish();
-    }
-    summarize(&request, &imported?);
+        let mut bar = bar.borrow_mut();
+        if done == 1 {
+            *bar = Some(Progress::new("frames", total as u64, 0));
+        }
+        bar.iter().for_each(|bar| bar.step(String::new));
+        if done == total {
+            bar.take().iter().for_each(Progress::finish);
+        }
+    })?;
+    summarize(&request, &imported);
     Ok(())
 }
 

@@ -49,22 +49,25 @@ impl Cut {
         most: usize,
     ) -> Result<Self> {
         let parts: Vec<_> = videos.iter().map(|&frames| Parts::of(frames)).collect();
-        let longest = |part: fn(&Parts) -> &Range<usize>| parts.iter().map(|it| part(it).len()).max().unwrap_or(0);
-        let (train, valid, test) = (longest(|it| &it.train), longest(|it| &it.valid), longest(|it| &it.test));
         if let Some(clip) = clip {
             ensure!(
                 clip >= least,
                 "--clip-frames {clip}: must be at least input and predicted frames together, {least}"
             );
         }
+        // The shortest video that can hold a clip in each part decides, so that all of those are tested.
+        let needed = clip.unwrap_or(least);
+        let lengths =
+            parts.iter().map(|it| (it.valid.len(), it.test.len())).filter(|(valid, test)| needed <= *valid.min(test));
+        let (valid, test) = lengths.reduce(|a, b| (a.0.min(b.0), a.1.min(b.1))).unwrap_or_default();
         let train_frames = clip.unwrap_or_else(|| (least + FRAMES_BEYOND).min(valid).min(test).max(least));
-        let needed = 8 * train_frames;
         ensure!(
-            train.min(valid).min(test) >= train_frames,
+            valid.min(test) >= train_frames,
             "{} frames are too few for clips of {train_frames}: the last quarter is held out, half of it for validation and \
-             half for the test, so some {needed} are needed. Use a longer part, a smaller --step, fewer --input-steps and \
+             half for the test, so some {} are needed. Use a longer part, a smaller --step, fewer --input-steps and \
              --pred-steps, or another video",
-            videos.iter().max().unwrap_or(&0)
+            videos.iter().max().unwrap_or(&0),
+            8 * train_frames
         );
         let overlap_of_training = overlap.unwrap_or(train_frames - 1);
         ensure!(
@@ -105,7 +108,10 @@ mod tests {
         let cut = Cut::choose(&[160], 10, None, None, 2000).unwrap();
         assert_eq!(cut, Cut { train_frames: 12, test_frames: 20, train_stride: 1, held_out_stride: 6 });
         assert_eq!(Cut::choose(&[84], 10, None, None, 2000).unwrap().train_frames, 10);
-        assert!(Cut::choose(&[79], 10, None, None, 2000).is_err());
+        // One that is too short for clips of its own decides nothing.
+        let of_three = Cut::choose(&[160, 120, 30], 10, None, None, 2000).unwrap();
+        assert_eq!((of_three.train_frames, of_three.test_frames), (12, 15));
+        assert!(Cut::choose(&[76], 10, None, None, 2000).is_err());
         assert!(Cut::choose(&[160], 10, Some(9), None, 2000).is_err());
         assert!(Cut::choose(&[160], 10, None, Some(12), 2000).is_err());
         assert_eq!(Cut::choose(&[160], 10, None, Some(0), 2000).unwrap().train_stride, 12);

@@ -120,7 +120,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
         cut,
         interval: record.frame_seconds,
         clips: counts,
-        warnings: warnings::of(request, &reel, square, &moving, counts),
+        warnings: warnings::of(request, &reel, square, &cut, &moving, counts),
     })
 }
 

@@ -32,6 +32,10 @@ pub(super) struct Reel {
 impl Reel {
     /// Reads what the videos say of themselves, and chooses frames.
     pub(super) fn open(request: &Request) -> Result<Self> {
+        for (place, path) in request.videos.iter().enumerate() {
+            let again = request.videos[..place].contains(path);
+            ensure!(!again, "video {} is given twice; what one holds out, the other would train on", path.display());
+        }
         let videos = request.videos.iter().map(|path| Video::open(path)).collect::<Result<Vec<_>>>()?;
         let choose = |video: &Video| {
             let kept = Kept::choose(video.frames, video.times.as_deref(), request.fps, request.part, request.step);
@@ -74,9 +78,10 @@ impl Reel {
         Ok(())
     }
 
-    /// Mean time between two frames of a clip, seconds.
+    /// Mean time between two frames of a clip, seconds, to the nanosecond: no camera's clock is better.
     pub(super) fn interval(&self) -> f64 {
-        self.kept.iter().map(|kept| kept.interval).sum::<f64>() / self.kept.len() as f64
+        let mean = self.kept.iter().map(|kept| kept.interval).sum::<f64>() / self.kept.len() as f64;
+        (1e9 * mean).round() / 1e9
     }
 
     /// The same in the unit of the task's `dt`.
@@ -89,7 +94,7 @@ impl Reel {
         })
     }
 
-    /// The square to cut out, the same of all videos, and whether nearly everything moves.
+    /// The square to cut out, the same of all videos.
     pub(super) fn square(&self, request: &Request, progress: Progress) -> Result<Square> {
         let (width, height) = (self.videos[0].width, self.videos[0].height);
         let rectangle = match request.crop {

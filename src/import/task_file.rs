@@ -1,12 +1,19 @@
 //! The text of the task file: what a person reads and changes next.
 
 use anyhow::{Context, Result};
+use serde::Serialize;
 
 use super::hold_out::Cut;
 use super::request::Request;
 use crate::network::cells;
 use crate::tasks::Task;
 use crate::tasks::video::Video;
+
+/// The table of the videos, its keys in their order.
+#[derive(Serialize)]
+struct Record<'a> {
+    video: &'a Video,
+}
 
 /// The file of a task whose clips were cut from these videos. `dt` is in the unit of `video.time_unit`.
 ///
@@ -41,7 +48,7 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
          objects = {objects:<22} # how many things move\n\
          input_steps = {input:<18} # frames that the encoder sees before the roll-out\n\
          pred_steps = {pred:<19} # predicted frames that are trained on\n\
-         dt = {dt:<27} # {unit} between two frames: parameters are in this unit of time\n\
+         dt = {dt:<27?} # {unit} between two frames: parameters are in this unit of time\n\
          # What the objects obey: {equations}\n\
          equation = {equation}\n\
          {walls}\
@@ -64,8 +71,7 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
         train = cut.train_frames,
         test = cut.test_frames,
     );
-    let record = toml::Table::from_iter([("video".to_string(), toml::Value::try_from(video)?)]);
-    let text = text + &toml::to_string(&record)?;
+    let text = text + &toml::to_string(&Record { video })?;
     Task::from_toml(&text).context("these options make no task")?;
     Ok(text)
 }

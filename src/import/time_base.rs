@@ -4,6 +4,8 @@ use std::ops::Range;
 
 use anyhow::{Result, bail, ensure};
 
+use super::sources::MOST_FRAMES;
+
 /// Frames that stand further from a regular clock than this part of its interval are put onto one: the nearest frame for
 /// each tick.
 const REGULAR: f64 = 0.25;
@@ -77,7 +79,7 @@ impl Kept {
             tick > 0.0,
             "most of its frames have the time of the one before; say with --fps how many it has a second"
         );
-        let nearest = on_clock(times, tick);
+        let nearest = on_clock(times, tick)?;
         let repeated = nearest.windows(2).filter(|pair| pair[0] == pair[1]).count();
         let left_out = times.len() - (nearest.len() - repeated);
         let frames = nearest.iter().step_by(step).map(|place| range.start + place).collect();
@@ -125,19 +127,19 @@ fn median_interval(times: &[f64]) -> f64 {
 }
 
 /// For each tick from the first time to the last the place of the nearest frame.
-fn on_clock(times: &[f64], tick: f64) -> Vec<usize> {
+fn on_clock(times: &[f64], tick: f64) -> Result<Vec<usize>> {
     let (first, last) = (times[0], times[times.len() - 1]);
     let (mut place, mut nearest) = (0, Vec::new());
-    // No more ticks than frames can be kept: a gap of hours would otherwise fill the memory.
-    let ticks = ((last - first) / tick).round().min(super::MOST_KEPT as f64 * 1000.0) as usize;
-    for number in 0..=ticks {
+    let ticks = ((last - first) / tick).round();
+    ensure!(ticks <= MOST_FRAMES as f64, "its times leap: from {first:.3} s to {last:.3} s by {tick:.5} s; give --fps");
+    for number in 0..=ticks as usize {
         let time = first + tick * number as f64;
         while place + 1 < times.len() && (times[place + 1] - time).abs() <= (times[place] - time).abs() {
             place += 1;
         }
         nearest.push(place);
     }
-    nearest
+    Ok(nearest)
 }
 
 #[cfg(test)]
@@ -151,9 +153,10 @@ mod tests {
         assert_eq!((kept.frames, kept.clock), (vec![0, 3, 6, 9], Clock::Regular));
         assert!((kept.interval - 0.3).abs() < 1e-3);
         // The frame at 0.3 s is missing, one at 0.52 s is too many.
-        let uneven = [0.0, 0.1, 0.2, 0.4, 0.5, 0.52, 0.6, 0.7, 0.8];
+        let uneven = [0.0, 0.1, 0.2, 0.39, 0.5, 0.52, 0.6, 0.7, 0.8];
         let kept = Kept::choose(9, Some(&uneven), None, Part::All, 1).unwrap();
-        assert_eq!(kept.frames, [0, 1, 3, 3, 4, 6, 7, 8].map(|it| it).to_vec().as_slice(), "{kept:?}");
+        assert_eq!(kept.frames, [0, 1, 2, 3, 3, 4, 6, 7, 8]);
+        assert_eq!(kept.clock, Clock::Resampled { repeated: 1, left_out: 1 });
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What a person should look at before training.
 
 use super::crop::Square;
+use super::hold_out::{Cut, Parts};
 use super::motion::Moving;
 use super::reel::Reel;
 use super::request::Request;
@@ -10,6 +11,8 @@ use super::time_base::Clock;
 const ALMOST_ALL: f64 = 0.5;
 /// Training clips of one step of the recipe.
 const FEW_CLIPS: usize = 25;
+/// Clips of validation or test below which their scores are chance.
+const FEW_HELD_OUT: usize = 3;
 /// Pixels by which what moves should be displaced over the frames that the encoder sees.
 const LEAST_WAY: f64 = 1.0;
 /// Frames a second that cameras have.
@@ -19,7 +22,14 @@ const SAME_RATE: f64 = 0.01;
 const FEW_CHANGES: f64 = 0.1;
 
 /// `moving` is measured in the frames of each video as a model sees them; `counts` are the clips of each split.
-pub(super) fn of(request: &Request, reel: &Reel, square: Square, moving: &[Moving], counts: [usize; 3]) -> Vec<String> {
+pub(super) fn of(
+    request: &Request,
+    reel: &Reel,
+    square: Square,
+    cut: &Cut,
+    moving: &[Moving],
+    counts: [usize; 3],
+) -> Vec<String> {
     let mut warnings = Vec::new();
     for (video, kept) in reel.videos.iter().zip(&reel.kept) {
         let (name, rate) = (video.name(), request.step as f64 / kept.interval);
@@ -41,6 +51,12 @@ pub(super) fn of(request: &Request, reel: &Reel, square: Square, moving: &[Movin
                      twice, {left_out} left out{advice}"
                 ));
             }
+        }
+    }
+    for (video, kept) in reel.videos.iter().zip(&reel.kept) {
+        let parts = Parts::of(kept.frames.len());
+        if parts.valid.len() < cut.train_frames || parts.test.len() < cut.test_frames {
+            warnings.push(format!("{}: too short for clips of its own in validation or test", video.name()));
         }
     }
     for (video, moving) in reel.videos.iter().zip(moving) {
@@ -68,6 +84,12 @@ pub(super) fn of(request: &Request, reel: &Reel, square: Square, moving: &[Movin
         warnings.push(format!(
             "{} training clips are few (a step of the recipe takes {FEW_CLIPS}); use more or longer videos",
             counts[0]
+        ));
+    }
+    if counts[1].min(counts[2]) < FEW_HELD_OUT {
+        warnings.push(format!(
+            "{} validation and {} test clips say little of how good a model is; use more or longer videos",
+            counts[1], counts[2]
         ));
     }
     let small = square.side < request.side as u32;

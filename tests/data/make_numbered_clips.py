@@ -1,8 +1,9 @@
-"""Makes numbered.mp4 and numbered_hevc.mp4: 40 frames that show their own number. Needs PyAV 18 (pip install av numpy).
+"""Makes numbered.mp4 and numbered_hevc.mp4: 60 and 4 frames that show their own number. Needs PyAV 18 (pip install av numpy).
 
 A frame has 64 x 48 pixels. Its upper half holds six blocks of 10 x 24 pixels, white for a 1 and black for a 0 of the
 frame's number in binary, the highest digit first; the lower half holds a grey square that moves to the right by one
-pixel a frame. numbered.mp4 is H.264 with up to three B-frames in a row, 25 frames a second.
+pixel a frame, and back from frame 36 on. numbered.mp4 is H.264 with three B-frames in a row, 25 frames a second; its
+description stands before the frames.
 """
 
 from fractions import Fraction
@@ -12,7 +13,7 @@ import av
 import numpy as np
 
 FOLDER = Path(__file__).parent
-FRAMES = 40
+FRAMES = 60
 
 
 def picture(number):
@@ -20,12 +21,13 @@ def picture(number):
     for place in range(6):
         level = 235 if number >> (5 - place) & 1 else 16
         frame[:24, 2 + 10 * place : 12 + 10 * place] = level
-    frame[30:42, 4 + number : 16 + number] = 160
+    left = 4 + min(number, 72 - number)
+    frame[30:42, left : left + 12] = 160
     return frame
 
 
 def write(name, codec, options, frames):
-    with av.open(str(FOLDER / name), "w") as container:
+    with av.open(str(FOLDER / name), "w", options={"movflags": "faststart"}) as container:
         stream = container.add_stream(codec, rate=25)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.options = options

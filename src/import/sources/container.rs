@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail, ensure};
 use re_mp4::{Mp4, StsdBoxContent, TrakBox};
 
 use super::damage::guarded;
-use super::{LARGEST_SIDE, MOST_FRAMES, check_size};
+use super::{MOST_FRAMES, check_size};
 
 /// Most bytes of the boxes that describe a film; an hour has some megabytes.
 const MOST_DESCRIPTION: u64 = 1 << 28;
@@ -189,10 +189,9 @@ fn codec(described: &TrakBox) -> Codec {
 }
 
 fn size(described: &TrakBox) -> (u32, u32) {
-    let shown = |side: u16| u32::from(side).min(LARGEST_SIDE + 1);
     match &described.mdia.minf.stbl.stsd.contents {
-        StsdBoxContent::Avc1(avc1) => (shown(avc1.width), shown(avc1.height)),
-        _ => (shown(described.tkhd.width.value()), shown(described.tkhd.height.value())),
+        StsdBoxContent::Avc1(avc1) => (avc1.width.into(), avc1.height.into()),
+        _ => (described.tkhd.width.value().into(), described.tkhd.height.value().into()),
     }
 }
 

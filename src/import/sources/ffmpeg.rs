@@ -67,7 +67,9 @@ pub(super) struct Pipe {
 impl Pipe {
     pub(super) fn open(path: &Path, width: u32, height: u32) -> Result<Self> {
         let mut command = command(path, &["-f", "rawvideo", "-pix_fmt", "rgb24"]);
-        let mut process = command.stdout(Stdio::piped()).spawn().context("cannot start ffmpeg")?;
+        // What it has to say of the video it said when it listed the frames.
+        command.stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut process = command.spawn().context("cannot start ffmpeg")?;
         let output = BufReader::new(process.stdout.take().context("ffmpeg has no output")?);
         Ok(Pipe { process, output, size: (width, height), taken: 0, last: RgbImage::new(width, height) })
     }

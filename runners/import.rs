@@ -59,8 +59,8 @@ struct Arguments {
     fps: Option<f64>,
     /// What is cut out: auto (around what moves), full, or X,Y,WIDTH,HEIGHT in pixels of the upright video. The shorter
     /// side grows to a square; where that sticks out of the video it is black
-    #[arg(long, default_value = "auto", help_heading = "Picture")]
-    crop: Crop,
+    #[arg(long, default_value = "auto", value_name = "SQUARE", help_heading = "Picture")]
+    crop: String,
     /// Side of the frames that the model sees, pixels: 12 to 512, a multiple of 4, from 40 on of 8
     #[arg(long, default_value_t = 32, help_heading = "Picture")]
     side: usize,
@@ -75,10 +75,10 @@ struct Arguments {
     pixels_per_metre: Option<f64>,
     /// The same from two points in the video and their distance in metres
     #[arg(long, value_name = "X1,Y1,X2,Y2,LENGTH", help_heading = "Scale and axes")]
-    scale: Option<Numbers<5>>,
+    scale: Option<String>,
     /// Origin of the scene's axes, pixels of the video, from its top left corner [default: that corner]
     #[arg(long, value_name = "X,Y", help_heading = "Scale and axes")]
-    origin: Option<Numbers<2>>,
+    origin: Option<String>,
     /// Angle of the x axis, degrees, counter-clockwise [default: 0]
     #[arg(long, value_name = "DEG", help_heading = "Scale and axes")]
     angle: Option<f64>,
@@ -112,42 +112,6 @@ struct Arguments {
     overlap: Option<usize>,
 }
 
-/// `--crop`.
-#[derive(Debug, Clone, Copy)]
-struct Crop(CropChoice);
-
-impl FromStr for Crop {
-    type Err = anyhow::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        Ok(Crop(match text {
-            "auto" => CropChoice::Auto,
-            "full" => CropChoice::Full,
-            _ => {
-                let wrong = || format!("{text:?}: expected auto, full, or X,Y,WIDTH,HEIGHT in whole pixels");
-                let numbers = text.split(',').map(|number| number.trim().parse().ok()).collect::<Option<Vec<u32>>>();
-                let [x, y, width, height] = numbers.with_context(wrong)?[..] else { bail!(wrong()) };
-                CropChoice::Rectangle(Rectangle { x, y, width, height })
-            }
-        }))
-    }
-}
-
-/// So many numbers with commas between them.
-#[derive(Debug, Clone, Copy)]
-struct Numbers<const N: usize>([f64; N]);
-
-impl<const N: usize> FromStr for Numbers<N> {
-    type Err = anyhow::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        let finite = |number: &str| number.trim().parse::<f64>().ok().filter(|number| number.is_finite());
-        let numbers = text.split(',').map(finite).collect::<Option<Vec<f64>>>();
-        let numbers = numbers.and_then(|numbers| <[f64; N]>::try_from(numbers).ok());
-        Ok(Numbers(numbers.with_context(|| format!("{text:?}: expected {N} numbers with commas between them"))?))
-    }
-}
-
 fn main() -> ExitCode {
     quiet_decoders();
     exit_code(run(Arguments::parse()).map(|()| ExitCode::SUCCESS))
@@ -172,12 +136,14 @@ fn run(arguments: Arguments) -> Result<()> {
 
 fn request(arguments: Arguments) -> Result<Request> {
     let tracker = arguments.tracker.as_deref().map(TrackerFile::read).transpose()?;
-    let of_points = arguments.scale.map(|Numbers([x1, y1, x2, y2, length])| {
+    let of_points = arguments.scale.as_deref().map(|text| {
+        let [x1, y1, x2, y2, length] = numbers("scale", text)?;
         let distance = (x2 - x1).hypot(y2 - y1);
         ensure!(distance > 0.0 && length > 0.0, "--scale: the points must differ, and the length must be positive");
-        Ok(distance / length)
+        Ok::<_, anyhow::Error>(distance / length)
     });
     let pixels_per_metre = of_points.transpose()?.or(arguments.pixels_per_metre);
+    let origin = arguments.origin.as_deref().map(|text| numbers("origin", text)).transpose()?;
     Ok(Request {
         videos: arguments.videos,
         out: arguments.out,
@@ -186,11 +152,11 @@ fn request(arguments: Arguments) -> Result<Request> {
         part: part(arguments.frames.as_deref(), arguments.seconds.as_deref())?,
         step: arguments.step,
         fps: arguments.fps.or(tracker.and_then(|file| file.fps)),
-        crop: arguments.crop.0,
+        crop: crop(&arguments.crop)?,
         side: arguments.side,
         grey: arguments.grey,
         pixels_per_metre: pixels_per_metre.or(tracker.map(|file| file.pixels_per_metre)),
-        origin: arguments.origin.map(|numbers| numbers.0).or(tracker.map(|file| file.origin)),
+        origin: origin.or(tracker.map(|file| file.origin)),
         angle: arguments.angle.or(tracker.map(|file| file.angle)).unwrap_or(0.0),
         y_up: arguments.y_up || tracker.is_some(),
         time_unit: arguments.dt_unit,
@@ -201,6 +167,27 @@ fn request(arguments: Arguments) -> Result<Request> {
         clip_frames: arguments.clip_frames,
         overlap: arguments.overlap,
     })
+}
+
+fn crop(text: &str) -> Result<CropChoice> {
+    Ok(match text {
+        "auto" => CropChoice::Auto,
+        "full" => CropChoice::Full,
+        _ => {
+            let wrong = || format!("--crop {text:?}: expected auto, full, or X,Y,WIDTH,HEIGHT in whole pixels");
+            let numbers = text.split(',').map(|number| number.trim().parse().ok()).collect::<Option<Vec<u32>>>();
+            let [x, y, width, height] = numbers.with_context(wrong)?[..] else { bail!(wrong()) };
+            CropChoice::Rectangle(Rectangle { x, y, width, height })
+        }
+    })
+}
+
+/// So many numbers with commas between them.
+fn numbers<const N: usize>(option: &str, text: &str) -> Result<[f64; N]> {
+    let finite = |number: &str| number.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    let numbers = text.split(',').map(finite).collect::<Option<Vec<f64>>>();
+    let numbers = numbers.and_then(|numbers| <[f64; N]>::try_from(numbers).ok());
+    numbers.with_context(|| format!("--{option} {text:?}: expected {N} numbers with commas between them"))
 }
 
 fn part(frames: Option<&str>, seconds: Option<&str>) -> Result<Part> {

@@ -282,7 +282,7 @@ fn the_proposed_crop_lies_around_the_ball() {
         let mut frame = ball(number);
         // Noise as a camera has it: up to 4 levels to either side, the same in every run.
         for (place, pixel) in frame.pixels_mut().enumerate() {
-            let noise = ((place * 31 + number * 17) * 2_654_435_761 >> 7) % 9;
+            let noise = (((place * 31 + number * 17) * 2_654_435_761) >> 7) % 9;
             pixel.0.iter_mut().for_each(|level| *level = (*level + noise as u8).saturating_sub(4));
         }
         frame
@@ -421,7 +421,35 @@ fn the_program_says_what_it_made() {
     assert_eq!((video.pixels_per_metre, video.sources[0].frames), (Some(512.25), [2, 60]));
 }
 
-/// What the program says: one line, and no panic.
+/// Runs the program, which must fail, and returns what it said: one line, and no panic.
+#[track_caller]
+fn said(program: &mut Command) -> String {
+    let output = program.output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.starts_with("error: ") && said.trim_end().lines().count() == 1, "{said}");
+    said
+}
+
+#[test]
+fn options_that_cannot_be_are_refused_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    for (option, value, words) in [
+        ("--crop", "1,2,3", ["--crop \"1,2,3\"", "X,Y,WIDTH,HEIGHT"]),
+        ("--scale", "1,2", ["--scale \"1,2\"", "5 numbers"]),
+        ("--scale", "1,2,1,2,3", ["--scale", "must differ"]),
+        ("--origin", "a,b", ["--origin \"a,b\"", "2 numbers"]),
+        ("--frames", "7", ["--frames \"7\"", "START..END"]),
+        ("--seconds", "9..12", ["numbered.mp4", "the last at 2.360 s"]),
+        ("--fps", "0", ["--fps", "positive"]),
+        ("--tracker", "none.trk", ["none.trk", "No such file"]),
+    ] {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_import"));
+        let out = folder.path().join("out");
+        assert_says(&said(program.arg(numbered()).arg("--out").arg(out).args([option, value])), &words);
+    }
+}
+
 #[test]
 fn a_codec_without_a_decoder_is_named_with_the_way_out() {
     let folder = tempfile::tempdir().unwrap();
@@ -432,11 +460,8 @@ fn a_codec_without_a_decoder_is_named_with_the_way_out() {
             fs::write(&video, "no film").unwrap();
         }
         let mut program = Command::new(env!("CARGO_BIN_EXE_import"));
-        let output = program.arg(video).arg("--out").arg(folder.path().join("out")).env("PATH", "").output().unwrap();
-        assert_eq!(output.status.code(), Some(1), "{}", text(&output));
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert!(said.starts_with("error: ") && said.trim_end().lines().count() == 1, "{said}");
-        assert_says(&said, &words);
+        program.arg(video).arg("--out").arg(folder.path().join("out")).env("PATH", "");
+        assert_says(&said(&mut program), &words);
     }
 }
 

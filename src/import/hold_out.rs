@@ -117,6 +117,6 @@ mod tests {
         assert_eq!(Cut::choose(&[160], 10, None, Some(0), 2000).unwrap().train_stride, 12);
         assert_eq!(Cut::choose(&[12_000], 10, None, None, 2000).unwrap().train_stride, 5);
         assert_eq!(starts(&(120..140), 12, 6), [120, 126]);
-        assert_eq!(starts(&(120..130), 12, 6), []);
+        assert!(starts(&(120..130), 12, 6).is_empty());
     }
 }

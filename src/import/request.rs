@@ -28,7 +28,7 @@ pub struct Request {
     /// Side of the frames that a model sees, pixels.
     pub side: usize,
     pub grey: bool,
-    /// See [`video::Video`].
+    /// See [`Video`](crate::tasks::video::Video).
     pub pixels_per_metre: Option<f64>,
     pub origin: Option<[f64; 2]>,
     pub angle: f64,

@@ -23,9 +23,9 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
     let kind = cells::find(&request.equation)?;
     let equations = cells::kinds().iter().map(|kind| kind.name).collect::<Vec<_>>().join(", ");
     let unit = match video.time_unit.as_str() {
-        "s" => "seconds",
-        "ms" => "milliseconds",
-        _ => "frames",
+        "s" => "seconds between two frames: parameters are in seconds",
+        "ms" => "milliseconds between two frames: parameters are in milliseconds",
+        _ => "frames of the video from one frame to the next: parameters are in frames",
     };
     let scale = match video.metres_per_pixel(request.side) {
         Some(metres) => format!("# A pixel of a frame is {metres:.6} m.\n"),
@@ -48,7 +48,7 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
          objects = {objects:<22} # how many things move\n\
          input_steps = {input:<18} # frames that the encoder sees before the roll-out\n\
          pred_steps = {pred:<19} # predicted frames that are trained on\n\
-         dt = {dt:<27?} # {unit} between two frames: parameters are in this unit of time\n\
+         dt = {dt:<27?} # {unit}\n\
          # What the objects obey: {equations}\n\
          equation = {equation}\n\
          {walls}\

@@ -1,8 +1,9 @@
 //! The square that is cut out of each frame.
 
 use anyhow::{Result, ensure};
-use image::imageops::{self, FilterType};
-use image::{GenericImageView, RgbImage};
+use image::{RgbImage, imageops};
+
+use super::scaling::scaled;
 
 /// What is to be cut out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,16 +76,12 @@ impl Square {
         let (width, height) = frame.dimensions();
         let inside = |start: i64, all: u32| start >= 0 && start + i64::from(self.side) <= i64::from(all);
         if inside(self.x, width) && inside(self.y, height) {
-            return scaled(&*frame.view(self.x as u32, self.y as u32, self.side, self.side), side);
+            return scaled(frame, (self.x as u32, self.y as u32), (self.side, self.side), (side, side));
         }
         let mut square = RgbImage::new(self.side, self.side);
         imageops::replace(&mut square, frame, -self.x, -self.y);
-        scaled(&square, side)
+        scaled(&square, (0, 0), (self.side, self.side), (side, side))
     }
-}
-
-fn scaled<V: GenericImageView<Pixel = image::Rgb<u8>>>(view: &V, side: u32) -> RgbImage {
-    imageops::resize(view, side, side, FilterType::Triangle)
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ pub mod hold_out;
 pub mod motion;
 mod reel;
 pub mod request;
+mod scaling;
 pub mod sources;
 mod task_file;
 pub mod time_base;

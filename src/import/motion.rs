@@ -1,9 +1,9 @@
 //! What moves in a video: pixels that differ from what stands behind them by more than the noise.
 
 use image::RgbImage;
-use image::imageops::{self, FilterType};
 
 use super::crop::Rectangle;
+use super::scaling::scaled;
 
 /// Frames from which what stands still is measured.
 const COMPARED_FRAMES: usize = 200;
@@ -58,7 +58,7 @@ pub fn small(frame: &RgbImage) -> RgbImage {
         return frame.clone();
     }
     let side = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
-    imageops::resize(frame, side(width), side(height), FilterType::Triangle)
+    scaled(frame, (0, 0), (width, height), (side(width), side(height)))
 }
 
 impl Moving {

@@ -79,8 +79,9 @@ impl Cut {
             Some(overlap) => train_frames - overlap,
             None => starts.div_ceil(most.max(1)).max(1),
         };
-        let held_out_stride = train_stride.max(train_frames / 2);
-        Ok(Cut { train_frames, test_frames: test.min(2 * train_frames), train_stride, held_out_stride })
+        // Longer clips show how far a prediction holds, but there should be more than one.
+        let test_frames = (2 * test / 3).clamp(train_frames, 2 * train_frames);
+        Ok(Cut { train_frames, test_frames, train_stride, held_out_stride: train_stride.max(train_frames / 4) })
     }
 }
 
@@ -106,16 +107,17 @@ mod tests {
     #[test]
     fn clips_fit_into_their_parts() {
         let cut = Cut::choose(&[160], 10, None, None, 2000).unwrap();
-        assert_eq!(cut, Cut { train_frames: 12, test_frames: 20, train_stride: 1, held_out_stride: 6 });
+        assert_eq!(cut, Cut { train_frames: 12, test_frames: 13, train_stride: 1, held_out_stride: 3 });
         assert_eq!(Cut::choose(&[84], 10, None, None, 2000).unwrap().train_frames, 10);
         // One that is too short for clips of its own decides nothing.
         let of_three = Cut::choose(&[160, 120, 30], 10, None, None, 2000).unwrap();
-        assert_eq!((of_three.train_frames, of_three.test_frames), (12, 15));
+        assert_eq!((of_three.train_frames, of_three.test_frames), (12, 12));
         assert!(Cut::choose(&[76], 10, None, None, 2000).is_err());
         assert!(Cut::choose(&[160], 10, Some(9), None, 2000).is_err());
         assert!(Cut::choose(&[160], 10, None, Some(12), 2000).is_err());
         assert_eq!(Cut::choose(&[160], 10, None, Some(0), 2000).unwrap().train_stride, 12);
-        assert_eq!(Cut::choose(&[12_000], 10, None, None, 2000).unwrap().train_stride, 5);
+        let of_many = Cut::choose(&[12_000], 10, None, None, 2000).unwrap();
+        assert_eq!((of_many.test_frames, of_many.train_stride), (24, 5));
         assert_eq!(starts(&(120..140), 12, 6), [120, 126]);
         assert!(starts(&(120..130), 12, 6).is_empty());
     }

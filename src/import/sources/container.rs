@@ -22,9 +22,8 @@ pub(super) struct Track {
     /// In the order in which they are decoded.
     pub samples: Vec<Sample>,
     pub turn: Turn,
-    /// Of the coded frames, before they are turned.
-    width: u32,
-    height: u32,
+    /// Width and height of the frames before they are turned.
+    pub coded: (u32, u32),
 }
 
 #[derive(Debug)]
@@ -80,9 +79,9 @@ impl Track {
         let track = mp4.tracks().values().find(film).context("it holds no film")?;
         let described = track.trak(&mp4);
         let codec = codec(described);
-        let (width, height) = size(described);
+        let coded = size(described);
         if let Codec::H264(_) = codec {
-            check_size(width, height)?;
+            check_size(coded.0, coded.1)?;
         }
         ensure!(track.samples.len() <= MOST_FRAMES, "it claims {} frames", track.samples.len());
         ensure!(track.timescale > 0, "its clock has no ticks; is it damaged?");
@@ -109,14 +108,15 @@ impl Track {
             samples.len() - there,
             samples.len()
         );
-        Ok(Track { codec, samples, turn: turn(described)?, width, height })
+        Ok(Track { codec, samples, turn: turn(described)?, coded })
     }
 
     /// Width and height of the upright frames.
     pub(super) fn size(&self) -> (u32, u32) {
+        let (width, height) = self.coded;
         match self.turn {
-            Turn::None | Turn::Half => (self.width, self.height),
-            Turn::Quarter | Turn::ThreeQuarters => (self.height, self.width),
+            Turn::None | Turn::Half => (width, height),
+            Turn::Quarter | Turn::ThreeQuarters => (height, width),
         }
     }
 

@@ -8,10 +8,10 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use image::{RgbImage, imageops};
 
+use super::Frames;
 use super::colour::to_rgb;
 use super::container::{Codec, ParameterSets, Sample, Track, Turn};
 use super::h264::{Decoded, SampleDecoder, is_entry};
-use super::{Frames, check_size};
 
 /// Most frames that wait for an earlier one. The standard allows 16.
 const MOST_WAITING: usize = 32;
@@ -28,37 +28,26 @@ pub(super) struct Film<'a> {
     waiting: BTreeMap<usize, RgbImage>,
 }
 
-/// Why the decoder cannot decode this film, if its first frame tells.
+/// Decodes the first frame: the size of the frames as they are coded, or why the decoder cannot decode this film.
 ///
 /// # Errors
 /// Damage.
-pub(super) fn refusal(path: &Path, track: &Track) -> Result<Option<String>> {
+pub(super) fn try_first(path: &Path, track: &Track) -> Result<std::result::Result<(u32, u32), String>> {
     let Codec::H264(sets) = &track.codec else { bail!("it is not H.264") };
     let mut decoder = match SampleDecoder::new(sets)? {
         Ok(decoder) => decoder,
-        Err(why) => return Ok(Some(why)),
+        Err(why) => return Ok(Err(why)),
     };
     let first = track.samples.first().context("it has no frames")?;
     Ok(match decoder.decode(&read(&mut File::open(path)?, first)?).context("its first frame")? {
-        Decoded::Frame(frame) => {
-            check_size(frame.width as u32, frame.height as u32)?;
-            let (width, height) =
-                upright(RgbImage::new(frame.width as u32, frame.height as u32), track.turn).dimensions();
-            ensure!(
-                (width, height) == track.size(),
-                "its header says {} x {} pixels, its frames have {width} x {height}; is it damaged?",
-                track.size().0,
-                track.size().1
-            );
-            None
-        }
-        Decoded::Unsupported(what) => Some(format!("it is H.264 with {what}")),
+        Decoded::Frame(frame) => Ok((u32::try_from(frame.width)?, u32::try_from(frame.height)?)),
+        Decoded::Unsupported(what) => Err(format!("it is H.264 with {what}")),
     })
 }
 
 impl<'a> Film<'a> {
     /// # Errors
-    /// As for [`refusal`].
+    /// As for [`try_first`].
     pub(super) fn open(path: &Path, track: &'a Track) -> Result<Self> {
         let Codec::H264(sets) = &track.codec else { bail!("it is not H.264") };
         let decoder = SampleDecoder::new(sets)?.map_err(anyhow::Error::msg)?;

@@ -126,14 +126,18 @@ fn source(path: &Path) -> Result<(Source, Facts)> {
 
 /// H.264 is decoded here, anything else by ffmpeg.
 fn mp4(path: &Path) -> Result<(Source, Facts)> {
-    let track = container::Track::read(path)?;
-    let refused = match track.codec {
-        container::Codec::H264(_) => film::refusal(path, &track)?,
-        container::Codec::Other(ref name) => Some(format!("it is {name}")),
+    let mut track = container::Track::read(path)?;
+    let tried = match &track.codec {
+        container::Codec::H264(_) => film::try_first(path, &track)?,
+        container::Codec::Other(name) => Err(format!("it is {name}")),
     };
-    let Some(why) = refused else {
-        let facts = Facts { size: track.size(), frames: track.samples.len(), times: Some(track.times()) };
-        return Ok((Source::H264(track), facts));
+    let why = match tried {
+        Ok(coded) => {
+            track.coded = coded;
+            let facts = Facts { size: track.size(), frames: track.samples.len(), times: Some(track.times()) };
+            return Ok((Source::H264(track), facts));
+        }
+        Err(why) => why,
     };
     ensure!(
         ffmpeg::is_there(),

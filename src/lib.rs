@@ -28,13 +28,14 @@
 //!
 //! The library never prints, never exits and reads no arguments; the programs' code is in [`cli`], behind the feature of
 //! that name. Folders in the order of their imports: support, network, tasks, datasets, generators, runs, evaluation,
-//! training, viz, report, sweep, cli.
+//! training, viz, report, sweep, stress, import, cli.
 
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod datasets;
 pub mod evaluation;
 pub mod generators;
+pub mod import;
 pub mod network;
 pub mod report;
 pub mod runs;

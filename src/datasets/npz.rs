@@ -31,6 +31,10 @@ impl Archive {
         Ok(Self { path: path.to_owned(), reader, names })
     }
 
+    pub(crate) fn names(&self) -> &[String] {
+        &self.names
+    }
+
     pub(crate) fn has(&self, name: &str) -> bool {
         self.names.iter().any(|known| known == name)
     }

@@ -108,7 +108,10 @@ impl EquationEntry {
     }
 
     /// The equation, for so many objects.
-    fn kind(&self, objects: usize) -> Result<&'static CellKind> {
+    ///
+    /// # Errors
+    /// An unknown name, a text that cannot be an equation.
+    pub fn kind(&self, objects: usize) -> Result<&'static CellKind> {
         match self {
             EquationEntry::Name(name) => cells::find(name),
             EquationEntry::Text(table) => text::kind(table, objects),

@@ -12,6 +12,7 @@ pub mod looks;
 pub mod published;
 pub mod scene;
 mod success;
+pub mod video;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,12 +23,16 @@ use serde::{Deserialize, Serialize};
 use toml::Table;
 
 use self::scene::{Motion, Scene};
+use self::video::Video;
 use crate::network::System;
 use crate::network::cells::{CellKind, PhysicalParameter};
 use crate::network::system::SystemTable;
 
 pub use builtin::{all, builtin, names};
 pub use success::Success;
+
+/// As `data.folder`: the files lie beside the task's own file.
+pub const BESIDE_THE_TASK: &str = ".";
 
 /// Rates of the paper's protocol where a task file says nothing: those of the paper's spring.
 const BASE_LR: f64 = 6e-4;
@@ -79,6 +84,9 @@ pub struct TaskTable {
     data: DataTable,
     #[serde(skip_serializing_if = "Option::is_none")]
     scene: Option<Scene>,
+    /// Where the clips were filmed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    video: Option<Video>,
     /// True parameters by symbol, where no scene tells them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     truth: BTreeMap<String, f64>,
@@ -96,7 +104,7 @@ pub struct TaskTable {
 struct DataTable {
     train_frames: usize,
     test_frames: usize,
-    /// Below the datasets folder; the task's name by default.
+    /// Below the datasets folder; the task's name by default. `.`: beside the task's file.
     #[serde(skip_serializing_if = "Option::is_none")]
     folder: Option<String>,
     /// In that folder; the authors' naming by default where there is a scene, otherwise `train.npz` and `test.npz`.
@@ -140,6 +148,7 @@ impl Task {
             system: SystemTable::from(system),
             data: DataTable { train_frames, test_frames, folder: None, train_file: None, test_file: None },
             scene: None,
+            video: None,
             truth: BTreeMap::new(),
             success: Success::default(),
             training: PaperRates::default(),
@@ -151,6 +160,16 @@ impl Task {
     /// One line for `--help`.
     pub fn summary(&self) -> &str {
         &self.table.summary
+    }
+
+    /// Where the clips were filmed, if `import` made them.
+    pub fn video(&self) -> Option<&Video> {
+        self.table.video.as_ref()
+    }
+
+    /// Whether the dataset files lie beside the task's file, and not in a folder of the datasets folder.
+    pub fn data_lie_beside(&self) -> bool {
+        self.table.data.folder.as_deref() == Some(BESIDE_THE_TASK)
     }
 
     /// The whole task as a table of TOML.
@@ -232,7 +251,8 @@ impl TaskTable {
         let folder = self.data.folder.as_ref().unwrap_or(&self.name);
         let by_scene = || self.scene.as_ref().map(|scene| scene.file_stem(self.system.dt, frames));
         let default = || by_scene().unwrap_or_else(|| plain.to_string()) + ".npz";
-        format!("{folder}/{}", named.clone().unwrap_or_else(default))
+        let name = named.clone().unwrap_or_else(default);
+        if folder == BESIDE_THE_TASK { name } else { format!("{folder}/{name}") }
     }
 
     fn true_parameters(&self, system: &System) -> Vec<TrueParameter> {
@@ -255,6 +275,9 @@ impl TaskTable {
         }
         for (key, path) in [("folder", folder), ("train_file", train_file), ("test_file", test_file)] {
             let Some(path) = path else { continue };
+            if key == "folder" && path == BESIDE_THE_TASK {
+                continue;
+            }
             let inside = Path::new(path).components().all(|part| matches!(part, std::path::Component::Normal(_)));
             ensure!(inside && !path.is_empty(), "data.{key} = {path:?}: must lie in the datasets folder");
         }
@@ -278,6 +301,9 @@ impl TaskTable {
                 "truth: the scene's motion is the equation, so all its parameters must be known; {} is missing",
                 unknown.map_or("none", |parameter| parameter.name)
             );
+        }
+        if let Some(video) = &self.video {
+            video.check()?;
         }
         for symbol in self.truth.keys() {
             let of_scene = self.scene.as_ref().and_then(|scene| scene.truth(system.cell, symbol));

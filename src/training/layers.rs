@@ -42,7 +42,10 @@ pub struct ConfigLayers {
 pub fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
     let (file_layer, command_line) = (file_layer(file)?, command_line_layer(overrides)?);
     let task = task_table(&file_layer, &command_line)?;
-    merged(task, file_layer, command_line, file)
+    let named = [overrides.task.as_deref(), file_layer.get("task").and_then(Value::as_str)];
+    let file_name = named.into_iter().flatten().next().filter(|name| name.ends_with(".toml"));
+    let folder = file_name.and_then(folder_of).map(String::from);
+    merged(task, folder.as_deref(), file_layer, command_line, file)
 }
 
 /// The same for a task that is at hand.
@@ -54,7 +57,13 @@ pub fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Resu
     check_task(task_name(&file_layer)?, Some(&task.name))?;
     let mut table = task.to_table();
     changes_of_task([&file_layer, &command_line]).for_each(|changes| merge(&mut table, changes.clone()));
-    merged(table, file_layer, command_line, file)
+    merged(table, None, file_layer, command_line, file)
+}
+
+/// The folder that a file lies in.
+fn folder_of(file: &str) -> Option<&str> {
+    let folder = Path::new(file).parent()?.to_str()?;
+    Some(if folder.is_empty() { "." } else { folder })
 }
 
 fn file_layer(file: Option<&Path>) -> Result<Table> {
@@ -96,7 +105,14 @@ fn task_table(file_layer: &Table, command_line: &Table) -> Result<Table> {
     Ok(task)
 }
 
-fn merged(task: Table, mut file_layer: Table, mut command_line: Table, file: Option<&Path>) -> Result<ConfigLayers> {
+/// `folder` is where the task's file lies, if it is one.
+fn merged(
+    task: Table,
+    folder: Option<&str>,
+    mut file_layer: Table,
+    mut command_line: Table,
+    file: Option<&Path>,
+) -> Result<ConfigLayers> {
     let said = |key: &str| command_line.get(key).or(file_layer.get(key)).and_then(Value::as_str).map(String::from);
     let recipe = said("recipe").unwrap_or_else(|| "fast".into());
     let Some((_, recipe_text)) = RECIPES.iter().find(|(name, _)| *name == recipe) else {
@@ -104,7 +120,7 @@ fn merged(task: Table, mut file_layer: Table, mut command_line: Table, file: Opt
         bail!("unknown recipe {recipe:?}; the recipes are {}", names.join(", "));
     };
     let task: Task = Value::Table(task).try_into().context("config: task")?;
-    let mut merged = task_layer(&task);
+    let mut merged = task_layer(&task, folder);
     let mut recipe_layer = config_file::parse(recipe_text).expect("the recipes that come with the program are sound");
     shorten_horizons(&mut recipe_layer, task.train_frames);
     merge(&mut merged, recipe_layer);
@@ -169,10 +185,11 @@ fn command_line_layer(overrides: &Overrides) -> Result<Table> {
 }
 
 /// What a task contributes: itself, its files and the paper's rates, below the recipe.
-fn task_layer(task: &Task) -> Table {
+fn task_layer(task: &Task, folder: Option<&str>) -> Table {
+    let data = folder.filter(|_| task.data_lie_beside()).unwrap_or("data/datasets");
     let text = format!(
         "seed = 0\ndevice = \"cpu\"\nthreads = 0\n\
-         [data]\nfolder = \"data/datasets\"\ntrain_file = {:?}\ntest_file = {:?}\n\
+         [data]\nfolder = {data:?}\ntrain_file = {:?}\ntest_file = {:?}\n\
          [join]\nlearning_rate = {lr}\nphysics_learning_rate = {lr}\nalpha = {:?}\n",
         task.train_file,
         task.test_file,

@@ -8,6 +8,7 @@ mod animation;
 mod arrays;
 mod canvas;
 pub(crate) mod chart;
+pub mod contact_sheet;
 mod curves;
 pub mod examples;
 mod frame_scores;

@@ -1,0 +1,150 @@
+//! Filmed videos become a task: frames are chosen, cut out, scaled and cut into clips.
+//!
+//! A video is decoded frame by frame and never held as a whole; only the small frames that a model sees are. It is decoded
+//! once, or twice where the crop is to be found from what moves.
+
+mod clips;
+pub mod crop;
+pub mod hold_out;
+pub mod motion;
+mod reel;
+pub mod request;
+mod scaling;
+pub mod sources;
+mod task_file;
+pub mod time_base;
+pub mod tracker;
+mod warnings;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, ensure};
+
+use self::crop::Square;
+use self::hold_out::Cut;
+use self::motion::Moving;
+use self::reel::Reel;
+use self::request::Request;
+use self::time_base::Kept;
+use crate::network::System;
+use crate::network::system::SystemTable;
+use crate::support::atomic;
+use crate::viz::contact_sheet::write_contact_sheet;
+
+/// Most frames that are kept of all videos.
+const MOST_KEPT: usize = 50_000;
+/// Most training clips, and bytes of them, that are cut without being asked for: neighbouring ones hardly differ.
+const MOST_TRAINING_CLIPS: usize = 2000;
+const MOST_TRAINING_BYTES: usize = 1 << 29;
+
+/// What was made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Imported {
+    pub task_file: PathBuf,
+    pub videos: Vec<ImportedVideo>,
+    pub square: Square,
+    pub metres_per_pixel: Option<f64>,
+    pub cut: Cut,
+    /// Seconds between two frames.
+    pub interval: f64,
+    /// Clips for training, validation and test.
+    pub clips: [usize; 3],
+    /// What a person should look at before training.
+    pub warnings: Vec<String>,
+}
+
+/// What was used of one video.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImportedVideo {
+    pub name: String,
+    pub width: u32,
+    pub height: u32,
+    /// Frames of the video, and of them those that were kept.
+    pub frames: usize,
+    pub kept: Kept,
+}
+
+/// Told how far an import is: frames decoded, of all.
+pub type Progress<'a> = &'a dyn Fn(usize, usize);
+
+/// Makes `train.npz`, `test.npz`, `task.toml` and `contact-sheet.png` in the folder `request.out`.
+///
+/// # Errors
+/// A video that cannot be read, a crop or a part outside of it, nothing that moves, too few frames, a folder that holds
+/// something already, a system that cannot be. Nothing is written then.
+pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
+    ensure!(!request.videos.is_empty(), "no video given");
+    ensure!(request.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps: must be a positive number");
+    let (new_folder, name) = (request.folder_is_new()?, request.task_name()?);
+    check_system(request)?;
+    let reel = Reel::open(request)?;
+    let dt = reel.dt(request)?;
+    let lengths: Vec<_> = reel.kept.iter().map(|kept| kept.frames.len()).collect();
+    let cut = cut(request, &lengths)?;
+    let square = reel.square(request, progress)?;
+    let record = reel.record(request, square);
+    let text = task_file::text(request, &name, dt, &cut, &record)?;
+    let (filmed, sheet) = reel.decode(request, square, progress)?;
+    let moving: Vec<_> = filmed.iter().map(|frames| Moving::measure(frames)).collect();
+    ensure!(
+        moving.iter().any(Moving::any),
+        "nothing moves in the frames as a model sees them; look at another part of the video (--frames) or of the frames \
+         (--crop), or raise --side"
+    );
+    let (train, test) = clips::files(request, &filmed, &cut)?;
+    let counts = [&train.train, &train.valid, &test.test].map(|clips| clips.dim().0);
+    let fill = |folder: &Path| {
+        train.write(&folder.join("train.npz"))?;
+        test.write(&folder.join("test.npz"))?;
+        write_contact_sheet(&folder.join("contact-sheet.png"), &sheet)?;
+        // The last one: a folder with a task is complete.
+        atomic::write_file(&folder.join("task.toml"), |file| Ok(file.write_all(text.as_bytes())?))
+    };
+    if new_folder {
+        atomic::write_folder(&request.out, fill)?
+    } else {
+        fill(&request.out)?
+    }
+    let used = reel.videos.iter().zip(&reel.kept).map(|(video, kept)| ImportedVideo {
+        name: video.name(),
+        width: video.width,
+        height: video.height,
+        frames: video.frames,
+        kept: kept.clone(),
+    });
+    Ok(Imported {
+        task_file: request.out.join("task.toml"),
+        videos: used.collect(),
+        square,
+        metres_per_pixel: record.metres_per_pixel(request.side),
+        cut,
+        interval: record.frame_seconds,
+        clips: counts,
+        warnings: warnings::of(request, &reel, square, &cut, &moving, counts),
+    })
+}
+
+/// Refuses a system that cannot be before a video is opened.
+fn check_system(request: &Request) -> Result<System> {
+    let kind = request.kind()?;
+    let table = SystemTable {
+        side: request.side,
+        channels: request.channels(),
+        objects: request.objects.or(kind.objects).unwrap_or(1),
+        input_steps: request.input_steps,
+        pred_steps: request.pred_steps,
+        dt: 1.0,
+        equation: request.equation.clone(),
+        wall_margin: None,
+    };
+    table.system(0.0)
+}
+
+/// How long clips are and how they overlap.
+fn cut(request: &Request, lengths: &[usize]) -> Result<Cut> {
+    let least = request.input_steps + request.pred_steps;
+    let clip_bytes = request.frame_bytes() * request.clip_frames.unwrap_or(least);
+    let most = MOST_TRAINING_CLIPS.min(MOST_TRAINING_BYTES / clip_bytes);
+    Cut::choose(lengths, least, request.clip_frames, request.overlap, most)
+}

@@ -1,0 +1,178 @@
+//! What moves in a video: pixels that differ from what stands behind them by more than the noise.
+
+use image::RgbImage;
+
+use super::crop::Rectangle;
+use super::scaling::scaled;
+
+/// Frames from which what stands still is measured.
+const COMPARED_FRAMES: usize = 200;
+/// Longest side at which whole frames are looked at, pixels.
+const SEEN_SIDE: u32 = 160;
+/// A frame's noise is the median difference of its pixels; what moves differs by more than this many of them, and by so
+/// many grey levels, summed over the colours.
+const NOISE_LEVELS: u32 = 3;
+const LEAST_DIFFERENCE: u32 = 30;
+/// Per mille of what moves that may lie outside of the proposed crop, at each side: a hand at the start, a passing shadow.
+const OUTSIDE: usize = 5;
+/// Margin of the proposed crop, in sides of the box around what moves, on each side.
+const MARGIN: f64 = 0.15;
+/// Least side of a proposed crop, pixels of the small frames.
+const LEAST_SIDE: u32 = 12;
+
+/// Where a frame moves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moving {
+    width: u32,
+    height: u32,
+    /// How often each pixel moves, row by row, over all frames looked at.
+    times: Vec<u32>,
+    /// Of each frame looked at: the share of its pixels that move, and the middle of them.
+    pub frames: Vec<MovingFrame>,
+}
+
+/// What moves in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MovingFrame {
+    pub share: f64,
+    /// Middle of what moves, pixels; none where nothing does.
+    pub middle: Option<[f64; 2]>,
+}
+
+/// The places of at most so many of `count` things, evenly spread.
+pub fn spread(count: usize, most: usize) -> Vec<usize> {
+    let chosen = count.min(most);
+    (0..chosen).map(|place| if chosen < 2 { 0 } else { place * (count - 1) / (chosen - 1) }).collect()
+}
+
+/// The frames of a video of which a crop is proposed.
+pub fn looked_at(count: usize) -> Vec<usize> {
+    spread(count, COMPARED_FRAMES)
+}
+
+/// A whole frame, small enough to be looked at.
+pub fn small(frame: &RgbImage) -> RgbImage {
+    let (width, height) = frame.dimensions();
+    let scale = f64::from(SEEN_SIDE) / f64::from(width.max(height));
+    if scale >= 1.0 {
+        return frame.clone();
+    }
+    let side = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
+    scaled(frame, (0, 0), (width, height), (side(width), side(height)))
+}
+
+impl Moving {
+    /// Compares frames of one size with the median over them.
+    pub fn measure(frames: &[RgbImage]) -> Self {
+        let Some((width, height)) = frames.first().map(RgbImage::dimensions) else {
+            return Moving { width: 0, height: 0, times: Vec::new(), frames: Vec::new() };
+        };
+        let still = median(frames);
+        let mut times = vec![0; (width * height) as usize];
+        let of_frames = frames.iter().map(|frame| {
+            let moves = moving(frame, &still);
+            let (mut count, mut sum) = (0_u32, [0.0, 0.0]);
+            for (place, _) in moves.iter().enumerate().filter(|(_, moves)| **moves) {
+                times[place] += 1;
+                count += 1;
+                sum[0] += f64::from(place as u32 % width) + 0.5;
+                sum[1] += f64::from(place as u32 / width) + 0.5;
+            }
+            let middle = (count > 0).then(|| sum.map(|sum| sum / f64::from(count)));
+            MovingFrame { share: f64::from(count) / f64::from(width * height), middle }
+        });
+        let frames = of_frames.collect();
+        Moving { width, height, times, frames }
+    }
+
+    /// Whether anything moves.
+    pub fn any(&self) -> bool {
+        self.frames.iter().any(|frame| frame.share > 0.0)
+    }
+
+    /// Share of the pixels that move in a typical frame in which any does.
+    pub fn typical_share(&self) -> f64 {
+        let mut shares: Vec<f64> = self.frames.iter().map(|frame| frame.share).filter(|share| *share > 0.0).collect();
+        shares.sort_by(f64::total_cmp);
+        shares.get(shares.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// A rectangle around what moves with a margin, in pixels of frames of `width` x `height`; none if nothing moves.
+    pub fn rectangle(&self, width: u32, height: u32) -> Option<Rectangle> {
+        let columns: Vec<usize> =
+            (0..self.width).map(|x| (0..self.height).map(|y| self.times_at(x, y)).sum()).collect();
+        let rows: Vec<usize> = (0..self.height).map(|y| (0..self.width).map(|x| self.times_at(x, y)).sum()).collect();
+        let ((left, right), (top, bottom)) = (middle_of(&columns)?, middle_of(&rows)?);
+        let margin = MARGIN * f64::from((right - left).max(bottom - top));
+        let grown = |start: u32, end: u32, all: u32, full: u32| {
+            let lacking = (f64::from(LEAST_SIDE) - f64::from(end - start)).max(0.0) / 2.0;
+            let scale = f64::from(full) / f64::from(all);
+            let start = ((f64::from(start) - margin.max(lacking)) * scale).max(0.0) as u32;
+            let end = ((f64::from(end) + margin.max(lacking)) * scale).ceil().min(f64::from(full)) as u32;
+            (start, end)
+        };
+        let (left, right) = grown(left, right, self.width, width);
+        let (top, bottom) = grown(top, bottom, self.height, height);
+        Some(Rectangle { x: left, y: top, width: right - left, height: bottom - top })
+    }
+
+    fn times_at(&self, x: u32, y: u32) -> usize {
+        self.times[(y * self.width + x) as usize] as usize
+    }
+}
+
+/// First place and the one after the last between which all but [`OUTSIDE`] at each end lies.
+fn middle_of(counts: &[usize]) -> Option<(u32, u32)> {
+    let total: usize = counts.iter().sum();
+    if total == 0 {
+        return None;
+    }
+    let outside = total * OUTSIDE / 1000;
+    let first = |counts: &mut dyn Iterator<Item = &usize>| {
+        let mut sum = 0;
+        counts
+            .take_while(|count| {
+                sum += **count;
+                sum <= outside
+            })
+            .count()
+    };
+    let (start, end) = (first(&mut counts.iter()), counts.len() - first(&mut counts.iter().rev()));
+    Some((start as u32, end as u32))
+}
+
+/// The median over frames of each number of a picture.
+fn median(frames: &[RgbImage]) -> Vec<u8> {
+    let chosen = spread(frames.len(), COMPARED_FRAMES);
+    let mut levels = vec![0; chosen.len()];
+    (0..frames[0].as_raw().len())
+        .map(|number| {
+            chosen.iter().zip(&mut levels).for_each(|(&frame, level)| *level = frames[frame].as_raw()[number]);
+            let middle = levels.len() / 2;
+            *levels.select_nth_unstable(middle).1
+        })
+        .collect()
+}
+
+/// Which pixels of a frame move. Averaged over 3 x 3 pixels noise falls to a third, an object stays.
+fn moving(frame: &RgbImage, still: &[u8]) -> Vec<bool> {
+    let (width, height) = (frame.width() as i64, frame.height() as i64);
+    let differences: Vec<i32> = frame.as_raw().iter().zip(still).map(|(a, b)| i32::from(*a) - i32::from(*b)).collect();
+    let size = |x: i64, y: i64| -> u32 {
+        let mut sums = [0_i32; 3];
+        let mut count = 0;
+        for (x, y) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy))) {
+            if (0..width).contains(&x) && (0..height).contains(&y) {
+                let place = 3 * (y * width + x) as usize;
+                sums.iter_mut().zip(&differences[place..]).for_each(|(sum, difference)| *sum += difference);
+                count += 1;
+            }
+        }
+        sums.iter().map(|sum| sum.unsigned_abs()).sum::<u32>() / count
+    };
+    let sizes: Vec<u32> = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| size(x, y)).collect();
+    let mut sorted = sizes.clone();
+    let middle = sorted.len() / 2;
+    let noise = *sorted.select_nth_unstable(middle).1;
+    sizes.iter().map(|size| *size > LEAST_DIFFERENCE.max(NOISE_LEVELS * noise)).collect()
+}

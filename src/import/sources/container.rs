@@ -1,0 +1,208 @@
+//! mp4 and mov: where the coded frames lie, when each is shown, and which way is up.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use re_mp4::{Mp4, StsdBoxContent, TrakBox};
+
+use super::damage::guarded;
+use super::{MOST_FRAMES, check_size};
+
+/// Most bytes of the boxes that describe a film; an hour has some megabytes.
+const MOST_DESCRIPTION: u64 = 1 << 28;
+/// Most samples of any track, sound with one sample a number included.
+const MOST_SAMPLES: u32 = 50_000_000;
+
+/// The film's track.
+#[derive(Debug)]
+pub(super) struct Track {
+    pub codec: Codec,
+    /// In the order in which they are decoded.
+    pub samples: Vec<Sample>,
+    pub turn: Turn,
+    /// Width and height of the frames before they are turned.
+    pub coded: (u32, u32),
+}
+
+#[derive(Debug)]
+pub(super) enum Codec {
+    H264(ParameterSets),
+    /// By its name for people.
+    Other(String),
+}
+
+/// What an H.264 decoder must know before the first frame.
+#[derive(Debug)]
+pub(super) struct ParameterSets {
+    /// NAL units without start codes.
+    pub units: Vec<Vec<u8>>,
+    /// Bytes of the number before each NAL unit of a sample.
+    pub length_bytes: usize,
+}
+
+/// One coded frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    /// Place in the file, bytes.
+    pub offset: u64,
+    pub size: u64,
+    /// When it is shown, seconds from the first frame shown.
+    pub time: f64,
+    /// Its number in display order.
+    pub number: usize,
+}
+
+/// How the coded frames must be turned to stand upright, clockwise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Turn {
+    None,
+    Quarter,
+    Half,
+    ThreeQuarters,
+}
+
+impl Track {
+    /// Reads the description of a film; its frames stay in the file.
+    ///
+    /// # Errors
+    /// Damage, a file without film, sizes beyond the limits, a frame that lies beyond the end of the file.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let mut file = BufReader::new(File::open(path).context("cannot open it")?);
+        let length = file.get_ref().metadata()?.len();
+        check_claims(&mut file, length)?;
+        file.rewind()?;
+        let read = || Ok(Mp4::read(&mut file, length)?);
+        let mp4 = guarded("not a readable mp4 or mov", read).context("not a readable mp4 or mov; is it complete?")?;
+        let film = |track: &&re_mp4::Track| track.trak(&mp4).mdia.hdlr.handler_type.value == *b"vide";
+        let track = mp4.tracks().values().find(film).context("it holds no film")?;
+        let described = track.trak(&mp4);
+        let codec = codec(described);
+        let coded = size(described);
+        if let Codec::H264(_) = codec {
+            check_size(coded.0, coded.1)?;
+        }
+        ensure!(track.samples.len() <= MOST_FRAMES, "it claims {} frames", track.samples.len());
+        ensure!(track.timescale > 0, "its clock has no ticks; is it damaged?");
+        let mut order: Vec<usize> = (0..track.samples.len()).collect();
+        order.sort_by_key(|&sample| track.samples[sample].composition_timestamp);
+        let mut numbers = vec![0; order.len()];
+        order.iter().enumerate().for_each(|(number, &sample)| numbers[sample] = number);
+        let first = order.first().map_or(0, |&sample| track.samples[sample].composition_timestamp);
+        let samples: Vec<_> = track
+            .samples
+            .iter()
+            .zip(numbers)
+            .map(|(sample, number)| {
+                let ticks = sample.composition_timestamp.saturating_sub(first);
+                let time = ticks as f64 / track.timescale as f64;
+                Sample { offset: sample.offset, size: sample.size, time, number }
+            })
+            .collect();
+        let inside = |sample: &Sample| sample.offset.checked_add(sample.size).is_some_and(|end| end <= length);
+        let there = samples.iter().filter(|sample| inside(sample)).count();
+        ensure!(
+            there == samples.len(),
+            "it is cut off: {} of its {} frames lie beyond its end; get the whole file",
+            samples.len() - there,
+            samples.len()
+        );
+        Ok(Track { codec, samples, turn: turn(described)?, coded })
+    }
+
+    /// Width and height of the upright frames.
+    pub(super) fn size(&self) -> (u32, u32) {
+        let (width, height) = self.coded;
+        match self.turn {
+            Turn::None | Turn::Half => (width, height),
+            Turn::Quarter | Turn::ThreeQuarters => (height, width),
+        }
+    }
+
+    /// In display order.
+    pub(super) fn times(&self) -> Vec<f64> {
+        let mut times: Vec<_> = self.samples.iter().map(|sample| sample.time).collect();
+        times.sort_by(f64::total_cmp);
+        times
+    }
+}
+
+/// The parser makes room for as many samples as a file claims, so a claim beyond reason is refused before it.
+fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<()> {
+    let mut at = 0;
+    while at + 8 <= length {
+        file.seek(SeekFrom::Start(at))?;
+        let mut header = [0; 16];
+        let read = (length - at).min(16) as usize;
+        file.read_exact(&mut header[..read])?;
+        let number = |bytes: &[u8]| bytes.iter().fold(0, |sum, &byte| sum << 8 | u64::from(byte));
+        let size = match number(&header[..4]) {
+            0 => length - at,
+            1 => number(&header[8..]),
+            size => size,
+        };
+        if [*b"moov", *b"moof"].iter().any(|name| header[4..8] == *name) {
+            ensure!(size <= MOST_DESCRIPTION, "its description claims {size} bytes; is it damaged?");
+            let mut description = Vec::new();
+            file.seek(SeekFrom::Start(at))?;
+            file.take(size).read_to_end(&mut description)?;
+            check_counts(&description)?;
+        }
+        at = at.saturating_add(size.max(8));
+    }
+    Ok(())
+}
+
+/// Tables in which one entry may stand for any number of samples: after the name come version and flags, then for `stsz`
+/// the size of all samples and their number, for `trun` their number.
+fn check_counts(description: &[u8]) -> Result<()> {
+    for (place, name) in description.windows(4).enumerate() {
+        let skip = match name {
+            b"stsz" => 12,
+            b"trun" => 8,
+            _ => continue,
+        };
+        let Some(bytes) = description.get(place + skip..place + skip + 4) else { continue };
+        let count = u32::from_be_bytes(bytes.try_into().expect("four bytes"));
+        ensure!(count <= MOST_SAMPLES, "it claims {count} samples in one track; is it damaged?");
+    }
+    Ok(())
+}
+
+fn codec(described: &TrakBox) -> Codec {
+    let other = |name: &str| Codec::Other(name.into());
+    match &described.mdia.minf.stbl.stsd.contents {
+        StsdBoxContent::Avc1(avc1) => {
+            let sets = [&avc1.avcc.sequence_parameter_sets, &avc1.avcc.picture_parameter_sets];
+            let units = sets.into_iter().flatten().map(|unit| unit.bytes.clone()).collect();
+            let length_bytes = usize::from(avc1.avcc.length_size_minus_one & 3) + 1;
+            Codec::H264(ParameterSets { units, length_bytes })
+        }
+        StsdBoxContent::Hvc1(_) | StsdBoxContent::Hev1(_) => other("HEVC"),
+        StsdBoxContent::Av01(_) => other("AV1"),
+        StsdBoxContent::Vp08(_) => other("VP8"),
+        StsdBoxContent::Vp09(_) => other("VP9"),
+        StsdBoxContent::Unknown(code) => Codec::Other(format!("of the codec {code}")),
+        StsdBoxContent::Mp4a(_) | StsdBoxContent::Tx3g(_) => other("no film"),
+    }
+}
+
+fn size(described: &TrakBox) -> (u32, u32) {
+    match &described.mdia.minf.stbl.stsd.contents {
+        StsdBoxContent::Avc1(avc1) => (avc1.width.into(), avc1.height.into()),
+        _ => (described.tkhd.width.value().into(), described.tkhd.height.value().into()),
+    }
+}
+
+/// The track header's matrix: x' = a x + c y, y' = b x + d y, with y down, in 65536ths.
+fn turn(described: &TrakBox) -> Result<Turn> {
+    let matrix = &described.tkhd.matrix;
+    Ok(match [matrix.a, matrix.b, matrix.c, matrix.d].map(i32::signum) {
+        [1, 0, 0, 1] | [0, 0, 0, 0] => Turn::None,
+        [0, 1, -1, 0] => Turn::Quarter,
+        [-1, 0, 0, -1] => Turn::Half,
+        [0, -1, 1, 0] => Turn::ThreeQuarters,
+        _ => bail!("it is to be shown mirrored or at an odd angle; convert it so that it is stored upright"),
+    })
+}

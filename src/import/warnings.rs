@@ -1,0 +1,112 @@
+//! What a person should look at before training.
+
+use super::crop::Square;
+use super::hold_out::{Cut, Parts};
+use super::motion::Moving;
+use super::reel::Reel;
+use super::request::Request;
+use super::time_base::Clock;
+
+/// Share of the moving pixels from which on it is rather the camera that moves.
+const ALMOST_ALL: f64 = 0.5;
+/// Training clips of one step of the recipe.
+const FEW_CLIPS: usize = 25;
+/// Clips of validation or test below which their scores are chance.
+const FEW_HELD_OUT: usize = 3;
+/// Pixels by which what moves should be displaced over the frames that the encoder sees.
+const LEAST_WAY: f64 = 1.0;
+/// Frames a second that cameras have.
+const USUAL_RATES: [f64; 12] = [12.5, 15.0, 23.976, 24.0, 25.0, 29.97, 30.0, 48.0, 50.0, 59.94, 60.0, 120.0];
+const SAME_RATE: f64 = 0.01;
+/// Part of a video's frames that may be shown twice or left out by a regular clock.
+const FEW_CHANGES: f64 = 0.1;
+
+/// `moving` is measured in the frames of each video as a model sees them; `counts` are the clips of each split.
+pub(super) fn of(
+    request: &Request,
+    reel: &Reel,
+    square: Square,
+    cut: &Cut,
+    moving: &[Moving],
+    counts: [usize; 3],
+) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for (video, kept) in reel.videos.iter().zip(&reel.kept) {
+        let (name, rate) = (video.name(), request.step as f64 / kept.interval);
+        match kept.clock {
+            Clock::Given => {}
+            Clock::Regular => {
+                if !USUAL_RATES.iter().any(|usual| (rate / usual - 1.0).abs() <= SAME_RATE) {
+                    warnings.push(format!(
+                        "{name}: {rate:.2} frames a second are unusual; 1 % in the time is 2 % in an acceleration: say \
+                         with --fps at how many it was filmed, if you know"
+                    ));
+                }
+            }
+            Clock::Resampled { repeated, left_out } => {
+                let changed = (repeated + left_out) as f64 / kept.frames.len() as f64;
+                let advice = if changed > FEW_CHANGES { "; film at a constant rate if you can" } else { "" };
+                warnings.push(format!(
+                    "{name}: its frame rate varies; frames were put onto a clock of {rate:.3} a second, {repeated} shown \
+                     twice, {left_out} left out{advice}"
+                ));
+            }
+        }
+    }
+    for (video, kept) in reel.videos.iter().zip(&reel.kept) {
+        let parts = Parts::of(kept.frames.len());
+        if parts.valid.len() < cut.train_frames || parts.test.len() < cut.test_frames {
+            warnings.push(format!("{}: too short for clips of its own in validation or test", video.name()));
+        }
+    }
+    for (video, moving) in reel.videos.iter().zip(moving) {
+        let (name, share) = (video.name(), moving.typical_share());
+        if !moving.any() {
+            warnings.push(format!("{name}: nothing moves in the frames as a model sees them"));
+        } else if share > ALMOST_ALL {
+            warnings.push(format!(
+                "{name}: {:.0} % of a typical frame moves; the camera must stand still and the light must not change",
+                100.0 * share
+            ));
+        }
+    }
+    let ways: Vec<f64> = moving.iter().filter_map(|moving| way(moving, request.input_steps)).collect();
+    let furthest = ways.iter().copied().fold(0.0, f64::max);
+    if !ways.is_empty() && furthest < LEAST_WAY {
+        let step = (LEAST_WAY / furthest.max(0.05)).ceil() as usize * request.step;
+        warnings.push(format!(
+            "what moves goes only {furthest:.2} pixels over the {} frames that the encoder sees; its velocity is hard to \
+             tell: try --step {step}",
+            request.input_steps
+        ));
+    }
+    if counts[0] < FEW_CLIPS {
+        warnings.push(format!(
+            "{} training clips are few (a step of the recipe takes {FEW_CLIPS}); use more or longer videos",
+            counts[0]
+        ));
+    }
+    if counts[1].min(counts[2]) < FEW_HELD_OUT {
+        warnings.push(format!(
+            "{} validation and {} test clips say little of how good a model is; use more or longer videos",
+            counts[1], counts[2]
+        ));
+    }
+    let small = square.side < request.side as u32;
+    if small {
+        warnings.push(format!(
+            "the crop has only {0} x {0} pixels and was enlarged to {1} x {1}; choose a smaller --side",
+            square.side, request.side
+        ));
+    }
+    warnings
+}
+
+/// Median way of the middle of what moves over so many frames, pixels; none where too little moves.
+fn way(moving: &Moving, frames: usize) -> Option<f64> {
+    let middles: Vec<_> = moving.frames.iter().map(|frame| frame.middle).collect();
+    let between = middles.windows(frames.max(2)).filter_map(|seen| Some((seen[0]?, seen[seen.len() - 1]?)));
+    let mut ways: Vec<f64> = between.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).collect();
+    ways.sort_by(f64::total_cmp);
+    ways.get(ways.len() / 2).copied()
+}

@@ -1,0 +1,73 @@
+//! Where a task's clips were filmed: what `import` writes down, so that results can be given in the units of the scene.
+//!
+//! Nothing that learns reads it.
+
+use anyhow::{Result, ensure};
+use serde::{Deserialize, Serialize};
+
+/// The videos of a task and what turns a frame's pixels into metres. Places in a video are `(x, y)` in pixels of its
+/// upright frames, x to the right and y down, `(0, 0)` in the top left corner of the top left pixel.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Video {
+    /// Width and height of the videos, pixels.
+    pub size: [u32; 2],
+    /// Top left corner and side of the square that was cut out. Where it sticks out of the video, frames are black.
+    pub crop: [i64; 3],
+    /// Every how many-th frame was kept.
+    pub step: usize,
+    /// Unit of `system.dt`: `s`, `ms` or `frames`.
+    pub time_unit: String,
+    /// Seconds between two frames of a clip.
+    pub frame_seconds: f64,
+    /// Video pixels to a metre, if known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pixels_per_metre: Option<f64>,
+    /// Origin of the scene's axes; the top left corner of the video if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub origin: Option<[f64; 2]>,
+    /// Angle of the x axis, degrees, counter-clockwise from the right.
+    #[serde(default)]
+    pub angle: f64,
+    /// Whether the scene's y axis points up.
+    #[serde(default)]
+    pub y_up: bool,
+    pub sources: Vec<Source>,
+}
+
+/// One video.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Source {
+    /// As it was given.
+    pub file: String,
+    /// First frame that was used, and the one after the last, counted from 0.
+    pub frames: [usize; 2],
+    /// When the first frame is shown, seconds from the beginning of the video.
+    pub first_seconds: f64,
+    /// The first frame that no training clip holds.
+    pub held_out_from: usize,
+}
+
+impl Video {
+    /// Metres to a pixel of a frame of that side, if the scale is known.
+    pub fn metres_per_pixel(&self, side: usize) -> Option<f64> {
+        self.pixels_per_metre.map(|scale| self.crop[2] as f64 / side as f64 / scale)
+    }
+
+    /// # Errors
+    /// Numbers that cannot be.
+    pub(super) fn check(&self) -> Result<()> {
+        ensure!(self.crop[2] > 0, "video.crop = {:?}: the third number, its side, must be positive", self.crop);
+        ensure!(self.step > 0, "video.step = 0: every frame is 1");
+        let units = ["s", "ms", "frames"];
+        ensure!(units.contains(&self.time_unit.as_str()), "video.time_unit = {:?}: one of {units:?}", self.time_unit);
+        for (key, value) in [("frame_seconds", Some(self.frame_seconds)), ("pixels_per_metre", self.pixels_per_metre)] {
+            let Some(value) = value else { continue };
+            ensure!(value.is_finite() && value > 0.0, "video.{key} = {value}: must be a positive number");
+        }
+        let finite = self.origin.into_iter().flatten().chain([self.angle]).all(f64::is_finite);
+        ensure!(finite, "video.origin = {:?}, video.angle = {}: must be finite", self.origin, self.angle);
+        Ok(())
+    }
+}

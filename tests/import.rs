@@ -1,0 +1,520 @@
+//! Videos become tasks: frames in their order and at their times, crops, hold-out, and files that are damaged.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::Duration;
+
+use image::codecs::gif::GifEncoder;
+use image::{Delay, Frame, Rgb, RgbImage, Rgba, RgbaImage};
+use paig::datasets::files::{ClipShape, DatasetFile};
+use paig::import::crop::{CropChoice, Rectangle};
+use paig::import::request::Request;
+use paig::import::sources::Video;
+use paig::import::time_base::{Clock, Part};
+use paig::import::tracker::TrackerFile;
+use paig::import::{Imported, import};
+use paig::network::system::{EquationEntry, SystemTable};
+use paig::tasks::{self, Task};
+
+/// Standard output and error together.
+fn text(output: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+/// A video of 25 frames a second; each of the 60 frames shows its number (tests/data/make_numbered_clips.py).
+fn numbered() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/numbered.mp4")
+}
+
+/// The number that a frame of [`numbered`] shows: six blocks in its upper half, white for 1, the highest digit first.
+fn number(frame: &RgbImage) -> usize {
+    (0..6).fold(0, |number, place| 2 * number + usize::from(frame[(7 + 10 * place, 12)].0[1] > 128))
+}
+
+fn request(videos: &[&Path], out: &Path) -> Request {
+    Request {
+        videos: videos.iter().map(|path| path.to_path_buf()).collect(),
+        out: out.into(),
+        force: false,
+        name: None,
+        part: Part::All,
+        step: 1,
+        fps: None,
+        crop: CropChoice::Auto,
+        side: 32,
+        grey: false,
+        pixels_per_metre: None,
+        origin: None,
+        angle: 0.0,
+        y_up: false,
+        time_unit: "s".into(),
+        equation: EquationEntry::Name("falling".into()),
+        objects: None,
+        input_steps: 3,
+        pred_steps: 3,
+        clip_frames: None,
+        overlap: None,
+    }
+}
+
+fn imported(request: &Request) -> Imported {
+    import(request, &|_, _| {}).unwrap()
+}
+
+/// The message of an import that must fail.
+#[track_caller]
+fn refused(request: &Request) -> String {
+    let message = format!("{:#}", import(request, &|_, _| {}).unwrap_err());
+    assert!(!request.out.join("task.toml").exists(), "a refused import left a task");
+    message
+}
+
+#[track_caller]
+fn assert_says(said: &str, words: &[&str]) {
+    for word in words {
+        assert!(said.contains(word), "{word:?} is not in: {said}");
+    }
+}
+
+/// Frame `number` of a made video: a bright ball that moves to the right over a grey ground of 120 x 80 pixels, two pixels
+/// a frame from (20, 50) on.
+fn ball(number: usize) -> RgbImage {
+    let x = 20.0 + 2.0 * number as f64;
+    RgbImage::from_fn(120, 80, |px, py| {
+        let distance = (f64::from(px) + 0.5 - x).hypot(f64::from(py) + 0.5 - 50.0);
+        if distance < 4.0 { Rgb([250, 200, 40]) } else { Rgb([60, 60, 60]) }
+    })
+}
+
+/// A folder with pictures `f0.png`, `f1.png`, ... `f10.png`.
+fn pictures(folder: &Path, frames: impl IntoIterator<Item = RgbImage>) -> PathBuf {
+    let folder = folder.join("pictures");
+    fs::create_dir_all(&folder).unwrap();
+    for (number, frame) in frames.into_iter().enumerate() {
+        frame.save(folder.join(format!("f{number}.png"))).unwrap();
+    }
+    folder
+}
+
+fn gif(path: &Path, frames: &[(RgbImage, u64)]) {
+    let mut encoder = GifEncoder::new(File::create(path).unwrap());
+    for (frame, milliseconds) in frames {
+        let (width, height) = frame.dimensions();
+        let rgba = RgbaImage::from_fn(width, height, |x, y| {
+            let [r, g, b] = frame[(x, y)].0;
+            Rgba([r, g, b, 255])
+        });
+        let delay = Delay::from_saturating_duration(Duration::from_millis(*milliseconds));
+        encoder.encode_frame(Frame::from_parts(rgba, 0, 0, delay)).unwrap();
+    }
+}
+
+#[test]
+fn frames_of_an_mp4_come_in_display_order_with_their_times() {
+    let video = Video::open(&numbered()).unwrap();
+    assert_eq!((video.width, video.height, video.frames), (64, 48, 60));
+    let times = video.times.clone().unwrap();
+    assert!(times.iter().enumerate().all(|(place, time)| (time - place as f64 / 25.0).abs() < 1e-9), "{times:?}");
+    let mut frames = video.decode().unwrap();
+    let shown: Vec<_> = (0..60).map(|place| number(&frames.frame(place).unwrap())).collect();
+    assert_eq!(shown, (0..60).collect::<Vec<_>>());
+    // From the middle on, beginning between two frames at which a decoder may begin.
+    let mut frames = video.decode().unwrap();
+    assert_eq!([21, 21, 25, 39].map(|place| number(&frames.frame(place).unwrap())), [21, 21, 25, 39]);
+    // The square of grey level 160 is on its way back: it begins at 4 + 33.
+    let frame = frames.frame(39).unwrap();
+    let grey = |x: u32| frame[(x, 36)].0.iter().all(|level| level.abs_diff(160) < 12);
+    assert!(grey(39) && grey(47) && !grey(35) && !grey(51), "{:?}", frame[(43, 36)]);
+}
+
+#[test]
+fn rotated_films_stand_upright() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = fs::read(numbered()).unwrap();
+    // The matrix stands 40 bytes behind the name of the track header's box (version 0).
+    let matrix = bytes.windows(4).position(|name| name == b"tkhd").unwrap() + 4 + 40;
+    let plain = Video::open(&numbered()).unwrap().decode().unwrap().frame(9).unwrap();
+    let one = 1_i32 << 16;
+    for (degrees, [a, b, c, d]) in [(90, [0, one, -one, 0]), (180, [-one, 0, 0, -one]), (270, [0, -one, one, 0])] {
+        let mut turned = bytes.clone();
+        for (place, number) in [(0, a), (4, b), (12, c), (16, d)] {
+            turned[matrix + place..matrix + place + 4].copy_from_slice(&i32::to_be_bytes(number));
+        }
+        let path = folder.path().join(format!("turned{degrees}.mp4"));
+        fs::write(&path, turned).unwrap();
+        let video = Video::open(&path).unwrap();
+        assert_eq!((video.width, video.height), if degrees == 180 { (64, 48) } else { (48, 64) });
+        let frame = video.decode().unwrap().frame(9).unwrap();
+        // Where the pixel next to the top left corner of the coded frame is shown, clockwise.
+        let (x, y) = [(47 - 12, 7), (63 - 7, 47 - 12), (12, 63 - 7)][degrees / 90 - 1];
+        assert_eq!(frame.dimensions(), (video.width, video.height));
+        assert_eq!(frame[(x, y)], plain[(7, 12)], "{degrees} degrees");
+    }
+}
+
+#[test]
+fn pictures_and_gifs_keep_their_order_and_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let shade = |number: usize| RgbImage::from_pixel(8, 6, Rgb([10 * number as u8; 3]));
+    let video = Video::open(&pictures(folder.path(), (0..12).map(shade))).unwrap();
+    assert_eq!((video.frames, &video.times), (12, &None));
+    let mut frames = video.decode().unwrap();
+    for place in 0..12 {
+        assert_eq!(frames.frame(place).unwrap()[(3, 3)], Rgb([10 * place as u8; 3]));
+    }
+    let path = folder.path().join("clip.gif");
+    gif(&path, &(0..12).map(|number| (shade(number), if number == 3 { 200 } else { 100 })).collect::<Vec<_>>());
+    let video = Video::open(&path).unwrap();
+    let times = video.times.clone().unwrap();
+    for (place, time) in times.iter().enumerate() {
+        let expected = 0.1 * place as f64 + if place > 3 { 0.1 } else { 0.0 };
+        assert!((time - expected).abs() < 1e-9, "{times:?}");
+    }
+    let mut frames = video.decode().unwrap();
+    for place in [0, 5, 11] {
+        // A gif has 256 colours, and these are fewer.
+        assert_eq!(frames.frame(place).unwrap()[(3, 3)], Rgb([10 * place as u8; 3]));
+    }
+}
+
+#[test]
+fn arrays_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("video.npz");
+    let mut npz = ndarray_npy::NpzWriter::new_compressed(File::create(&path).unwrap());
+    let grey = ndarray::Array3::from_shape_fn((5, 4, 6), |(frame, y, x)| (100 * y + 10 * x + frame) as u8);
+    npz.add_array("frames", &grey).unwrap();
+    npz.finish().unwrap();
+    let video = Video::open(&path).unwrap();
+    assert_eq!((video.width, video.height, video.frames), (6, 4, 5));
+    assert_eq!(video.decode().unwrap().frame(3).unwrap()[(5, 2)], Rgb([(200 + 50 + 3) as u8; 3]));
+    let mut npz = ndarray_npy::NpzWriter::new_compressed(File::create(&path).unwrap());
+    npz.add_array("frames", &grey.mapv(f32::from)).unwrap();
+    npz.finish().unwrap();
+    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["video.npz", "uint8"]);
+}
+
+/// What a task made of a video looks like.
+#[test]
+fn an_imported_video_is_a_task_that_trains_from_its_own_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("My scene 1");
+    let path = numbered();
+    let done = imported(&Request { pixels_per_metre: Some(80.0), y_up: true, ..request(&[&path], &out) });
+    let task = tasks::find(out.join("task.toml").to_str().unwrap()).unwrap();
+    assert_eq!((task.name.as_str(), task.system.side, task.system.channels), ("my-scene-1", 32, 3));
+    assert!(
+        (task.system.dt - 0.04).abs() < 1e-6 && done.warnings.iter().any(|it| it.contains("say little")),
+        "{done:?}"
+    );
+    let video = task.video().unwrap();
+    assert_eq!((video.size, video.sources[0].frames, video.sources[0].held_out_from), ([64, 48], [0, 60], 45));
+    assert_eq!(done.metres_per_pixel, Some(f64::from(done.square.side) / 32.0 / 80.0));
+    assert_eq!(video.metres_per_pixel(32), done.metres_per_pixel);
+    assert!(out.join("contact-sheet.png").exists());
+    let train = DatasetFile::read(&out.join("train.npz"), &ClipShape::training(&task)).unwrap();
+    let test = DatasetFile::read(&out.join("test.npz"), &ClipShape::test(&task)).unwrap();
+    assert_eq!([train.train.dim().0, train.valid.dim().0, test.test.dim().0], done.clips);
+    // The program finds the files without being told where they are.
+    let config = Command::new(env!("CARGO_BIN_EXE_run_physics"))
+        .args(["--print-config", "--task"])
+        .arg(out.join("task.toml"))
+        .output()
+        .unwrap();
+    assert_says(&text(&config), &[&format!("folder = {:?}", out.to_str().unwrap()), "train_file = \"train.npz\""]);
+    assert_says(&refused_again(&out), &["holds something already", "--force"]);
+    imported(&Request { force: true, grey: true, ..request(&[&path], &out) });
+    assert_eq!(tasks::find(out.join("task.toml").to_str().unwrap()).unwrap().system.channels, 1);
+}
+
+fn refused_again(out: &Path) -> String {
+    format!("{:#}", import(&request(&[&numbered()], out), &|_, _| {}).unwrap_err())
+}
+
+/// Every frame of the made video has a level of its own, so a clip's frames can be told.
+#[test]
+fn held_out_frames_are_later_than_all_training_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    // The level of a strip tells the frame, that of a moving block below it that something moves.
+    let frame = |number: usize| {
+        RgbImage::from_fn(64, 64, |x, y| match y {
+            0..32 => Rgb([number as u8; 3]),
+            _ if (x as usize + number).is_multiple_of(16) => Rgb([255; 3]),
+            _ => Rgb([0; 3]),
+        })
+    };
+    let (first, second) = (folder.path().join("a"), folder.path().join("b"));
+    let (a, b) = (pictures(&first, (0..100).map(frame)), pictures(&second, (100..216).map(frame)));
+    let out = folder.path().join("out");
+    let full = Request { fps: Some(30.0), crop: CropChoice::Full, ..request(&[&a, &b], &out) };
+    let done = imported(&full);
+    let task = Task::from_toml(&fs::read_to_string(out.join("task.toml")).unwrap()).unwrap();
+    assert!((task.system.dt - 1.0 / 30.0).abs() < 1e-9);
+    let train = DatasetFile::read(&out.join("train.npz"), &ClipShape::training(&task)).unwrap();
+    let test = DatasetFile::read(&out.join("test.npz"), &ClipShape::test(&task)).unwrap();
+    let numbers = |clips: &ndarray::Array5<u8>| -> Vec<Vec<usize>> {
+        let of_clip = |clip: ndarray::ArrayView4<u8>| clip.outer_iter().map(|it| usize::from(it[[4, 4, 0]])).collect();
+        clips.outer_iter().map(of_clip).collect()
+    };
+    let parts = [numbers(&train.train), numbers(&train.valid), numbers(&test.test)];
+    assert_eq!(parts.each_ref().map(Vec::len), done.clips);
+    for clip in parts.iter().flatten() {
+        let follows = clip.windows(2).all(|pair| pair[1] == pair[0] + 1);
+        assert!(follows && (clip[0] < 100) == (clip[clip.len() - 1] < 100), "{clip:?} is no part of one video");
+    }
+    // Of the first video frames 0 to 74 are trained on, of the second 100 to 186.
+    for (video, held_out, test_from) in [(0..100, 75, 87), (100..216, 187, 201)] {
+        let of_video = |part: &[Vec<usize>]| -> Vec<usize> {
+            part.iter().flatten().copied().filter(|number| video.contains(number)).collect()
+        };
+        let [train, valid, test] = parts.each_ref().map(|part| of_video(part));
+        assert_eq!((train.iter().min(), train.iter().max()), (Some(&video.start), Some(&(held_out - 1))));
+        assert!(valid.iter().all(|number| (held_out..test_from).contains(number)), "{valid:?}");
+        assert!(test.iter().all(|number| *number >= test_from), "{test:?}");
+        assert!(!valid.is_empty() && !test.is_empty());
+    }
+}
+
+#[test]
+fn the_proposed_crop_lies_around_the_ball() {
+    let folder = tempfile::tempdir().unwrap();
+    let noisy = |number: usize| {
+        let mut frame = ball(number);
+        // Noise as a camera has it: up to 4 levels to either side, the same in every run.
+        for (place, pixel) in frame.pixels_mut().enumerate() {
+            let noise = (((place * 31 + number * 17) * 2_654_435_761) >> 7) % 9;
+            pixel.0.iter_mut().for_each(|level| *level = (*level + noise as u8).saturating_sub(4));
+        }
+        frame
+    };
+    let path = pictures(folder.path(), (0..40).map(noisy));
+    let small = |name: &str| Request { input_steps: 2, pred_steps: 2, ..request(&[&path], &folder.path().join(name)) };
+    let done = imported(&Request { fps: Some(25.0), ..small("out") });
+    // The ball is seen from (16, 46) to (102, 54).
+    let square = done.square;
+    let (left, right) = (square.x, square.x + i64::from(square.side));
+    assert!(left <= 16 && right >= 102 && square.side <= 120 && square.y + i64::from(square.side) >= 54, "{square:?}");
+    assert!(done.warnings.iter().all(|warning| !warning.contains('%')), "{done:?}");
+    let part = Request { part: Part::Frames(0, Some(20)), ..small("part") };
+    let fewer = Request { fps: Some(25.0), input_steps: 1, pred_steps: 1, ..part };
+    let square = imported(&fewer).square;
+    assert!(square.x <= 16 && square.x + i64::from(square.side) >= 62 && square.side <= 75, "{square:?}");
+}
+
+#[test]
+fn a_given_rate_replaces_the_times_and_uneven_times_are_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = numbered();
+    let out = |name: &str| folder.path().join(name);
+    let slow = Request { fps: Some(100.0), ..request(&[&path], &out("slow")) };
+    let done = imported(&slow);
+    assert_eq!((done.videos[0].kept.clock, done.interval), (Clock::Given, 0.01));
+    let steps =
+        Request { step: 2, time_unit: "ms".into(), input_steps: 1, pred_steps: 1, ..request(&[&path], &out("ms")) };
+    assert_eq!(imported(&steps).videos[0].kept.frames.len(), 30);
+    let task = Task::from_toml(&fs::read_to_string(out("ms").join("task.toml")).unwrap()).unwrap();
+    assert!((task.system.dt - 80.0).abs() < 1e-6);
+    // One frame of a gif stands five times as long as the others.
+    let uneven = folder.path().join("uneven.gif");
+    gif(&uneven, &(0..60).map(|it| (ball(it % 40), if it == 20 { 200 } else { 40 })).collect::<Vec<_>>());
+    let done = imported(&request(&[&uneven], &out("uneven")));
+    assert_eq!(done.videos[0].kept.clock, Clock::Resampled { repeated: 4, left_out: 0 });
+    assert!(done.warnings.iter().any(|warning| warning.contains("frame rate varies")), "{:?}", done.warnings);
+}
+
+const TRK: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
+<object class="org.opensourcephysics.cabrillo.tracker.TrackerPanel">
+    <property name="clipcontrol" type="object">
+    <object class="org.opensourcephysics.media.core.StepperClipControl">
+        <property name="delta_t" type="double">8.333333333333334</property>
+    </object>
+    </property>
+    <property name="coords" type="object">
+    <object class="org.opensourcephysics.media.core.ImageCoordSystem">
+        <property name="fixedorigin" type="boolean">true</property>
+        <property name="framedata" type="array" class="[Lorg.opensourcephysics.media.core.ImageCoordSystem$FrameData;">
+            <property name="[0]" type="object">
+            <object class="org.opensourcephysics.media.core.ImageCoordSystem$FrameData">
+                <property name="xorigin" type="double">120.5</property>
+                <property name="yorigin" type="double">300.0</property>
+                <property name="angle" type="double">-2.5</property>
+                <property name="xscale" type="double">512.25</property>
+                <property name="yscale" type="double">512.25</property>
+            </object>
+            </property>
+        </property>
+    </object>
+    </property>
+</object>
+"#;
+
+#[test]
+fn tracker_files_give_scale_axes_and_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = folder.path().join("clip.trk");
+    fs::write(&plain, TRK).unwrap();
+    let file = TrackerFile::read(&plain).unwrap();
+    assert_eq!((file.pixels_per_metre, file.origin, file.angle), (512.25, [120.5, 300.0], -2.5));
+    assert!((file.fps.unwrap() - 120.0).abs() < 1e-9);
+    let zipped = folder.path().join("clip.trz");
+    let mut archive = zip::ZipWriter::new(File::create(&zipped).unwrap());
+    archive.start_file("clip.trk", zip::write::SimpleFileOptions::default()).unwrap();
+    std::io::Write::write_all(&mut archive, TRK.as_bytes()).unwrap();
+    archive.finish().unwrap();
+    assert_eq!(TrackerFile::read(&zipped).unwrap(), file);
+    for (here, there, word) in [
+        ("512.25</property>\n            </object>", "3</property>\n            </object>", "must be square"),
+        ("\"xscale\"", "\"scale\"", "no xscale"),
+        ("512.25", "much", "not a number"),
+        ("8.333333333333334", "0", "delta_t"),
+        ("</object>", "", "XML"),
+    ] {
+        assert_says(&format!("{:#}", TrackerFile::parse(&TRK.replace(here, there)).unwrap_err()), &[word]);
+    }
+}
+
+#[test]
+fn what_cannot_be_imported_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, out) = (numbered(), folder.path().join("out"));
+    let plain = || request(&[&path], &out);
+    let outside = CropChoice::Rectangle(Rectangle { x: 40, y: 0, width: 30, height: 30 });
+    assert_says(&refused(&Request { crop: outside, ..plain() }), &["40,0,30,30", "64 x 48"]);
+    assert_says(&refused(&Request { part: Part::Frames(30, Some(70)), ..plain() }), &["30..70", "it has 60"]);
+    assert_says(&refused(&Request { part: Part::Frames(0, Some(20)), ..plain() }), &["20 frames are too few"]);
+    assert_says(&refused(&Request { side: 50, ..plain() }), &["side = 50", "48"]);
+    assert_says(
+        &refused(&Request { equation: EquationEntry::Name("fall".into()), ..plain() }),
+        &["\"fall\"", "falling"],
+    );
+    assert_says(&refused(&Request { name: Some("pendulum".into()), ..plain() }), &["pendulum", "--name"]);
+    assert_says(&refused(&request(&[&folder.path().join("none.mp4")], &out)), &["none.mp4", "no such file"]);
+    let empty = folder.path().join("empty");
+    fs::create_dir(&empty).unwrap();
+    assert_says(&refused(&request(&[&empty], &out)), &["no png or jpeg"]);
+    let still = pictures(&folder.path().join("still"), (0..60).map(|_| ball(0)));
+    assert_says(&refused(&request(&[&still], &out)), &["--fps"]);
+    assert_says(&refused(&Request { fps: Some(25.0), ..request(&[&still], &out) }), &["nothing moves"]);
+    let full = Request { fps: Some(25.0), crop: CropChoice::Full, ..request(&[&still], &out) };
+    assert_says(&refused(&full), &["nothing moves"]);
+    let sizes = pictures(&folder.path().join("sizes"), (0..60).map(ball).chain([RgbImage::new(60, 40)]));
+    assert_says(&refused(&Request { fps: Some(25.0), ..request(&[&sizes], &out) }), &["f60.png", "60 x 40"]);
+    let two = Request { fps: Some(25.0), ..request(&[&path, &still], &out) };
+    assert_says(&refused(&two), &["120 x 80", "64 x 48"]);
+}
+
+/// The options reach the task file, and the summary says what was used.
+#[test]
+fn the_program_says_what_it_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let (tracker, out) = (folder.path().join("clip.trk"), folder.path().join("out"));
+    fs::write(&tracker, TRK).unwrap();
+    let mut program = Command::new(env!("CARGO_BIN_EXE_import"));
+    program.arg(numbered()).arg("--out").arg(&out).arg("--tracker").arg(&tracker);
+    program.args(["--crop", "0,24,64,24", "--frames", "2..", "--fps", "50", "--input-steps", "2", "--pred-steps", "2"]);
+    let output = program.args(["--equation", "spring", "--angle", "5", "--dt-unit", "frames"]).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output));
+    let said = text(&output);
+    assert_says(&said, &["numbered.mp4: 60 frames of 64 x 48, 50.000 a second, as given; kept 58", "equation spring"]);
+    assert_says(&said, &["crop 64 x 64 from (0, -8)", "scale 0.003904 m", "run_physics --task"]);
+    let task = tasks::find(out.join("task.toml").to_str().unwrap()).unwrap();
+    let video = task.video().unwrap();
+    assert_eq!((task.system.objects, task.system.dt, video.frame_seconds), (2, 1.0, 0.02));
+    assert_eq!((video.origin, video.angle, video.y_up), (Some([120.5, 300.0]), 5.0, true));
+    assert_eq!((video.pixels_per_metre, video.sources[0].frames), (Some(512.25), [2, 60]));
+}
+
+/// Runs the program, which must fail, and returns what it said: one line, and no panic.
+#[track_caller]
+fn said(program: &mut Command) -> String {
+    let output = program.output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.starts_with("error: ") && said.trim_end().lines().count() == 1, "{said}");
+    said
+}
+
+#[test]
+fn options_that_cannot_be_are_refused_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    for (option, value, words) in [
+        ("--crop", "1,2,3", ["--crop \"1,2,3\"", "X,Y,WIDTH,HEIGHT"]),
+        ("--scale", "1,2", ["--scale \"1,2\"", "5 numbers"]),
+        ("--scale", "1,2,1,2,3", ["--scale", "must differ"]),
+        ("--origin", "a,b", ["--origin \"a,b\"", "2 numbers"]),
+        ("--frames", "7", ["--frames \"7\"", "START..END"]),
+        ("--seconds", "9..12", ["numbered.mp4", "the last at 2.360 s"]),
+        ("--fps", "0", ["--fps", "positive"]),
+        ("--tracker", "none.trk", ["none.trk", "No such file"]),
+    ] {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_import"));
+        let out = folder.path().join("out");
+        assert_says(&said(program.arg(numbered()).arg("--out").arg(out).args([option, value])), &words);
+    }
+}
+
+#[test]
+fn a_codec_without_a_decoder_is_named_with_the_way_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let hevc = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/numbered_hevc.mp4");
+    for (video, words) in [(hevc, ["HEVC", "install ffmpeg"]), (folder.path().join("clip.avi"), ["\"avi\"", "ffmpeg"])]
+    {
+        if !video.exists() {
+            fs::write(&video, "no film").unwrap();
+        }
+        let mut program = Command::new(env!("CARGO_BIN_EXE_import"));
+        program.arg(video).arg("--out").arg(folder.path().join("out")).env("PATH", "");
+        assert_says(&said(&mut program), &words);
+    }
+}
+
+/// Cut off anywhere, or with bytes changed, a film ends in an error or in frames, and soon.
+#[test]
+fn damaged_films_are_no_more_than_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, bytes) = (folder.path().join("damaged.mp4"), fs::read(numbered()).unwrap());
+    let decode = |bytes: &[u8]| {
+        fs::write(&path, bytes).unwrap();
+        let Ok(video) = Video::open(&path) else { return 0 };
+        let mut frames = video.decode().unwrap();
+        (0..video.frames).take_while(|number| frames.frame(*number).is_ok()).count()
+    };
+    assert_eq!(decode(&bytes), 60);
+    for length in (0..bytes.len()).step_by(41) {
+        assert_eq!(decode(&bytes[..length]), 0, "cut off at {length}");
+    }
+    fs::write(&path, &bytes[..bytes.len() - 100]).unwrap();
+    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["cut off", "of its 60 frames"]);
+    for place in (0..bytes.len()).step_by(37) {
+        for value in [0, 127, 255] {
+            let mut damaged = bytes.clone();
+            damaged[place] = value;
+            decode(&damaged);
+        }
+    }
+    // A header that claims a frame of 65535 pixels, and one that claims four thousand million frames of one size.
+    let mut wide = bytes.clone();
+    let entry = bytes.windows(4).rposition(|name| name == b"avc1").unwrap() + 4;
+    wide[entry + 24..entry + 28].copy_from_slice(&[255; 4]);
+    fs::write(&path, wide).unwrap();
+    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["65535 x 65535", "8192"]);
+    let mut many = bytes.clone();
+    let sizes = bytes.windows(4).position(|name| name == b"stsz").unwrap() + 4;
+    many[sizes + 4..sizes + 12].copy_from_slice(&[0, 0, 0, 1, 255, 255, 255, 255]);
+    fs::write(&path, many).unwrap();
+    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["claims 4294967295"]);
+}
+
+#[test]
+fn an_equation_as_text_stands_in_the_new_task() {
+    let folder = tempfile::tempdir().unwrap();
+    let (video, out) = (pictures(folder.path(), (0..48).map(ball)), folder.path().join("out"));
+    let gallery = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/gallery/fall_linear_drag.toml");
+    let drag = tasks::find(gallery.to_str().unwrap()).unwrap().system;
+    let equation = SystemTable::from(&drag).equation;
+    let made = imported(&Request { fps: Some(10.0), equation, ..request(&[&video], &out) });
+    let task = tasks::find(made.task_file.to_str().unwrap()).unwrap();
+    assert_eq!(task.system.cell, drag.cell);
+    assert_eq!((task.system.dt, task.system.side), (0.1, 32));
+}

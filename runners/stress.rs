@@ -1,7 +1,7 @@
 //! Runs the stress suite and writes its report. See `stress --help`.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
@@ -12,9 +12,8 @@ use paig::cli::interrupt;
 use paig::cli::run::exit_code;
 use paig::cli::sweep_display::SweepDisplay;
 use paig::generators::generate;
-use paig::runs::find::find_runs;
 use paig::say;
-use paig::stress::{self, StressList, outcome};
+use paig::stress::{self, Scene, StressList, outcome};
 use paig::sweep;
 
 /// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
@@ -60,15 +59,15 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let list = StressList::read(&arguments.list)?;
+    let chosen = list.of_names(&arguments.scene)?;
     let data_seeds = parse_seeds(&arguments.data_seeds)?;
-    let code = if arguments.report_only { ExitCode::SUCCESS } else { learn(arguments, &data_seeds)? };
+    let code = if arguments.report_only { ExitCode::SUCCESS } else { learn(arguments, &chosen, &data_seeds)? };
     report(arguments, &list, &data_seeds)?;
     Ok(code)
 }
 
 /// Films and learns what is not there yet, one data seed after the other.
-fn learn(arguments: &Arguments, data_seeds: &[u64]) -> Result<ExitCode> {
-    let list = StressList::read(&arguments.list)?.of_names(&arguments.scene)?;
+fn learn(arguments: &Arguments, scenes: &[&Scene], data_seeds: &[u64]) -> Result<ExitCode> {
     let this = std::env::current_exe().context("cannot find this program's own place")?;
     let program = this.with_file_name("run_physics");
     ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
@@ -76,7 +75,7 @@ fn learn(arguments: &Arguments, data_seeds: &[u64]) -> Result<ExitCode> {
     let mut failed = false;
     for &data_seed in data_seeds {
         let mut jobs = Vec::new();
-        for scene in &list.scenes {
+        for scene in scenes {
             let display = Display::default();
             generate(&scene.dataset(&arguments.data, data_seed)?, &|event| display.show(event))?;
             jobs.extend(scene.plan(&arguments.data, &arguments.runs, data_seed, 1).jobs()?);
@@ -99,11 +98,7 @@ fn report(arguments: &Arguments, list: &StressList, data_seeds: &[u64]) -> Resul
     let mut pictured = BTreeMap::new();
     for scene in &list.scenes {
         for &data_seed in data_seeds {
-            let folder = folder(scene, arguments, data_seed)?;
-            if !folder.exists() {
-                continue;
-            }
-            for run in find_runs(&[folder], &|_| false)?.runs {
+            for run in scene.runs(&arguments.data, &arguments.runs, data_seed)? {
                 let Some(outcome) = outcome(scene, data_seed, &run)? else { continue };
                 outcomes.push(outcome);
                 pictured.entry(scene.name.clone()).or_insert(run);
@@ -115,11 +110,4 @@ fn report(arguments: &Arguments, list: &StressList, data_seeds: &[u64]) -> Resul
     stress::write(&arguments.out, list, &outcomes, &pictured)?;
     say!("{succeeded} of {} runs succeeded; {}", outcomes.len(), arguments.out.join("report.md").display());
     Ok(())
-}
-
-/// Where the runs of a scene on one dataset are.
-fn folder(scene: &stress::Scene, arguments: &Arguments, data_seed: u64) -> Result<PathBuf> {
-    let jobs = scene.plan(&arguments.data, &arguments.runs, data_seed, 1).jobs()?;
-    let first = jobs.first().context("a scene without runs")?;
-    Ok(first.folder.parent().map_or_else(|| arguments.runs.clone(), Path::to_path_buf))
 }

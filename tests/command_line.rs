@@ -49,7 +49,7 @@ fn unknown_keys_and_values_are_refused() {
         ("join.learning_rate=-0.1", ["join.learning_rate", "-0.1"]),
         ("join.alpha=nan", ["join.alpha", "NaN"]),
         ("discover.schedule.anneal_at=1.5", ["discover.schedule", "anneal_at = 1.5"]),
-        ("join.schedule.plateau=0.1", ["join.schedule", "patience must be at least 1"]),
+        ("join.schedule.patience=0", ["join.schedule", "patience must be at least 1"]),
         ("discover.guide.zero_from=9", ["full_until", "zero_from = 9"]),
         ("task=\"pendulum\"", ["task=\"pendulum\"", "contradicts"]),
     ] {

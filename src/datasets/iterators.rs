@@ -62,6 +62,12 @@ impl Clips {
         to_float(&self.pixels.flatten(0, 1).index_select(0, &index)).permute([0, 3, 1, 2])
     }
 
+    /// The places of the first `frames` frames of these clips in the sequence of all frames, clip by clip.
+    pub fn places(&self, clips: &[i64], frames: usize) -> Vec<i64> {
+        let (time, frames) = (self.time() as i64, frames as i64);
+        clips.iter().flat_map(|clip| (0..frames).map(move |frame| clip * time + frame)).collect()
+    }
+
     /// The places of `count` frames drawn at random from all clips for a step.
     pub fn random_places(&self, count: usize, seed: u64, step: u64) -> Vec<i64> {
         let all = (self.len() * self.time()) as i64;

@@ -12,6 +12,8 @@ use crate::datasets::settings::Counts;
 use crate::generators::DatasetJob;
 use crate::generators::source_images::SourceImages;
 use crate::generators::variant::Variant;
+use crate::runs::find::find_runs;
+use crate::runs::run::Run;
 use crate::sweep::SweepPlan;
 use crate::tasks::{self, Task};
 
@@ -95,13 +97,12 @@ impl StressList {
     ///
     /// # Errors
     /// A name that the list lacks.
-    pub fn of_names(self, names: &[String]) -> Result<Self> {
+    pub fn of_names(&self, names: &[String]) -> Result<Vec<&Scene>> {
         let known: Vec<&str> = self.scenes.iter().map(|scene| scene.name.as_str()).collect();
         for name in names {
             ensure!(known.contains(&name.as_str()), "no scene {name:?}; the scenes are {}", known.join(", "));
         }
-        let wanted = |scene: &Scene| names.is_empty() || names.contains(&scene.name);
-        Ok(StressList { scenes: self.scenes.into_iter().filter(wanted).collect() })
+        Ok(self.scenes.iter().filter(|scene| names.is_empty() || names.contains(&scene.name)).collect())
     }
 
     /// How many scenes there are of each plain task.
@@ -143,6 +144,16 @@ impl Scene {
             threads,
             out: run_folder(runs, data_seed),
         }
+    }
+
+    /// The runs that were begun on the dataset of a seed.
+    ///
+    /// # Errors
+    /// A run folder that cannot be read.
+    pub fn runs(&self, data: &Path, runs: &Path, data_seed: DataSeed) -> Result<Vec<Run>> {
+        let jobs = self.plan(data, runs, data_seed, 1).jobs()?;
+        let begun = jobs.into_iter().map(|job| job.folder).filter(|folder| folder.exists());
+        Ok(find_runs(&begun.collect::<Vec<_>>(), &|_| false)?.runs)
     }
 }
 

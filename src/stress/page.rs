@@ -1,6 +1,6 @@
 //! The suite's report: results.json, a page with the matrix, and a picture of each scene.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -58,12 +58,13 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
     let systems: Vec<String> = list.systems().into_iter().map(|(task, scenes)| format!("{task} {scenes}")).collect();
     let _ = writeln!(
         page,
-        "# Scenes unlike the paper's\n\nMade by `make stress`. {} scenes ({}), each with the plain `fast` recipe: no key is \
+        "# Scenes unlike the paper's\n\nMade by `make stress`. {} scenes ({}), {} of which have runs, each with the plain `fast` recipe: no key is \
          changed for a scene. A run succeeds within the limits of the plain task; where noise sets a floor, a loss may be \
          1.1 floors larger. *Found* is the run's own verdict, made without the truth.\n\n\
          **{succeeded} of {} runs succeeded.** {}\n",
         list.scenes.len(),
         systems.join(", "),
+        outcomes.iter().map(|outcome| &outcome.scene).collect::<BTreeSet<_>>().len(),
         outcomes.len(),
         agreement(outcomes)
     );

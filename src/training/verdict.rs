@@ -80,8 +80,8 @@ fn objects(model: &PhysicsNet, seen: &Seen) -> Check {
 fn drawing(model: &PhysicsNet, clips: &Clips, motion: &Motion) -> Result<Check> {
     let (mut left, mut all) = (0.0, 0.0);
     each_pass(model, clips, CLIPS, evaluation::BATCH, |chosen, frames, pass| {
-        let (time, encoded) = (clips.time() as i64, pass.reconstructions.size()[1]);
-        let places: Vec<i64> = chosen.iter().flat_map(|clip| (0..encoded).map(move |t| clip * time + t)).collect();
+        let encoded = pass.reconstructions.size()[1];
+        let places = clips.places(chosen, encoded as usize);
         let truth = frames.narrow(1, 0, encoded).flatten(0, 1);
         let moving = motion.of(clips, &places, &truth);
         let moves = moving.share.gt(MOVES).unsqueeze(1);

@@ -42,7 +42,7 @@ impl Seen {
             (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for chosen in chosen.chunks(batch) {
             let frames = clips.batch(chosen, clips.time()).flatten(0, 1);
-            let places: Vec<i64> = chosen.iter().flat_map(|clip| (0..time).map(move |t| clip * time + t)).collect();
+            let places = clips.places(chosen, clips.time());
             let encoding = model.encoder.forward(&frames);
             let excess = motion.of(clips, &places, &frames).excess;
             let masses = Masses::of(model, &encoding.masks, &excess);

@@ -147,7 +147,11 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     let settings = arguments.settings(goal);
     let mut world = PendulumEnvironment::new(settings)?;
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot create {}", arguments.out.display()))?;
-    // What the bounds reached is needed for every row.
+    // What fails should do so before the first episode.
+    for who in arguments.planner.iter().copied().filter(|who| who.sees()) {
+        Vision::new(&arguments.model_of(who, &settings)?)?;
+    }
+    // What the bound reached is needed for every row.
     let bound = arguments.play(Who::TrueState, &settings, &mut world)?;
     let upper_bound = bound.mean[0];
     let mut rows = Vec::new();

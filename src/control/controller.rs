@@ -17,8 +17,8 @@ pub enum Controller<'a> {
     /// No torque at all.
     Zero,
     /// Any torque within the limits, all as likely.
-    Random(ChaCha8Rng),
-    /// Plans from the true state; with the true equation as its model nothing that sees does better.
+    Random(Box<ChaCha8Rng>),
+    /// Plans from the true state; with the true equation as its model, the bound of what sight can reach.
     TrueState { model: Box<dyn Model + 'a>, planner: Box<dyn Planner> },
     /// Plans from what is seen.
     Seeing { vision: Vision<'a>, model: Box<dyn Model + 'a>, planner: Box<dyn Planner> },
@@ -49,14 +49,14 @@ pub enum Decision {
 
 impl Controller<'_> {
     pub fn random() -> Self {
-        Controller::Random(named_generator(0, "random torque"))
+        Controller::Random(Box::new(named_generator(0, "random torque")))
     }
 
     /// Begins an episode.
     pub fn begin(&mut self, seed: u64) {
         match self {
             Controller::Zero => {}
-            Controller::Random(random) => *random = named_generator(seed, "random torque"),
+            Controller::Random(random) => **random = named_generator(seed, "random torque"),
             Controller::TrueState { planner, .. } | Controller::Seeing { planner, .. } => planner.begin(seed),
         }
     }

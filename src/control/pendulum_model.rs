@@ -67,7 +67,7 @@ impl Model for PendulumModel {
 const ROUNDS: f32 = 12_582_912.0;
 
 /// The sine, to some 1e-6 within a hundred turns. Without a branch or a call, so that several are computed at a time: the
-/// library's own takes ten times as long, which is most of a plan.
+/// library's own takes some three times as long, which is most of a plan.
 fn sine(x: f32) -> f32 {
     let half_turns = (x * FRAC_1_PI + ROUNDS) - ROUNDS;
     // Pi in two parts: the first has so few digits that its multiples are exact.

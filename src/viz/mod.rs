@@ -11,6 +11,7 @@ pub(crate) mod chart;
 pub mod contact_sheet;
 mod curves;
 pub mod examples;
+mod film;
 mod frame_scores;
 mod gif;
 pub mod grid;
@@ -29,6 +30,7 @@ use crate::evaluation::outputs::Outputs;
 use crate::network::physics_models::PhysicsNet;
 
 pub use curves::write_curves;
+pub use film::write_film;
 pub use frame_scores::write_frame_scores;
 pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts};
 pub use rollout::write_rollout;

@@ -1,0 +1,78 @@
+//! `results.json`: what each planner reached.
+
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::Result;
+use rand::Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::support::atomic;
+use crate::support::random::named_generator;
+
+/// Number of the file's form.
+pub const FORMAT: u32 = 1;
+/// Samples drawn for an interval.
+const RESAMPLES: usize = 2000;
+
+/// The file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Results {
+    pub format: u32,
+    pub rows: Vec<Row>,
+}
+
+/// One planner in one world.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Row {
+    pub planner: String,
+    /// The run whose model sees; none of planners without one.
+    pub model: Option<String>,
+    /// Clips that the run was trained on, if known.
+    pub clips: Option<usize>,
+    /// Degrees from upright, clockwise; none of Gymnasium's cost.
+    pub goal: Option<f64>,
+    /// The environment's.
+    pub gravity: f64,
+    pub episodes: usize,
+    pub return_mean: f64,
+    /// 95 % interval of the mean over episodes, by the bootstrap.
+    pub return_low: f64,
+    pub return_high: f64,
+    /// Mean return of the planner that knows state and equation, in the same episodes.
+    pub upper_bound: f64,
+    pub ms_per_decision: f64,
+}
+
+/// Mean of some returns with the ends of its 95 % interval, by the percentile bootstrap: `[mean, low, high]`. None
+/// without returns.
+pub fn mean_and_interval(returns: &[f64], seed: u64) -> Option<[f64; 3]> {
+    if returns.is_empty() {
+        return None;
+    }
+    let count = returns.len() as f64;
+    let mut random = named_generator(seed, "bootstrap");
+    let mut mean_of_draw = |_| {
+        let drawn = (0..returns.len()).map(|_| returns[random.random_range(0..returns.len())]);
+        drawn.sum::<f64>() / count
+    };
+    let mut means: Vec<f64> = (0..RESAMPLES).map(&mut mean_of_draw).collect();
+    means.sort_by(f64::total_cmp);
+    let at = |share: f64| means[((RESAMPLES - 1) as f64 * share).round() as usize];
+    Some([returns.iter().sum::<f64>() / count, at(0.025), at(0.975)])
+}
+
+impl Results {
+    /// Writes the file in one step.
+    ///
+    /// # Errors
+    /// A folder that is missing or cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        atomic::write_file(path, |file| {
+            serde_json::to_writer_pretty(&mut *file, self)?;
+            Ok(file.write_all(b"\n")?)
+        })
+    }
+}

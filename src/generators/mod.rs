@@ -5,7 +5,7 @@
 
 pub mod effects;
 pub mod film;
-mod forecast;
+pub mod forecast;
 mod initial;
 pub mod noise_floor;
 pub mod render;

@@ -4,6 +4,7 @@
 //! once, or twice where the crop is to be found from what moves.
 
 mod clips;
+mod contact_sheet;
 pub mod crop;
 pub mod hold_out;
 pub mod motion;
@@ -21,6 +22,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 
+use self::contact_sheet::write_contact_sheet;
 use self::crop::Square;
 use self::hold_out::Cut;
 use self::motion::Moving;
@@ -30,7 +32,6 @@ use self::time_base::Kept;
 use crate::network::System;
 use crate::network::system::SystemTable;
 use crate::support::atomic;
-use crate::viz::contact_sheet::write_contact_sheet;
 
 /// Most frames that are kept of all videos.
 const MOST_KEPT: usize = 50_000;

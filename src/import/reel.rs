@@ -3,6 +3,7 @@
 use anyhow::{Context, Result, bail, ensure};
 use image::RgbImage;
 
+use super::contact_sheet::{SheetCell, SheetRow};
 use super::crop::{CropChoice, Rectangle, Square};
 use super::motion::{self, Moving, spread};
 use super::request::Request;
@@ -10,7 +11,6 @@ use super::sources::Video;
 use super::time_base::Kept;
 use super::{MOST_KEPT, Progress};
 use crate::tasks::video;
-use crate::viz::contact_sheet::{SheetCell, SheetRow};
 
 /// Most bytes of all frames as a model sees them.
 const MOST_BYTES: usize = 1 << 29;

@@ -6,9 +6,8 @@
 
 mod animation;
 mod arrays;
-mod canvas;
+pub(crate) mod canvas;
 pub(crate) mod chart;
-pub mod contact_sheet;
 mod curves;
 pub mod examples;
 mod film;

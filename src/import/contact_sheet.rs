@@ -8,7 +8,7 @@ use image::imageops::{self, FilterType};
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::HPos;
 
-use super::canvas::{Canvas, INK};
+use crate::viz::canvas::{Canvas, INK};
 
 /// Side of the cells, space between them and lines of text, pixels.
 const CELL: u32 = 240;

@@ -4,10 +4,12 @@ use paig::datasets::iterators::Clips;
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, generate_clips};
+use paig::support::random::named_generator;
 use paig::tasks::Task;
 use paig::training::objects::blobs::{self, FrameBlobs};
 use paig::training::objects::motion::{Motion, Moving};
 use paig::training::objects::names::Names;
+use paig::training::objects::pasting::pasted;
 use tch::{Device, Kind, Tensor};
 
 /// Clips of a task with additions to its file, and their true positions `[frames, 2 * objects]`.
@@ -155,6 +157,26 @@ fn objects_of_one_look_are_not_told_by_it() {
     // Of each frame the named blobs are different ones, and which pixel is whose is told at most once.
     let shares = names.responsibilities(&blobs).unwrap();
     assert!(shares.sum_dim_intlist([1i64].as_slice(), false, Kind::Float).max().double_value(&[]) <= 1.0);
+}
+
+#[test]
+fn pasted_frames_show_the_same_balls_elsewhere() {
+    let scene = scene("spring_color", "background = { kind = \"plain\", brightness = 0.1 }");
+    let places: Vec<i64> = (0..60).collect();
+    let frames = scene.clips.frames(&places);
+    let moving = Motion::measure(&scene.clips, 0).of(&scene.clips, &places, &frames);
+    let made = pasted(&frames, &moving, &blobs::find(&moving, scene.objects), &mut named_generator(1, "a test"));
+    assert_eq!(made.size(), frames.size());
+    let channel = |of: &Tensor, frame: i64, channel: i64| (of.get(frame).get(channel) - 0.1).clamp_min(0.0);
+    let (mut moved, mut kept) = (0, 0);
+    for (frame, ball) in (0..60).flat_map(|frame| [(frame, 1), (frame, 2)]) {
+        let [before, after] = [&frames, &made].map(|of| channel(of, frame, ball));
+        let [was, is] = [&before, &after].map(|of| of.sum(Kind::Double).double_value(&[]));
+        // A ball's light is 12 levels and more. Some of it may go where the frame ends, or under the other.
+        kept += i32::from((is / was - 1.0).abs() < 0.1);
+        moved += i32::from((before - after).abs().max().double_value(&[]) > 0.5);
+    }
+    assert!(kept > 80 && moved > 100, "of 120 balls {kept} are whole, {moved} elsewhere");
 }
 
 #[test]

@@ -1,14 +1,11 @@
 //! What the planners share: a mean plan that moves on with time, candidates drawn around it, and what they are worth.
 
-use std::f64::consts::TAU;
-
-use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 use super::environment::MAX_TORQUE;
 use super::model::{Model, Plans};
 use super::reward::{PendulumState, Reward};
-use crate::support::random::named_generator;
+use crate::support::random::{named_generator, normal};
 
 /// How wide and how far a planner looks.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,11 +100,4 @@ impl Search {
         self.mean.fill(0.0);
         None
     }
-}
-
-/// A number of the standard normal distribution, by Box and Muller's method.
-fn normal(random: &mut ChaCha8Rng) -> f64 {
-    // Never 0, whose logarithm there is not.
-    let share = 1.0 - random.random::<f64>();
-    (-2.0 * share.ln()).sqrt() * (TAU * random.random::<f64>()).cos()
 }

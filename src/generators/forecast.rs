@@ -9,13 +9,14 @@ use std::ops::Range;
 use anyhow::Result;
 use tch::{Kind, Tensor};
 
-use super::effects::{expose, noise::normal};
+use super::effects::expose;
 use super::film::Film;
 use super::render::Renderer;
 use super::simulate::SceneState;
 use super::streams::{Purpose, Streams};
 use super::variant::Variant;
 use crate::datasets::settings::Forecast;
+use crate::support::random::normal;
 use crate::tasks::camera::Camera;
 
 /// Forecasts that are drawn for a clip.

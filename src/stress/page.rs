@@ -58,8 +58,8 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
     let systems: Vec<String> = list.systems().into_iter().map(|(task, scenes)| format!("{task} {scenes}")).collect();
     let _ = writeln!(
         page,
-        "# Scenes unlike the paper's\n\nMade by `make stress`. {} scenes ({}), {} of which have runs, each with the plain `fast` recipe: no key is \
-         changed for a scene. A run succeeds within the limits of the plain task; where noise sets a floor, a loss may be \
+        "# Scenes unlike the paper's\n\nMade by `make stress`. {} scenes ({}), {} of which have runs, each with \
+         the plain `fast` recipe: no key is changed for a scene. A run succeeds within the limits of the plain task; where noise sets a floor, a loss may be \
          1.1 floors larger. *Found* is the run's own verdict, made without the truth.\n\n\
          **{succeeded} of {} runs succeeded.** {}\n",
         list.scenes.len(),

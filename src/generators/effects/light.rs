@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use rand::Rng;
 
-use super::noise::normal;
 use crate::generators::film::Film;
+use crate::support::random::normal;
 
 /// Standard deviation of the turn of a gradient from one frame to the next, radians.
 const TURN: f64 = 0.3;

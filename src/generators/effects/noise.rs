@@ -1,10 +1,9 @@
 //! Noise of the sensor, drawn anew for each pixel of each frame.
 
-use std::f64::consts::TAU;
-
 use rand::Rng;
 
 use crate::generators::film::Film;
+use crate::support::random::normal;
 
 /// Adds Gaussian noise of standard deviation `deviation`, grey levels of 255, to each channel of each pixel.
 pub fn gaussian(film: &mut Film, deviation: f64, rng: &mut impl Rng) {
@@ -25,11 +24,4 @@ pub fn salt_and_pepper(film: &mut Film, amount: f64, rng: &mut impl Rng) {
             }
         }
     }
-}
-
-/// A Gaussian number of mean 0 and standard deviation 1, by the method of Box and Muller.
-pub fn normal(rng: &mut impl Rng) -> f64 {
-    // 0 has no logarithm.
-    let (radius, angle) = (1.0 - rng.random::<f64>(), rng.random::<f64>());
-    (-2.0 * radius.ln()).sqrt() * (TAU * angle).cos()
 }

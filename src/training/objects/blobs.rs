@@ -63,7 +63,8 @@ pub fn find(moving: &Moving, objects: usize) -> Vec<FrameBlobs> {
     frames.map(|(share, difference)| frame_blobs(share, difference, side, objects)).collect()
 }
 
-fn floats(x: &Tensor) -> Vec<f32> {
+/// All numbers of a tensor.
+pub(super) fn floats(x: &Tensor) -> Vec<f32> {
     x.to_device(Device::Cpu).to_kind(Kind::Float).contiguous().view(-1).try_into().expect("numbers")
 }
 

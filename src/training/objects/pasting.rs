@@ -3,9 +3,9 @@
 //! Of few frames the networks would learn the places by heart.
 
 use rand::Rng;
-use tch::{Device, Kind, Tensor};
+use tch::Tensor;
 
-use super::blobs::FrameBlobs;
+use super::blobs::{FrameBlobs, floats};
 use super::motion::Moving;
 
 /// In fewer training frames than this, half of each step's are pasted ones.
@@ -18,9 +18,6 @@ pub const FEW_FRAMES: usize = 2000;
 pub fn pasted(frames: &Tensor, moving: &Moving, blobs: &[FrameBlobs], random: &mut impl Rng) -> Tensor {
     let size = frames.size();
     let (channels, side) = (size[1] as usize, size[2] as usize);
-    let floats = |x: &Tensor| -> Vec<f32> {
-        x.to_device(Device::Cpu).to_kind(Kind::Float).contiguous().view(-1).try_into().expect("numbers")
-    };
     let (levels, shares) = (floats(frames), floats(&moving.share));
     let mut made = floats(&(frames - &moving.sharp));
     let range = |axis: usize| {

@@ -58,7 +58,7 @@ impl<'a> Vision<'a> {
         let nearest = from_middle.square().sum_dim_intlist([1i64].as_slice(), false, None).sqrt().min();
         // False, too, if it is not a number.
         let seen = nearest.double_value(&[]) >= NEAREST && angles.isfinite().all().int64_value(&[]) == 1;
-        seen.then_some(angles)
+        seen.then(|| self.model.aligned(&frames, &angles))
     }
 
     /// The state at the last of the L input frames `[L, channels, S, S]`, as the model estimates and refines it; `torques`

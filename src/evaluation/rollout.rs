@@ -35,9 +35,8 @@ pub fn roll_out(model: &PhysicsNet, clip: &Tensor, actions: &Actions, frames: us
         (1..=MOST_FRAMES).contains(&frames),
         "{frames} frames to predict: there must be at least one frame, and at most {MOST_FRAMES}"
     );
-    let (_, positions) = model.encode(&clip.narrow(0, 0, input).unsqueeze(0));
-    let positions = model.named(&positions, input as usize);
-    let initial = model.initial_state(&positions, actions);
+    let seen = model.see(&clip.narrow(0, 0, input).unsqueeze(0), input as usize);
+    let initial = model.initial_state(&seen.positions, actions);
     let rolled_out = model.cell.roll_out(&initial, &actions.since(input as usize - 1), model.system.dt, frames);
     let states: Vec<_> = std::iter::once(&initial).chain(&rolled_out).map(State::joined).collect();
     let states = Tensor::cat(&states, 0);

@@ -146,19 +146,49 @@ impl Decoder {
     /// Draws the objects at `positions`, `[frames, coordinates * objects]`.
     pub fn forward(&self, positions: &Tensor) -> Rendering {
         let sprites = self.sprites();
-        let layers = Tensor::cat(&[sprites.template + OUTSIDE, sprites.contents.sigmoid()], 1);
-        let moved = match self.coordinates {
-            Coordinates::Position => self.shifted(&layers, positions),
-            Coordinates::Angle => self.rotated(&layers, positions),
+        self.compose(&self.moved(&layers(&sprites), positions), &sprites.background)
+    }
+
+    /// Frames drawn at `positions` (`[frames, coordinates * objects]`), and their derivative by each coordinate, `[frames,
+    /// coordinates * objects, channels, S, S]`, by central differences of `probe` of the moved sprites. Without gradient.
+    pub fn with_derivative(&self, positions: &Tensor, probe: f64) -> (Tensor, Tensor) {
+        let _guard = tch::no_grad_guard();
+        let sprites = self.sprites();
+        let layers = layers(&sprites);
+        let drawn = self.compose(&self.moved(&layers, positions), &sprites.background);
+        let visible = drawn.masks.narrow(0, 0, self.objects).unsqueeze(2);
+        let stands_out = &drawn.contents - drawn.frames.unsqueeze(0);
+        let axes = positions.size()[1] / self.objects;
+        let along = |axis: i64| {
+            let one = Tensor::arange(positions.size()[1], (Kind::Int64, positions.device())).remainder(axes).eq(axis);
+            let probe_of_axis = one.to_kind(positions.kind()) * probe;
+            let ends = [positions + &probe_of_axis, positions - &probe_of_axis].map(|end| self.moved(&layers, &end));
+            let slope = (&ends[0] - &ends[1]) / (2.0 * probe);
+            // Of the softmax over masks, and of what the object shows.
+            &visible * (&stands_out * slope.narrow(2, 0, 1) + slope.narrow(2, 1, slope.size()[2] - 1))
         };
+        let by_axis = Tensor::stack(&(0..axes).map(along).collect::<Vec<_>>(), 1);
+        (drawn.frames, by_axis.flatten(0, 1).transpose(0, 1))
+    }
+
+    /// Layers at `positions`, `[frames, coordinates * objects]`: `[objects, frames, C, S, S]`.
+    fn moved(&self, layers: &Tensor, positions: &Tensor) -> Tensor {
+        match self.coordinates {
+            Coordinates::Position => self.shifted(layers, positions),
+            Coordinates::Angle => self.rotated(layers, positions),
+        }
+    }
+
+    /// Moved layers, `[objects, frames, 1 + channels, S, S]`, over the background.
+    fn compose(&self, moved: &Tensor, background: &Tensor) -> Rendering {
         let channels = moved.size()[2] - 1;
         let template = moved.select(2, 0) - OUTSIDE;
         let background_logit = template.narrow(0, 0, 1).full_like(BACKGROUND_LOGIT);
-        let masks = Tensor::cat(&[template, background_logit], 0).softmax(0, positions.kind());
+        let masks = Tensor::cat(&[template, background_logit], 0).softmax(0, moved.kind());
         let contents = moved.narrow(2, 1, channels);
         let drawn =
             (masks.narrow(0, 0, self.objects).unsqueeze(2) * &contents).sum_dim_intlist([0i64].as_slice(), false, None);
-        let frames = drawn + masks.select(0, self.objects).unsqueeze(1) * sprites.background;
+        let frames = drawn + masks.select(0, self.objects).unsqueeze(1) * background;
         Rendering { frames, masks, contents }
     }
 
@@ -192,4 +222,9 @@ impl Decoder {
             side,
         ])
     }
+}
+
+/// What is moved of each object: its mask, 0 outside of the window, and its colours; `[objects, 1 + channels, S/2, S/2]`.
+fn layers(sprites: &Sprites) -> Tensor {
+    Tensor::cat(&[&sprites.template + OUTSIDE, sprites.contents.sigmoid()], 1)
 }

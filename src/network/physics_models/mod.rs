@@ -4,6 +4,7 @@
 //! `[batch, time, channels, S, S]` in \[0, 1\]; positions are `[batch, time, coordinates * objects]`, in pixels or radians
 //! as the equation has them (see [`crate::network::cells::Coordinates`]).
 
+pub mod alignment;
 mod coordinates;
 mod decoder;
 mod encoder;
@@ -44,6 +45,10 @@ pub struct ModelOptions {
     /// Within a clip an object's name follows its path where the encoder would call it another's; see [`naming`].
     #[serde(default)]
     pub names_by_continuity: bool,
+    /// Improve the encoded positions of the input frames by this many Gauss-Newton steps of the drawing towards the frame;
+    /// see [`alignment`].
+    #[serde(default)]
+    pub alignment_steps: usize,
     /// Physical parameters that are fixed at a value instead of being learned, by symbol. Where none is named, those that
     /// the cell fixes by itself: `m = 1` of gravity. Lengths are in true pixels.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -61,6 +66,7 @@ impl ModelOptions {
             centred_velocity_input: false,
             exact_shift: false,
             names_by_continuity: false,
+            alignment_steps: 0,
             fixed: BTreeMap::new(),
             refinement_steps: 0,
         }
@@ -126,6 +132,16 @@ pub struct PhysicsNet {
     /// In the cell's order.
     pub parameters: Vec<Parameter>,
     pub decoder: Decoder,
+}
+
+/// What the vision part makes of clips.
+#[derive(Debug)]
+pub struct Seen {
+    pub encoding: Encoding,
+    /// As the encoder says, in its own order of the objects, `[batch, time, coordinates * objects]`.
+    pub encoded: Tensor,
+    /// From which the state is estimated: aligned on the input frames, in the order of the names; the same shape.
+    pub positions: Tensor,
 }
 
 /// Everything one pass over clips computes.
@@ -281,6 +297,36 @@ impl PhysicsNet {
         if self.options.exact_shift { index + 0.5 } else { index / self.pixels_per_unit() }
     }
 
+    /// What is seen in clips `[batch, time, channels, S, S]`: as [`PhysicsNet::encode`], and the positions of the first `input`
+    /// frames improved on the picture, all in the order of their names.
+    pub fn see(&self, clips: &Tensor, input: usize) -> Seen {
+        let (encoding, encoded) = self.encode(clips);
+        let (input_frames, time) = (input as i64, clips.size()[1]);
+        let aligned = self.aligned(&clips.narrow(1, 0, input_frames), &encoded.narrow(1, 0, input_frames));
+        let later = encoded.narrow(1, input_frames, time - input_frames);
+        let positions = self.named(&Tensor::cat(&[aligned, later], 1), input);
+        Seen { encoding, encoded, positions }
+    }
+
+    /// Encoded places `[frames, 2 * objects]` (pixels) in single frames, improved on the picture if the options say so; as
+    /// they are where the drawing turns by an angle, which does not say how far an object is from the middle.
+    pub fn aligned_places(&self, frames: &Tensor, encoded: &Tensor) -> Tensor {
+        match self.system.cell.coordinates {
+            Coordinates::Position => {
+                alignment::align(&self.decoder, Coordinates::Position, frames, encoded, self.options.alignment_steps)
+            }
+            Coordinates::Angle => encoded.shallow_clone(),
+        }
+    }
+
+    /// Encoded positions `[batch, time, coordinates * objects]` of these frames, improved on the picture if the options say
+    /// so.
+    pub fn aligned(&self, clips: &Tensor, encoded: &Tensor) -> Tensor {
+        let (kind, steps) = (self.system.cell.coordinates, self.options.alignment_steps);
+        let (frames, positions) = (clips.flatten(0, 1), encoded.flatten(0, 1));
+        alignment::align(&self.decoder, kind, &frames, &positions, steps).reshape(encoded.size())
+    }
+
     /// Encoded positions `[batch, time, coordinates * objects]` in the order of their names: within a clip a name stays with
     /// its object. The names in the first `input` frames do not depend on what comes after.
     pub fn named(&self, positions: &Tensor, input: usize) -> Tensor {
@@ -327,11 +373,11 @@ impl PhysicsNet {
         let (input, encoded) = (self.system.input_steps, self.system.input_steps + self.system.pred_steps);
         let time = clips.size()[1] as usize;
         ensure!(time >= encoded, "a clip has {time} frames; at least input and prediction, {encoded}, are needed");
-        let (encoding, positions) = self.encode(&clips.narrow(1, 0, encoded as i64));
-        let named = self.named(&positions, input);
-        let initial = self.initial_state(&named.narrow(1, 0, input as i64), actions);
+        let seen = self.see(&clips.narrow(1, 0, encoded as i64), input);
+        let initial = self.initial_state(&seen.positions.narrow(1, 0, input as i64), actions);
         let states = self.cell.roll_out(&initial, &actions.since(input - 1), self.system.dt, time - input);
-        let (reconstructions, predictions) = self.decode(&positions, &states);
-        Ok(ForwardPass { encoding, positions: named, initial, states, reconstructions, predictions })
+        let (reconstructions, predictions) = self.decode(&seen.encoded, &states);
+        let Seen { encoding, positions, .. } = seen;
+        Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions })
     }
 }

@@ -1,4 +1,4 @@
-//! Where the objects of some clips are seen: by the encoder, and by the centroids of its masks.
+//! Where the objects of some clips are seen: by the encoder, aligned with the picture, and by the centroids of its masks.
 //!
 //! Two measures of one thing. The localisation network may be beside its object; a mask's centroid may hold a part of
 //! another's. Where they agree but for an offset that is always the same, the positions can be trusted.
@@ -17,7 +17,7 @@ const LEAST_MASS: f64 = 0.5;
 /// Positions in pixels, in the encoder's order of objects: `[clips, time, 2 * objects]`.
 #[derive(Debug)]
 pub struct Seen {
-    /// The encoder's, without the offsets.
+    /// The encoder's, aligned with the picture, without the offsets.
     pub encoded: Tensor,
     pub centroids: Tensor,
     /// The encoder's minus the centroids', the median over all frames, `[2 * objects]`.
@@ -53,7 +53,8 @@ impl Seen {
             owned.push(held / in_all.unsqueeze(1));
             present.push(masses.present.to_kind(Kind::Float));
             let centroid = masses.centroids(&encoding.positions);
-            for (all, part) in [(&mut encoded, encoding.positions), (&mut centroids, centroid)] {
+            let aligned = model.aligned_places(&frames, &encoding.positions);
+            for (all, part) in [(&mut encoded, aligned), (&mut centroids, centroid)] {
                 all.push(part.reshape([chosen.len() as i64, time, -1]));
             }
         }

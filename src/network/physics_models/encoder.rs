@@ -7,6 +7,7 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use super::BACKGROUND_LOGIT;
+use crate::kernels::Kernels;
 use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers, UNet, uses_deep_unet};
 
@@ -35,9 +36,9 @@ pub struct Encoding {
 }
 
 impl Encoder {
-    pub fn new(scope: Path, system: &System) -> Self {
+    pub fn new(scope: Path, system: &System, kernels: Kernels) -> Self {
         let mut layers = Layers::new(scope);
-        let unet = UNet::for_side(&mut layers, system.side, system.channels, system.objects);
+        let unet = UNet::for_side(&mut layers, system.side, system.channels, system.objects, kernels);
         let seen = if uses_deep_unet(system.side) { system.side / 2 } else { system.side };
         let localisation = [
             layers.dense(seen * seen * system.channels, HIDDEN, Activation::Relu),

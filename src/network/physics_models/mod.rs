@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use tch::nn::{Init, VarStore};
 use tch::{Device, Kind, Tensor};
 
+use crate::kernels::Kernels;
 use crate::network::System;
 use crate::network::cells::{Actions, Cell, Coordinates, PhysicalParameter, State};
 use crate::network::initial_values;
@@ -51,6 +52,9 @@ pub struct ModelOptions {
     /// Improve the estimated state before the roll-out by this many Gauss-Newton steps on all input positions under the
     /// current physics; 0 starts from the estimate as it is.
     pub refinement_steps: usize,
+    /// What computes the U-Net: the mathematics is the same, the rounding is not.
+    #[serde(default)]
+    pub kernels: Kernels,
 }
 
 impl ModelOptions {
@@ -63,6 +67,7 @@ impl ModelOptions {
             names_by_continuity: false,
             fixed: BTreeMap::new(),
             refinement_steps: 0,
+            kernels: Kernels::Own,
         }
     }
 
@@ -162,7 +167,7 @@ impl PhysicsNet {
             }
         };
         let root = variables.root();
-        let encoder = Encoder::new(&root / "encoder", system);
+        let encoder = Encoder::new(&root / "encoder", system, options.kernels);
         grouped(VariableGroup::Encoder);
         let decoder = Decoder::new(&root / "decoder", system, options.exact_shift);
         grouped(VariableGroup::Decoder);

@@ -1,4 +1,5 @@
-//! The network's dearest computations, written for the processor: the U-Net, forward and backward.
+//! The network's dearest computations, written for the processor, forward and backward: the U-Net, masked frames, the
+//! drawing of sprites, the squared error.
 //!
 //! libtorch's convolutions reach half of a core's speed or less at 3 to 64 channels, and every one of the passes between
 //! them goes through memory. Here the frames of a batch stand side by side in blocks, one in each lane of a vector, so
@@ -13,16 +14,20 @@ use serde::{Deserialize, Serialize};
 
 mod autograd;
 mod conv;
+mod error;
 mod lanes;
+mod masks;
 mod mix;
 mod planes;
 mod resample;
+mod sprites;
 mod tensors;
 mod threads;
 mod unet;
 
 pub use lanes::Instructions;
-pub use tensors::UNetKernel;
+pub use sprites::Scene;
+pub use tensors::{UNetKernel, draw, masked, serve, squared_error};
 pub use unet::Shape;
 
 /// What computes the U-Net.

@@ -5,6 +5,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+/// Sums over frames are made in at most so many parts, whatever the number of threads: their order, and with it their
+/// rounding, does not depend on it.
+pub const PARTS: usize = 16;
+
 /// The threads of the last call, kept for the next.
 static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
 

@@ -12,11 +12,7 @@ use super::lanes::Instructions;
 use super::mix;
 use super::planes::Picture;
 use super::resample::{self, Pooled};
-use super::threads::in_parallel;
-
-/// The gradients of the weights are summed in at most so many parts, whatever the number of threads: a sum's order, and
-/// with it its rounding, does not depend on them.
-const PARTS: usize = 16;
+use super::threads::{PARTS, in_parallel};
 
 /// What frames go through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,7 +7,7 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use super::BACKGROUND_LOGIT;
-use crate::kernels::Kernels;
+use crate::kernels::{self, Kernels};
 use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers, UNet, uses_deep_unet};
 
@@ -22,6 +22,7 @@ pub struct Encoder {
     localisation: [Dense; 3],
     side: usize,
     objects: i64,
+    kernels: Kernels,
 }
 
 /// What the encoder makes of frames.
@@ -45,7 +46,7 @@ impl Encoder {
             layers.dense(HIDDEN, HIDDEN, Activation::Relu),
             layers.dense(HIDDEN, 2, Activation::None),
         ];
-        Encoder { unet, localisation, side: system.side, objects: system.objects as i64 }
+        Encoder { unet, localisation, side: system.side, objects: system.objects as i64, kernels }
     }
 
     /// `[frames, channels, S, S]` in \[0, 1\].
@@ -53,8 +54,11 @@ impl Encoder {
         let logits = self.unet.forward(frames);
         let background = logits.narrow(1, 0, 1).full_like(BACKGROUND_LOGIT);
         let masks = Tensor::cat(&[logits, background], 1).softmax(1, frames.kind());
-        let object_masks = masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2);
-        let masked = object_masks * frames.unsqueeze(0);
+        let masked = if self.kernels == Kernels::Own && kernels::serve(&[&masks, frames]) && !frames.requires_grad() {
+            kernels::masked(self.objects, &masks, frames)
+        } else {
+            masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0)
+        };
         Encoding { positions: self.localise(&masked), masks, masked }
     }
 

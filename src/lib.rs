@@ -27,7 +27,7 @@
 //! `examples/` trains in process, adds an equation, and takes a saved model apart.
 //!
 //! The library never prints, never exits and reads no arguments; the programs' code is in [`cli`], behind the feature of
-//! that name. Folders in the order of their imports: support, network, tasks, datasets, generators, runs, evaluation,
+//! that name. Folders in the order of their imports: support, kernels, network, tasks, datasets, generators, runs, evaluation,
 //! training, viz, report, sweep, stress, import, control, cli.
 
 #[cfg(feature = "cli")]
@@ -37,6 +37,7 @@ pub mod datasets;
 pub mod evaluation;
 pub mod generators;
 pub mod import;
+pub mod kernels;
 pub mod network;
 pub mod report;
 pub mod runs;

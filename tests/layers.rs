@@ -6,8 +6,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The folders of `src` in the order of their imports. `lib.rs` sees all of them.
-const LAYERS: [&str; 15] = [
+const LAYERS: [&str; 16] = [
     "support",
+    "kernels",
     "network",
     "tasks",
     "datasets",

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
+use paig::kernels::Kernels;
 use paig::network::blocks::{Layers, UNet, uses_deep_unet};
 use tch::Device;
 use tch::nn::VarStore;
@@ -39,7 +40,7 @@ pub fn compare(case: &mut Case, deep: bool) -> Result<()> {
     let mut store = VarStore::new(Device::Cpu);
     let net = {
         let mut layers = Layers::new(store.root() / SCOPE);
-        UNet::for_side(&mut layers, side as usize, shape[3] as usize, logits[3] as usize)
+        UNet::for_side(&mut layers, side as usize, shape[3] as usize, logits[3] as usize, Kernels::Own)
     };
     store.set_kind(case.kind);
     let listing = Listing {

@@ -41,7 +41,7 @@ pub fn roll_out(model: &PhysicsNet, clip: &Tensor, actions: &Actions, frames: us
     let states: Vec<_> = std::iter::once(&initial).chain(&rolled_out).map(State::joined).collect();
     let states = Tensor::cat(&states, 0);
     let halves = states.chunk(2, 1);
-    let predicted = model.decoder.forward(&halves[0].narrow(0, 1, frames as i64)).frames;
+    let [predicted] = model.decoder.draw([&halves[0].narrow(0, 1, frames as i64)]);
     let pixels = |x: &Tensor| (x * model.length_per_unit()).to_device(Device::Cpu);
     Ok(Rollout {
         clip: clip.to_device(Device::Cpu),

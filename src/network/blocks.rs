@@ -7,6 +7,7 @@ use anyhow::Result;
 use tch::nn::Path;
 use tch::{Kind, Tensor};
 
+use crate::kernels::{Instructions, Kernels, Shape, UNetKernel};
 use crate::network::stn::hat_matrix;
 
 /// What follows a layer's affine map.
@@ -157,6 +158,8 @@ pub struct UNet {
     /// From the lowest level up: the linear convolution after the up-sampling, and the two after the concatenation.
     up: Vec<(Conv2d, [Conv2d; 2])>,
     logits: Conv2d,
+    /// Computes it where libtorch need not.
+    kernel: Option<UNetKernel>,
 }
 
 /// Base width and poolings of the two networks (original: `shallow_unet`, `unet`).
@@ -178,7 +181,7 @@ pub fn side_multiple(side: usize) -> usize {
 
 impl UNet {
     /// The U-Net the original uses for frames of this side.
-    pub fn for_side(layers: &mut Layers, side: usize, channels: usize, objects: usize) -> Self {
+    pub fn for_side(layers: &mut Layers, side: usize, channels: usize, objects: usize, kernels: Kernels) -> Self {
         let (base, poolings) = if uses_deep_unet(side) { DEEP } else { SHALLOW };
         let mut down = Vec::new();
         let (mut inputs, mut width) = (channels, base);
@@ -203,11 +206,27 @@ impl UNet {
             ));
             inputs = skip;
         }
-        UNet { down, up, logits: layers.conv2d(base, objects, 1, Activation::None) }
+        let shape = Shape { side, channels, objects, base, poolings };
+        let kernel = (kernels == Kernels::Own).then(|| UNetKernel::new(Instructions::best(), shape));
+        UNet { down, up, logits: layers.conv2d(base, objects, 1, Activation::None), kernel }
+    }
+
+    /// Weights and biases of all layers, in their order.
+    fn layers(&self) -> Vec<(&Tensor, &Tensor)> {
+        let down = self.down.iter().flatten();
+        let up = self.up.iter().flat_map(|(upsampled, after)| std::iter::once(upsampled).chain(after));
+        down.chain(up).chain([&self.logits]).map(|layer| (&layer.weight, &layer.bias)).collect()
     }
 
     /// `[frames, channels, S, S]` in \[0, 1\] to logits `[frames, objects, S, S]`.
     pub fn forward(&self, frames: &Tensor) -> Tensor {
+        match &self.kernel {
+            Some(kernel) if kernel.serves(frames, &self.logits.weight) => kernel.forward(&self.layers(), frames),
+            _ => self.forward_by_libtorch(frames),
+        }
+    }
+
+    fn forward_by_libtorch(&self, frames: &Tensor) -> Tensor {
         let mut skips: Vec<Tensor> = Vec::new();
         let mut h = frames.shallow_clone();
         for [first, second] in &self.down {

@@ -36,9 +36,14 @@ pub fn hat_matrix(places: &Tensor, size: i64) -> Tensor {
     (-distance + 1.0).relu()
 }
 
+/// The pixel of a source coordinate in \[-1, 1\] on an axis of `size` pixels.
+fn source_pixel(source: &Tensor, size: i64) -> Tensor {
+    (source + 1.0) * pixel_scale(size)
+}
+
 /// `source` in \[-1, 1\] (any shape) to indices and weights on an axis of `size` pixels.
 fn sample_axis(source: &Tensor, size: i64) -> AxisSample {
-    let pixel: Tensor = (source + 1.0) * pixel_scale(size);
+    let pixel = source_pixel(source, size);
     let floor = pixel.detach().floor();
     let below = floor.clamp(0.0, (size - 1) as f64);
     let above = (&floor + 1.0).clamp(0.0, (size - 1) as f64);
@@ -85,6 +90,13 @@ pub fn transform_separable(images: &Tensor, scale: &Tensor, shift: &Tensor, side
         .bmm(&columns.reshape([objects * batch, side, width]).transpose(1, 2))
         .reshape([objects, batch, side, channels, side])
         .transpose(2, 3)
+}
+
+/// Where [`transform_separable`] samples: the source pixel of each output row and column, each `[objects, batch, side]`, in
+/// images of `size` x `size` pixels.
+pub fn separable_pixels(scale: &Tensor, shift: &Tensor, side: i64, size: i64) -> [Tensor; 2] {
+    let grid = grid(side, shift) * scale;
+    [1, 0].map(|axis| source_pixel(&(shift.select(2, axis).unsqueeze(-1) + &grid), size))
 }
 
 /// Samples under any affine map, rotations included.

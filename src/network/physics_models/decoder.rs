@@ -6,7 +6,8 @@
 use tch::nn::Path;
 use tch::{Kind, Tensor};
 
-use super::BACKGROUND_LOGIT;
+use super::{BACKGROUND_LOGIT, ModelOptions};
+use crate::kernels::{self, Kernels, Scene};
 use crate::network::System;
 use crate::network::blocks::{Layers, VariableFromNetwork};
 use crate::network::cells::Coordinates;
@@ -30,6 +31,7 @@ pub struct Decoder {
     objects: i64,
     /// Pixels by which half a frame's side in position moves a sprite; see [`super::ModelOptions::exact_shift`].
     half_span: f64,
+    kernels: Kernels,
 }
 
 /// What the decoder has learned to draw, before the sigmoid of the colours.
@@ -41,6 +43,13 @@ pub struct Sprites {
     pub contents: Tensor,
     /// Colours in \[0, 1\], `[1, channels, S, S]`.
     pub background: Tensor,
+}
+
+impl Sprites {
+    /// What is moved, `[objects, 1 + channels, S/2, S/2]`: mask logits, raised so that 0 is outside, and colours.
+    fn layers(&self) -> Tensor {
+        Tensor::cat(&[&self.template + OUTSIDE, self.contents.sigmoid()], 1)
+    }
 }
 
 /// Drawn frames and their layers.
@@ -55,7 +64,7 @@ pub struct Rendering {
 }
 
 impl Decoder {
-    pub fn new(scope: Path, system: &System, exact_shift: bool) -> Self {
+    pub fn new(scope: Path, system: &System, options: &ModelOptions) -> Self {
         let (objects, channels, side) = (system.objects as i64, system.channels as i64, system.side as i64);
         let window = side / 2;
         let log_sigma = scope.zeros("logsigma", &[]);
@@ -69,7 +78,8 @@ impl Decoder {
             coordinates: system.cell.coordinates,
             side: system.side,
             objects,
-            half_span: if exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
+            half_span: if options.exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
+            kernels: options.kernels,
         }
     }
 
@@ -146,7 +156,7 @@ impl Decoder {
     /// Draws the objects at `positions`, `[frames, coordinates * objects]`.
     pub fn forward(&self, positions: &Tensor) -> Rendering {
         let sprites = self.sprites();
-        self.compose(&self.moved(&layers(&sprites), positions), &sprites.background)
+        self.compose(&self.moved(&sprites.layers(), positions), &sprites.background)
     }
 
     /// Frames drawn at `positions` (`[frames, coordinates * objects]`), and their derivative by each coordinate, `[frames,
@@ -154,7 +164,7 @@ impl Decoder {
     pub fn with_derivative(&self, positions: &Tensor, probe: f64) -> (Tensor, Tensor) {
         let _guard = tch::no_grad_guard();
         let sprites = self.sprites();
-        let layers = layers(&sprites);
+        let layers = sprites.layers();
         let drawn = self.compose(&self.moved(&layers, positions), &sprites.background);
         let visible = drawn.masks.narrow(0, 0, self.objects).unsqueeze(2);
         let stands_out = &drawn.contents - drawn.frames.unsqueeze(0);
@@ -192,14 +202,47 @@ impl Decoder {
         Rendering { frames, masks, contents }
     }
 
-    /// Layers `[objects, C, S/2, S/2]` at positions `[frames, 2 * objects]` in pixels: `[objects, frames, C, S, S]`.
-    fn shifted(&self, layers: &Tensor, positions: &Tensor) -> Tensor {
+    /// Only the frames of [`Decoder::forward`], of several lists of positions.
+    pub fn draw<const LISTS: usize>(&self, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
+        let by_kernel = self.kernels == Kernels::Own
+            && self.coordinates == Coordinates::Position
+            && kernels::serve(&positions)
+            && kernels::serve(&[&self.log_sigma]);
+        if !by_kernel {
+            return positions.map(|positions| self.forward(positions).frames);
+        }
+        let sprites = self.sprites();
+        let layers = sprites.layers();
+        let window = self.side / 2;
+        let scene = Scene {
+            objects: self.objects as usize,
+            channels: layers.size()[1] as usize - 1,
+            window,
+            side: self.side,
+            outside: OUTSIDE as f32,
+            background: BACKGROUND_LOGIT as f32,
+        };
+        positions.map(|positions| {
+            let (scale, shift) = self.shift(positions);
+            let [rows, columns] = stn::separable_pixels(&scale, &shift, self.side as i64, window as i64);
+            kernels::draw(scene, &layers, &sprites.background, &rows, &columns)
+        })
+    }
+
+    /// The transformer's scale, and its shift `[objects, frames, 2]` at positions `[frames, 2 * objects]` in pixels.
+    fn shift(&self, positions: &Tensor) -> (Tensor, Tensor) {
         // theta = [sigma, 0, (S/2 - x) / t * sigma, 0, sigma, (S/2 - y) / t * sigma]
         let sigma = self.log_sigma.exp();
         let half = self.side as f64 / 2.0;
         let shift = (half - positions) * (&sigma / self.half_span);
         let shift = shift.reshape([-1, self.objects, 2]).transpose(0, 1);
-        stn::transform_separable(layers, &sigma, &shift, self.side as i64)
+        (sigma, shift)
+    }
+
+    /// Layers `[objects, C, S/2, S/2]` at positions `[frames, 2 * objects]` in pixels: `[objects, frames, C, S, S]`.
+    fn shifted(&self, layers: &Tensor, positions: &Tensor) -> Tensor {
+        let (scale, shift) = self.shift(positions);
+        stn::transform_separable(layers, &scale, &shift, self.side as i64)
     }
 
     /// Layers `[objects, C, S/2, S/2]` turned about the frame's middle by angles `[frames, objects]`:
@@ -222,9 +265,4 @@ impl Decoder {
             side,
         ])
     }
-}
-
-/// What is moved of each object: its mask, 0 outside of the window, and its colours; `[objects, 1 + channels, S/2, S/2]`.
-fn layers(sprites: &Sprites) -> Tensor {
-    Tensor::cat(&[&sprites.template + OUTSIDE, sprites.contents.sigmoid()], 1)
 }

@@ -7,6 +7,7 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use super::BACKGROUND_LOGIT;
+use crate::kernels::{self, Kernels};
 use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers, UNet, uses_deep_unet};
 
@@ -21,6 +22,7 @@ pub struct Encoder {
     localisation: [Dense; 3],
     side: usize,
     objects: i64,
+    kernels: Kernels,
 }
 
 /// What the encoder makes of frames.
@@ -35,16 +37,16 @@ pub struct Encoding {
 }
 
 impl Encoder {
-    pub fn new(scope: Path, system: &System) -> Self {
+    pub fn new(scope: Path, system: &System, kernels: Kernels) -> Self {
         let mut layers = Layers::new(scope);
-        let unet = UNet::for_side(&mut layers, system.side, system.channels, system.objects);
+        let unet = UNet::for_side(&mut layers, system.side, system.channels, system.objects, kernels);
         let seen = if uses_deep_unet(system.side) { system.side / 2 } else { system.side };
         let localisation = [
             layers.dense(seen * seen * system.channels, HIDDEN, Activation::Relu),
             layers.dense(HIDDEN, HIDDEN, Activation::Relu),
             layers.dense(HIDDEN, 2, Activation::None),
         ];
-        Encoder { unet, localisation, side: system.side, objects: system.objects as i64 }
+        Encoder { unet, localisation, side: system.side, objects: system.objects as i64, kernels }
     }
 
     /// `[frames, channels, S, S]` in \[0, 1\].
@@ -52,8 +54,11 @@ impl Encoder {
         let logits = self.unet.forward(frames);
         let background = logits.narrow(1, 0, 1).full_like(BACKGROUND_LOGIT);
         let masks = Tensor::cat(&[logits, background], 1).softmax(1, frames.kind());
-        let object_masks = masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2);
-        let masked = object_masks * frames.unsqueeze(0);
+        let masked = if self.kernels == Kernels::Own && kernels::serve(&[&masks, frames]) && !frames.requires_grad() {
+            kernels::masked(self.objects, &masks, frames)
+        } else {
+            masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0)
+        };
         Encoding { positions: self.localise(&masked), masks, masked }
     }
 

@@ -6,14 +6,20 @@ use serde::{Deserialize, Deserializer, Serialize};
 use tch::{Kind, Tensor};
 
 use super::ForwardPass;
+use crate::kernels::{self, Kernels};
 use crate::network::System;
 
 /// Mean over frames of the squared error summed over channels, height and width.
 ///
 /// Both `[batch, time, channels, S, S]`.
-pub fn frame_error(frames: &Tensor, truth: &Tensor) -> Tensor {
+pub fn frame_error(kernels: Kernels, frames: &Tensor, truth: &Tensor) -> Tensor {
     let frames_in_all = frames.size()[0] * frames.size()[1];
-    (frames - truth).square().sum(frames.kind()) / frames_in_all as f64
+    let sum = if kernels == Kernels::Own && kernels::serve(&[frames, truth]) && !truth.requires_grad() {
+        kernels::squared_error(frames, truth)
+    } else {
+        (frames - truth).square().sum(frames.kind())
+    };
+    sum / frames_in_all as f64
 }
 
 /// The three losses of one pass. T_ext may be empty, then `extrapolation` is none.
@@ -32,10 +38,10 @@ impl Losses {
         let (input, pred) = (system.input_steps as i64, system.pred_steps as i64);
         let predicted = pass.predictions.size()[1];
         let error = |first: i64, count: i64| {
-            frame_error(&pass.predictions.narrow(1, first, count), &clips.narrow(1, input + first, count))
+            frame_error(pass.kernels, &pass.predictions.narrow(1, first, count), &clips.narrow(1, input + first, count))
         };
         Losses {
-            reconstruction: frame_error(&pass.reconstructions, &clips.narrow(1, 0, input + pred)),
+            reconstruction: frame_error(pass.kernels, &pass.reconstructions, &clips.narrow(1, 0, input + pred)),
             prediction: error(0, pred),
             extrapolation: (predicted > pred).then(|| error(pred, predicted - pred)),
         }

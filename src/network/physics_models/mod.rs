@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use tch::nn::{Init, VarStore};
 use tch::{Device, Kind, Tensor};
 
+use crate::kernels::Kernels;
 use crate::network::System;
 use crate::network::cells::{Actions, Cell, Coordinates, PhysicalParameter, State};
 use crate::network::initial_values;
@@ -56,6 +57,9 @@ pub struct ModelOptions {
     /// Improve the estimated state before the roll-out by this many Gauss-Newton steps on all input positions under the
     /// current physics; 0 starts from the estimate as it is.
     pub refinement_steps: usize,
+    /// What computes the U-Net: the mathematics is the same, the rounding is not.
+    #[serde(default)]
+    pub kernels: Kernels,
 }
 
 impl ModelOptions {
@@ -69,6 +73,7 @@ impl ModelOptions {
             alignment_steps: 0,
             fixed: BTreeMap::new(),
             refinement_steps: 0,
+            kernels: Kernels::Own,
         }
     }
 
@@ -159,6 +164,8 @@ pub struct ForwardPass {
     pub reconstructions: Tensor,
     /// Decoded roll-out, `[batch, T - L, channels, S, S]`.
     pub predictions: Tensor,
+    /// What computes losses of it.
+    pub kernels: Kernels,
 }
 
 impl PhysicsNet {
@@ -178,9 +185,9 @@ impl PhysicsNet {
             }
         };
         let root = variables.root();
-        let encoder = Encoder::new(&root / "encoder", system);
+        let encoder = Encoder::new(&root / "encoder", system, options.kernels);
         grouped(VariableGroup::Encoder);
-        let decoder = Decoder::new(&root / "decoder", system, options.exact_shift);
+        let decoder = Decoder::new(&root / "decoder", system, options);
         grouped(VariableGroup::Decoder);
         let velocity = VelocityEstimator::new(&root / "init_vel", system, options);
         grouped(VariableGroup::Velocity);
@@ -351,17 +358,14 @@ impl PhysicsNet {
         refinement::refine(self.cell.as_ref(), self.system.dt, input_positions, actions, estimate, steps)
     }
 
-    /// Decodes the positions `[batch, coordinates * objects]` of states and of encoded frames in one call.
+    /// Decodes positions of encoded frames, `[batch, time, coordinates * objects]`, and of states.
     fn decode(&self, reconstructed: &Tensor, states: &[State]) -> (Tensor, Tensor) {
-        let (batch, encoded_frames) = (reconstructed.size()[0], reconstructed.size()[1]);
+        let batch = reconstructed.size()[0];
         let predicted: Vec<_> = states.iter().map(|state| state.pos.shallow_clone()).collect();
         let predicted = Tensor::stack(&predicted, 1);
-        let positions = Tensor::cat(&[reconstructed, &predicted], 1);
-        let rendering = self.decoder.forward(&positions.flatten(0, 1));
         let [channels, side] = [self.system.channels as i64, self.system.side as i64];
-        let frames = rendering.frames.reshape([batch, -1, channels, side, side]);
-        let total = frames.size()[1];
-        (frames.narrow(1, 0, encoded_frames), frames.narrow(1, encoded_frames, total - encoded_frames))
+        let drawn = self.decoder.draw([&reconstructed.flatten(0, 1), &predicted.flatten(0, 1)]);
+        drawn.map(|frames| frames.reshape([batch, -1, channels, side, side])).into()
     }
 
     /// The whole model on clips `[batch, time, channels, S, S]` and what acts during them: the first L + T_pred frames are
@@ -377,7 +381,7 @@ impl PhysicsNet {
         let initial = self.initial_state(&seen.positions.narrow(1, 0, input as i64), actions);
         let states = self.cell.roll_out(&initial, &actions.since(input - 1), self.system.dt, time - input);
         let (reconstructions, predictions) = self.decode(&seen.encoded, &states);
-        let Seen { encoding, positions, .. } = seen;
-        Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions })
+        let (Seen { encoding, positions, .. }, kernels) = (seen, self.options.kernels);
+        Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions, kernels })
     }
 }

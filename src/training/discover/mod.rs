@@ -225,8 +225,8 @@ impl Objective for Discovery<'_> {
             self.paste_half(model, &places, &mut frames, step);
         }
         let encoding = model.encoder.forward(&frames);
-        let rendering = model.decoder.forward(&model.coordinates(&encoding));
-        let reconstruction = frame_error(&rendering.frames.unsqueeze(1), &frames.unsqueeze(1));
+        let [drawn] = model.decoder.draw([&model.coordinates(&encoding)]);
+        let reconstruction = frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames.unsqueeze(1));
         let fade = guide::fade(&self.config.guide, self.rounds, step);
         let mut total = reconstruction.shallow_clone();
         if fade > 0.0 {
@@ -256,8 +256,11 @@ impl Objective for Discovery<'_> {
         let _guard = tch::no_grad_guard();
         let mut mean = RunningMean::default();
         for frames in self.validation.split(VALIDATION_BATCH, 0) {
-            let rendering = model.decoder.forward(&model.coordinates(&model.encoder.forward(&frames)));
-            mean.add(&frame_error(&rendering.frames.unsqueeze(1), &frames.unsqueeze(1)), frames.size()[0] as f64);
+            let [drawn] = model.decoder.draw([&model.coordinates(&model.encoder.forward(&frames))]);
+            mean.add(
+                &frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames.unsqueeze(1)),
+                frames.size()[0] as f64,
+            );
         }
         mean.value()
     }

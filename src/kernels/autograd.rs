@@ -1,0 +1,84 @@
+//! Functions with a gradient of their own in libtorch's autograd graph, which tch has no call for (`autograd.cpp`).
+
+use std::ffi::c_void;
+use std::mem;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use tch::Tensor;
+use torch_sys::C_tensor;
+
+/// Gradients of the inputs, in their order, from that of the output.
+type Backward = Box<dyn FnMut(&Tensor) -> Vec<Tensor> + Send>;
+
+#[repr(C)]
+struct Calls {
+    backward: extern "C" fn(*mut c_void, *mut C_tensor, *mut *mut C_tensor) -> bool,
+    release: extern "C" fn(*mut c_void),
+}
+
+/// What a function keeps until its gradient is asked for.
+struct State {
+    backward: Backward,
+    inputs: usize,
+}
+
+unsafe extern "C" {
+    fn paig_records(inputs: *const *const C_tensor, count: usize) -> bool;
+    fn paig_attach(
+        output: *mut C_tensor,
+        inputs: *const *const C_tensor,
+        count: usize,
+        state: *mut c_void,
+        calls: Calls,
+    ) -> bool;
+}
+
+/// Whether autograd wants the gradient of a function of these tensors.
+pub fn records(inputs: &[&Tensor]) -> bool {
+    let inputs: Vec<_> = inputs.iter().map(|input| input.as_ptr()).collect();
+    // SAFETY: the tensors live as long as the call.
+    unsafe { paig_records(inputs.as_ptr(), inputs.len()) }
+}
+
+/// Tells autograd that `output`, which was computed without it, is a function of `inputs`. `backward` takes the gradient
+/// of the output to those of the inputs, one for each; it is called once, from any thread.
+///
+/// # Panics
+/// An output that autograd already has a history of.
+pub fn attach(
+    mut output: Tensor,
+    inputs: &[&Tensor],
+    backward: impl FnMut(&Tensor) -> Vec<Tensor> + Send + 'static,
+) -> Tensor {
+    let raw: Vec<_> = inputs.iter().map(|input| input.as_ptr()).collect();
+    let state = Box::into_raw(Box::new(State { backward: Box::new(backward), inputs: inputs.len() }));
+    let calls = Calls { backward: call_backward, release };
+    // SAFETY: the tensors live as long as the call, and the state until `release`, which is called once.
+    let done = unsafe { paig_attach(output.as_mut_ptr(), raw.as_ptr(), raw.len(), state.cast(), calls) };
+    assert!(done, "a tensor without a history can be given one");
+    output
+}
+
+extern "C" fn call_backward(state: *mut c_void, gradient: *mut C_tensor, results: *mut *mut C_tensor) -> bool {
+    // A panic must not go through C++.
+    let call = AssertUnwindSafe(|| {
+        // SAFETY: `state` is the one that was attached, and not released yet; one call at a time, under the node's lock.
+        let state = unsafe { &mut *state.cast::<State>() };
+        // SAFETY: a tensor of C++ that outlives the call.
+        let gradient = unsafe { Tensor::clone_from_ptr(gradient) };
+        let gradients = (state.backward)(&gradient);
+        assert_eq!(gradients.len(), state.inputs, "one gradient for each input");
+        for (i, mut gradient) in gradients.into_iter().enumerate() {
+            // SAFETY: there is a place for each input; C++ takes the tensor over.
+            unsafe { *results.add(i) = gradient.as_mut_ptr() };
+            mem::forget(gradient);
+        }
+    });
+    catch_unwind(call).is_ok()
+}
+
+extern "C" fn release(state: *mut c_void) {
+    // SAFETY: made by `Box::into_raw` in `attach`, and released once.
+    let state = unsafe { Box::from_raw(state.cast::<State>()) };
+    let _ = catch_unwind(AssertUnwindSafe(|| drop(state)));
+}

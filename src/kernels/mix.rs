@@ -1,0 +1,170 @@
+//! The convolution 1x1 at a network's end, sums over pixels, and the way of frames into and out of blocks.
+
+use super::lanes::{Lanes, dispatched};
+use super::planes::{Planes, PlanesMut};
+
+dispatched! {
+    /// `output[o] = bias[o] + sum_c weight[o][c] input[c]`; `weight` is `[outputs, inputs]`.
+    fn mix(weight: &[f32], bias: &[f32], input: Planes, output: PlanesMut) = mix_lanes
+}
+
+#[inline(always)]
+fn mix_lanes<L: Lanes>(weight: &[f32], bias: &[f32], input: Planes, mut output: PlanesMut) {
+    input.check::<L>();
+    output.check::<L>();
+    assert!(bias.len() == output.channels && weight.len() == bias.len() * input.channels);
+    assert_eq!(output.side, input.side);
+    for (o, (weights, &bias)) in weight.chunks_exact(input.channels).zip(bias).enumerate() {
+        for y in 0..input.side {
+            for x in 0..input.side {
+                // SAFETY: pixels of planes whose sizes were checked.
+                unsafe {
+                    let mut sum = L::splat(bias);
+                    for (c, &weight) in weights.iter().enumerate() {
+                        sum = sum.add_product(L::splat(weight), L::load(input.at::<L>(c, y, x)));
+                    }
+                    sum.store(output.at_mut::<L>(o, y, x));
+                }
+            }
+        }
+    }
+}
+
+dispatched! {
+    /// The gradient of [`mix`] before the ReLU that gave `input`; adds that of the weights to `sums`,
+    /// `[outputs, inputs]` vectors of lanes.
+    fn mix_backward(weight: &[f32], input: Planes, gradient: Planes, output: PlanesMut, sums: &mut [f32]) = mix_backward_lanes
+}
+
+#[inline(always)]
+fn mix_backward_lanes<L: Lanes>(
+    weight: &[f32],
+    input: Planes,
+    gradient: Planes,
+    mut output: PlanesMut,
+    sums: &mut [f32],
+) {
+    input.check::<L>();
+    gradient.check::<L>();
+    output.check::<L>();
+    assert!(output.channels == input.channels && weight.len() == gradient.channels * input.channels);
+    assert!(output.side == input.side && gradient.side == input.side && sums.len() == weight.len() * L::LANES);
+    let side = input.side;
+    for y in 0..side {
+        for c in 0..input.channels {
+            // SAFETY: pixels of planes whose sizes were checked.
+            unsafe {
+                for o in 0..gradient.channels {
+                    let sum = sums.as_mut_ptr().add((o * input.channels + c) * L::LANES);
+                    let mut total = L::load(sum);
+                    for x in 0..side {
+                        let product = (L::load(input.at::<L>(c, y, x)), L::load(gradient.at::<L>(o, y, x)));
+                        total = total.add_product(product.0, product.1);
+                    }
+                    total.store(sum);
+                }
+                for x in 0..side {
+                    let mut back = L::splat(0.0);
+                    for o in 0..gradient.channels {
+                        let weight = L::splat(weight[o * input.channels + c]);
+                        back = back.add_product(weight, L::load(gradient.at::<L>(o, y, x)));
+                    }
+                    back.where_positive(L::load(input.at::<L>(c, y, x))).store(output.at_mut::<L>(c, y, x));
+                }
+            }
+        }
+    }
+}
+
+dispatched! {
+    /// Adds the sum over each channel's pixels to `sums`, a vector of lanes each: a bias's gradient.
+    fn add_pixels(planes: Planes, sums: &mut [f32]) = add_pixels_lanes
+}
+
+#[inline(always)]
+fn add_pixels_lanes<L: Lanes>(planes: Planes, sums: &mut [f32]) {
+    planes.check::<L>();
+    assert_eq!(sums.len(), planes.channels * L::LANES);
+    for channel in 0..planes.channels {
+        // SAFETY: pixels of planes whose sizes were checked.
+        unsafe {
+            let sum = sums.as_mut_ptr().add(channel * L::LANES);
+            let mut total = L::load(sum);
+            for y in 0..planes.side {
+                let mut of_row = L::splat(0.0);
+                for x in 0..planes.side {
+                    of_row = of_row.add(L::load(planes.at::<L>(channel, y, x)));
+                }
+                total = total.add(of_row);
+            }
+            total.store(sum);
+        }
+    }
+}
+
+dispatched! {
+    /// The sum of each vector's lanes.
+    fn sum_lanes(vectors: &[f32], sums: &mut [f32]) = sum_lanes_of
+}
+
+#[inline(always)]
+fn sum_lanes_of<L: Lanes>(vectors: &[f32], sums: &mut [f32]) {
+    assert_eq!(vectors.len(), sums.len() * L::LANES);
+    for (sum, vector) in sums.iter_mut().zip(vectors.chunks_exact(L::LANES)) {
+        // SAFETY: the chunk has as many floats as there are lanes.
+        *sum = unsafe { L::load(vector.as_ptr()).sum() };
+    }
+}
+
+dispatched! {
+    /// Frames `[up to a block, channels, S, S]` into a block; lanes without a frame become 0.
+    fn pack(frames: &[f32], output: PlanesMut) = pack_lanes
+}
+
+#[inline(always)]
+fn pack_lanes<L: Lanes>(frames: &[f32], mut output: PlanesMut) {
+    output.check::<L>();
+    let (channels, side) = (output.channels, output.side);
+    let frame = channels * side * side;
+    assert!(frames.len().is_multiple_of(frame) && frames.len() <= L::LANES * frame);
+    for c in 0..channels {
+        for y in 0..side {
+            // SAFETY: a row of planes whose sizes were checked.
+            let row = unsafe { std::slice::from_raw_parts_mut(output.at_mut::<L>(c, y, 0), side * L::LANES) };
+            if frames.len() < L::LANES * frame {
+                row.fill(0.0);
+            }
+            for (lane, frame) in frames.chunks_exact(frame).enumerate() {
+                let from = &frame[(c * side + y) * side..][..side];
+                for (pixel, value) in row.chunks_exact_mut(L::LANES).zip(from) {
+                    pixel[lane] = *value;
+                }
+            }
+        }
+    }
+}
+
+dispatched! {
+    /// A block's first frames into `[frames, channels, S, S]`: the inverse of [`pack`].
+    fn unpack(input: Planes, frames: &mut [f32]) = unpack_lanes
+}
+
+#[inline(always)]
+fn unpack_lanes<L: Lanes>(input: Planes, frames: &mut [f32]) {
+    input.check::<L>();
+    let (channels, side) = (input.channels, input.side);
+    let frame = channels * side * side;
+    assert!(frames.len().is_multiple_of(frame) && frames.len() <= L::LANES * frame);
+    for c in 0..channels {
+        for y in 0..side {
+            // SAFETY: a row of planes whose sizes were checked.
+            let row = unsafe { std::slice::from_raw_parts(input.at::<L>(c, y, 0), side * L::LANES) };
+            for (lane, frame) in frames.chunks_exact_mut(frame).enumerate() {
+                let to = &mut frame[(c * side + y) * side..][..side];
+                for (value, pixel) in to.iter_mut().zip(row.chunks_exact(L::LANES)) {
+                    *value = pixel[lane];
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,42 @@
+//! The network's dearest computations, written for the processor, forward and backward: the U-Net, masked frames, the
+//! drawing of sprites, the squared error.
+//!
+//! libtorch's convolutions reach half of a core's speed or less at 3 to 64 channels, and every one of the passes between
+//! them goes through memory. Here the frames of a batch stand side by side in blocks, one in each lane of a vector, so
+//! that all operations are on whole vectors whatever the number of channels, and a block stays in the cache from layer
+//! to layer. The mathematics is that of libtorch, in float32; sums are in another order.
+//!
+//! This is the only module with unsafe code: vectors of the processor's own width, chosen at run time; the tensors'
+//! memory; and the node in libtorch's autograd graph. All pointers come from slices whose lengths are checked once for
+//! each operation, on the way into it; checks for every pixel would cost as much as the arithmetic.
+
+use serde::{Deserialize, Serialize};
+
+mod autograd;
+mod conv;
+mod error;
+mod lanes;
+mod masks;
+mod mix;
+mod planes;
+mod resample;
+mod sprites;
+mod tensors;
+mod threads;
+mod unet;
+
+pub use lanes::Instructions;
+pub use sprites::Scene;
+pub use tensors::{UNetKernel, draw, masked, serve, squared_error};
+pub use unet::Shape;
+
+/// What computes the U-Net.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kernels {
+    /// The kernels of this module, on the CPU in float32; otherwise libtorch.
+    #[default]
+    Own,
+    /// libtorch's convolutions and autograd.
+    Libtorch,
+}

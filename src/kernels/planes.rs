@@ -1,0 +1,116 @@
+//! Pictures of a block of frames: `[channel][y][x][frame]`, with a border of one pixel of zeros around each channel.
+//!
+//! The frames of a block stand side by side, one in each lane of a vector, so that every operation on pictures is an
+//! operation on whole vectors at any resolution, and the border is a convolution's zero padding.
+
+use super::lanes::{Instructions, Lanes};
+
+/// A cache line: what planes are aligned to.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+struct Line([f32; 16]);
+
+/// Planes that own their memory. The border stays zero: nothing writes there.
+#[derive(Debug)]
+pub struct Picture {
+    lines: Vec<Line>,
+    pub channels: usize,
+    pub side: usize,
+    /// Floats of one channel.
+    plane: usize,
+}
+
+impl Picture {
+    pub fn zeros(instructions: Instructions, channels: usize, side: usize) -> Self {
+        let plane = (side + 2) * (side + 2) * instructions.lanes();
+        Picture { lines: vec![Line([0.0; 16]); (channels * plane).div_ceil(16)], channels, side, plane }
+    }
+
+    pub fn all(&self) -> Planes<'_> {
+        self.part(0, self.channels)
+    }
+
+    pub fn all_mut(&mut self) -> PlanesMut<'_> {
+        self.part_mut(0, self.channels)
+    }
+
+    /// Some of the channels.
+    pub fn part(&self, first: usize, channels: usize) -> Planes<'_> {
+        // SAFETY: a `Line` is 16 floats without padding.
+        let floats = unsafe { std::slice::from_raw_parts(self.lines.as_ptr().cast(), self.lines.len() * 16) };
+        Planes { data: &floats[first * self.plane..(first + channels) * self.plane], channels, side: self.side }
+    }
+
+    pub fn part_mut(&mut self, first: usize, channels: usize) -> PlanesMut<'_> {
+        // SAFETY: as above.
+        let floats = unsafe { std::slice::from_raw_parts_mut(self.lines.as_mut_ptr().cast(), self.lines.len() * 16) };
+        PlanesMut { data: &mut floats[first * self.plane..(first + channels) * self.plane], channels, side: self.side }
+    }
+}
+
+/// Channels of a block of frames.
+#[derive(Debug, Clone, Copy)]
+pub struct Planes<'a> {
+    pub data: &'a [f32],
+    pub channels: usize,
+    pub side: usize,
+}
+
+#[derive(Debug)]
+pub struct PlanesMut<'a> {
+    pub data: &'a mut [f32],
+    pub channels: usize,
+    pub side: usize,
+}
+
+impl Planes<'_> {
+    /// Floats from one row to the next.
+    #[inline(always)]
+    pub fn row<L: Lanes>(&self) -> usize {
+        (self.side + 2) * L::LANES
+    }
+
+    /// Floats from one channel to the next.
+    #[inline(always)]
+    pub fn plane<L: Lanes>(&self) -> usize {
+        (self.side + 2) * self.row::<L>()
+    }
+
+    /// Where a pixel of a channel stands.
+    ///
+    /// # Safety
+    /// A pixel that is there, of planes made for these lanes.
+    #[inline(always)]
+    pub unsafe fn at<L: Lanes>(&self, channel: usize, y: usize, x: usize) -> *const f32 {
+        unsafe { self.data.as_ptr().add(channel * self.plane::<L>() + (y + 1) * self.row::<L>() + (x + 1) * L::LANES) }
+    }
+
+    /// # Panics
+    /// Planes that were made for other instructions.
+    #[inline(always)]
+    pub fn check<L: Lanes>(&self) {
+        assert_eq!(self.data.len(), self.channels * self.plane::<L>(), "planes for other lanes");
+    }
+}
+
+impl PlanesMut<'_> {
+    #[inline(always)]
+    pub fn check<L: Lanes>(&self) {
+        self.as_ref().check::<L>();
+    }
+
+    /// Where a pixel of a channel stands.
+    ///
+    /// # Safety
+    /// A pixel that is there, of planes made for these lanes.
+    #[inline(always)]
+    pub unsafe fn at_mut<L: Lanes>(&mut self, channel: usize, y: usize, x: usize) -> *mut f32 {
+        let (row, plane) = (self.as_ref().row::<L>(), self.as_ref().plane::<L>());
+        unsafe { self.data.as_mut_ptr().add(channel * plane + (y + 1) * row + (x + 1) * L::LANES) }
+    }
+
+    #[inline(always)]
+    pub fn as_ref(&self) -> Planes<'_> {
+        Planes { data: self.data, channels: self.channels, side: self.side }
+    }
+}

@@ -1,0 +1,160 @@
+//! The kernels on tensors, within libtorch's autograd.
+
+use tch::{Device, Kind, Tensor};
+
+use super::autograd;
+use super::error::{self, Rows};
+use super::lanes::Instructions;
+use super::masks;
+use super::sprites::{self, Drawn, Scene};
+use super::unet::{Kernel, Shape};
+
+/// The U-Net of one shape.
+#[derive(Debug)]
+pub struct UNetKernel(Kernel);
+
+impl UNetKernel {
+    pub fn new(instructions: Instructions, shape: Shape) -> Self {
+        UNetKernel(Kernel::new(instructions, shape))
+    }
+
+    /// Whether these frames, and weights of this kind, can be computed with; the gradient by the frames is not computed.
+    pub fn serves(&self, frames: &Tensor, weight: &Tensor) -> bool {
+        serve(&[frames, weight]) && !autograd::records(&[frames])
+    }
+
+    /// Frames `[frames, channels, S, S]` to logits `[frames, objects, S, S]`, differentiable by the weights. `layers` are
+    /// weights and biases in the network's order.
+    pub fn forward(&self, layers: &[(&Tensor, &Tensor)], frames: &Tensor) -> Tensor {
+        let variables: Vec<&Tensor> = layers.iter().flat_map(|&(weight, bias)| [weight, bias]).collect();
+        let values: Vec<_> = layers.iter().map(|(weight, bias)| (numbers(weight), numbers(bias))).collect();
+        let Shape { side, channels, objects, .. } = self.0.shape();
+        let frames = frames.detach().contiguous();
+        assert_eq!(frames.size()[1..], [channels, side, side].map(|n| n as i64), "frames of the network's shape");
+        let mut logits =
+            Tensor::empty([frames.size()[0], objects as i64, side as i64, side as i64], (Kind::Float, Device::Cpu));
+        let pass = self.0.forward(&values, floats(&frames), floats_mut(&mut logits), autograd::records(&variables));
+        let Some(pass) = pass else { return logits };
+        let sizes: Vec<_> = variables.iter().map(|variable| variable.size()).collect();
+        autograd::attach(logits, &variables, move |gradient| {
+            let gradients = pass.backward(floats(&gradient.contiguous()));
+            let gradients = gradients.into_iter().flat_map(|(weight, bias)| [weight, bias]);
+            gradients.zip(&sizes).map(|(values, size)| Tensor::from_slice(&values).reshape(size)).collect()
+        })
+    }
+}
+
+/// Whether the kernels can compute with these tensors: float32 in the main memory.
+pub fn serve(tensors: &[&Tensor]) -> bool {
+    tensors.iter().all(|tensor| tensor.kind() == Kind::Float && tensor.device() == Device::Cpu)
+}
+
+/// Sprites moved and composed over a background: what [`Scene`] says, of tensors as in [`Drawn`]; frames
+/// `[frames, channels, side, side]`, differentiable by all of them.
+pub fn draw(scene: Scene, sprites: &Tensor, background: &Tensor, rows: &Tensor, columns: &Tensor) -> Tensor {
+    let inputs = [sprites, background, rows, columns];
+    let values = inputs.map(|input| input.detach().contiguous());
+    let [channels, side] = [scene.channels, scene.side].map(|n| n as i64);
+    let mut frames = Tensor::empty([rows.size()[1], channels, side, side], (Kind::Float, Device::Cpu));
+    sprites::draw(Instructions::best(), &scene, &drawn(&values), floats_mut(&mut frames));
+    if !autograd::records(&inputs) {
+        return frames;
+    }
+    let sizes = inputs.map(|input| input.size());
+    autograd::attach(frames, &inputs, move |gradient| {
+        let gradient = gradient.contiguous();
+        let gradients = sprites::draw_backward(Instructions::best(), &scene, &drawn(&values), floats(&gradient));
+        let gradients = [gradients.sprites, gradients.background, gradients.rows, gradients.columns];
+        gradients.iter().zip(&sizes).map(|(values, size)| Tensor::from_slice(values).reshape(size)).collect()
+    })
+}
+
+fn drawn(values: &[Tensor; 4]) -> Drawn<'_> {
+    let [sprites, background, rows, columns] = values.each_ref().map(floats);
+    Drawn { sprites, background, rows, columns }
+}
+
+/// The first `objects` of masks `[frames, masks, S, S]` times frames `[frames, channels, S, S]`, differentiable by the
+/// masks: `[objects, frames, channels, S, S]`, with the channels innermost in memory.
+pub fn masked(objects: i64, masks: &Tensor, frames: &Tensor) -> Tensor {
+    let (count, channels, side, _) = frames.size4().expect("frames [frames, channels, S, S]");
+    let sizes = masks::Sizes {
+        frames: count as usize,
+        objects: objects as usize,
+        masks: masks.size()[1] as usize,
+        channels: channels as usize,
+        pixels: (side * side) as usize,
+    };
+    let frames = frames.detach().contiguous();
+    let mut product = Tensor::empty([objects, count, side, side, channels], (Kind::Float, Device::Cpu));
+    masks::apply(sizes, floats(&masks.detach().contiguous()), floats(&frames), floats_mut(&mut product));
+    if autograd::records(&[masks]) {
+        let size = masks.size();
+        product = autograd::attach(product, &[masks], move |gradient| {
+            let gradient = masks::apply_backward(sizes, floats(&gradient.contiguous()), floats(&frames));
+            vec![Tensor::from_slice(&gradient).reshape(&size)]
+        });
+    }
+    product.permute([0, 1, 4, 2, 3])
+}
+
+/// `sum (a - b)^2`, a scalar, differentiable by `a`. Both `[batch, time, ..]`, the frames side by side in memory or not.
+pub fn squared_error(a: &Tensor, b: &Tensor) -> Tensor {
+    assert_eq!(a.size(), b.size());
+    let values = [a, b].map(|tensor| framewise(&tensor.detach()));
+    let [first, second] = values.each_ref().map(rows);
+    let sum = Tensor::from(error::squared_error(Instructions::best(), &first, &second) as f32);
+    if !autograd::records(&[a]) {
+        return sum;
+    }
+    let size = a.size();
+    autograd::attach(sum, &[a], move |gradient| {
+        let [first, second] = values.each_ref().map(rows);
+        let mut difference = Tensor::empty(&size, (Kind::Float, Device::Cpu));
+        let factor = 2.0 * gradient.double_value(&[]) as f32;
+        error::difference(&first, &second, factor, floats_mut(&mut difference));
+        vec![difference]
+    })
+}
+
+/// The tensor itself where what follows the first two axes stands side by side in memory, else a copy.
+fn framewise(tensor: &Tensor) -> Tensor {
+    if tensor.select(0, 0).select(0, 0).is_contiguous() { tensor.shallow_clone() } else { tensor.contiguous() }
+}
+
+/// The frames of a tensor `[batch, time, ..]` whose frames stand side by side.
+fn rows(tensor: &Tensor) -> Rows<'_> {
+    let (size, stride) = (tensor.size(), tensor.stride());
+    let width = size[2..].iter().product::<i64>() as usize;
+    let starts = (0..size[0]).flat_map(|clip| (0..size[1]).map(move |time| (clip, time)));
+    let starts: Vec<_> = starts.map(|(clip, time)| (clip * stride[0] + time * stride[1]) as usize).collect();
+    let floats = starts.iter().max().map_or(0, |last| last + width);
+    assert!(tensor.kind() == Kind::Float && tensor.device() == Device::Cpu);
+    // SAFETY: the memory from the first element of the first frame to the last one of the last.
+    let data = unsafe { std::slice::from_raw_parts(tensor.data_ptr().cast(), floats) };
+    Rows { data, starts, width }
+}
+
+fn numbers(tensor: &Tensor) -> Vec<f32> {
+    floats(&tensor.detach().contiguous()).to_vec()
+}
+
+/// The memory of a tensor.
+fn floats(tensor: &Tensor) -> &[f32] {
+    check(tensor);
+    // SAFETY: as many floats as the tensor has, side by side, which live as long as it does.
+    unsafe { std::slice::from_raw_parts(tensor.data_ptr().cast(), tensor.numel()) }
+}
+
+/// The memory of a tensor that nothing else has a view of.
+fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
+    check(tensor);
+    // SAFETY: as above, and the tensor is borrowed alone.
+    unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
+}
+
+/// # Panics
+/// A tensor whose memory is not a list of floats.
+fn check(tensor: &Tensor) {
+    assert!(tensor.kind() == Kind::Float && tensor.device() == Device::Cpu && tensor.is_contiguous());
+}

@@ -1,0 +1,33 @@
+//! Threads of the kernels: as many as libtorch computes with.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// Sums over frames are made in at most so many parts, whatever the number of threads: their order, and with it their
+/// rounding, does not depend on it.
+pub const PARTS: usize = 16;
+
+/// The threads of the last call, kept for the next.
+static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
+
+fn pool(threads: usize) -> Arc<ThreadPool> {
+    let mut kept = POOL.lock().unwrap_or_else(PoisonError::into_inner);
+    match &*kept {
+        Some(pool) if pool.current_num_threads() == threads => Arc::clone(pool),
+        _ => {
+            let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
+            Arc::clone(kept.insert(Arc::new(pool)))
+        }
+    }
+}
+
+/// `work` of each of `items`, in their order, on libtorch's number of threads.
+pub fn in_parallel<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync + Send) -> Vec<R> {
+    let threads = (tch::get_num_threads() as usize).clamp(1, items.len().max(1));
+    if threads == 1 {
+        return items.into_iter().map(work).collect();
+    }
+    pool(tch::get_num_threads() as usize).install(|| items.into_par_iter().map(work).collect())
+}

@@ -1,0 +1,445 @@
+//! The U-Net, forward and backward, on blocks of frames.
+//!
+//! The network is [`crate::network::blocks::UNet`]'s. A block goes through all layers before the next one begins, so that
+//! most of what a layer reads is still in the cache. Every layer's result is kept for the gradient, except the doubled
+//! pictures, which are made again.
+
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::conv::{self, Finish, Weights};
+use super::lanes::Instructions;
+use super::mix;
+use super::planes::Picture;
+use super::resample::{self, Pooled};
+use super::threads::{PARTS, in_parallel};
+
+/// What frames go through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// Pixels, a multiple of 2 to the number of poolings.
+    pub side: usize,
+    pub channels: usize,
+    pub objects: usize,
+    /// Channels of the first level, a multiple of 8; each level below has twice as many.
+    pub base: usize,
+    pub poolings: usize,
+}
+
+impl Shape {
+    fn width(&self, level: usize) -> usize {
+        self.base << level
+    }
+
+    fn side_of(&self, level: usize) -> usize {
+        self.side >> level
+    }
+
+    /// Channels of what comes up from the level below.
+    fn raised(&self) -> usize {
+        2 * self.base
+    }
+
+    fn levels(&self) -> std::ops::RangeInclusive<usize> {
+        0..=self.poolings
+    }
+
+    /// `(inputs, outputs)` of the layers in the network's order: two for each level, from the lowest level up three each
+    /// (after the doubling, and the two after the concatenation), and the logits.
+    fn layers(&self) -> Vec<(usize, usize)> {
+        let mut layers = Vec::new();
+        for level in self.levels() {
+            let inputs = if level == 0 { self.channels } else { self.width(level - 1) };
+            layers.extend([(inputs, self.width(level)), (self.width(level), self.width(level))]);
+        }
+        for level in (0..self.poolings).rev() {
+            let width = self.width(level);
+            layers.push((self.width(level + 1), self.raised()));
+            layers.extend([(self.raised() + width, width), (width, width)]);
+        }
+        layers.push((self.base, self.objects));
+        layers
+    }
+
+    /// The number of the first layer of a level on the way down.
+    fn down(&self, level: usize) -> usize {
+        2 * level
+    }
+
+    /// The number of the first layer of a level on the way up.
+    fn up(&self, level: usize) -> usize {
+        2 * (self.poolings + 1) + 3 * (self.poolings - 1 - level)
+    }
+}
+
+/// A network's results on a block.
+#[derive(Debug)]
+struct Activations {
+    /// What each level's first layer sees: the frames, and the level above, pooled.
+    inputs: Vec<Picture>,
+    /// Results of the first layers on the way down.
+    firsts: Vec<Picture>,
+    /// What came up from below, and the results of the second layers on the way down. None on the lowest level.
+    joined: Vec<Picture>,
+    /// Results of the first layers on the way up.
+    up_firsts: Vec<Picture>,
+    /// What each level hands up.
+    outputs: Vec<Picture>,
+}
+
+/// Pictures that are not kept.
+#[derive(Debug)]
+struct Scratch {
+    /// What each level hands up, doubled, by the level that takes it.
+    doubled: Vec<Picture>,
+    logits: Picture,
+}
+
+/// Gradients of a block, named as the results are.
+#[derive(Debug)]
+struct Gradients {
+    inputs: Vec<Picture>,
+    firsts: Vec<Picture>,
+    joined: Vec<Picture>,
+    doubled: Vec<Picture>,
+    outputs: Vec<Picture>,
+    logits: Picture,
+    /// Of weights and biases, a vector of lanes each.
+    sums: Vec<f32>,
+}
+
+/// Memory that is used again by the next step.
+#[derive(Debug)]
+struct Recycled<T>(Mutex<Vec<T>>);
+
+impl<T> Recycled<T> {
+    fn new() -> Self {
+        Recycled(Mutex::new(Vec::new()))
+    }
+
+    fn take(&self, new: impl FnOnce() -> T) -> T {
+        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        kept.unwrap_or_else(new)
+    }
+
+    fn give(&self, used: T) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(used);
+    }
+}
+
+#[derive(Debug)]
+struct Memory {
+    activations: Recycled<Activations>,
+    scratch: Recycled<Scratch>,
+    gradients: Recycled<Gradients>,
+}
+
+/// The kernels of one network.
+#[derive(Debug, Clone)]
+pub struct Kernel {
+    instructions: Instructions,
+    shape: Shape,
+    memory: Arc<Memory>,
+}
+
+/// The weights of a network at one moment, as the kernels read them.
+struct Network {
+    forward: Vec<Weights>,
+    /// Of all but the first layer.
+    backward: Vec<Option<Weights>>,
+    logits: (Vec<f32>, Vec<f32>),
+}
+
+/// What a forward pass leaves for the gradient. Its memory goes back when it is dropped.
+pub struct Pass {
+    kernel: Kernel,
+    network: Network,
+    blocks: Vec<Option<Activations>>,
+}
+
+impl Drop for Pass {
+    fn drop(&mut self) {
+        for block in self.blocks.drain(..).flatten() {
+            self.kernel.memory.activations.give(block);
+        }
+    }
+}
+
+impl Kernel {
+    pub fn new(instructions: Instructions, shape: Shape) -> Self {
+        let memory = Memory { activations: Recycled::new(), scratch: Recycled::new(), gradients: Recycled::new() };
+        Kernel { instructions, shape, memory: Arc::new(memory) }
+    }
+
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn picture(&self, channels: usize, level: usize) -> Picture {
+        Picture::zeros(self.instructions, channels, self.shape.side_of(level))
+    }
+
+    fn activations(&self) -> Activations {
+        let shape = &self.shape;
+        let inputs = |level| if level == 0 { shape.channels } else { shape.width(level - 1) };
+        let wide = |level| self.picture(shape.width(level), level);
+        Activations {
+            inputs: shape.levels().map(|level| self.picture(inputs(level), level)).collect(),
+            firsts: shape.levels().map(wide).collect(),
+            joined: (0..shape.poolings).map(|level| self.picture(shape.raised() + shape.width(level), level)).collect(),
+            up_firsts: (0..shape.poolings).map(wide).collect(),
+            outputs: shape.levels().map(wide).collect(),
+        }
+    }
+
+    fn doubled(&self) -> Vec<Picture> {
+        (0..self.shape.poolings).map(|level| self.picture(self.shape.width(level + 1), level)).collect()
+    }
+
+    fn scratch(&self) -> Scratch {
+        Scratch { doubled: self.doubled(), logits: self.picture(self.shape.objects, 0) }
+    }
+
+    fn gradients(&self) -> Gradients {
+        let Activations { inputs, firsts, joined, outputs, .. } = self.activations();
+        let numbers: usize = self.places().last().map_or(0, |place| place.end);
+        let sums = vec![0.0; numbers * self.instructions.lanes()];
+        Gradients { inputs, firsts, joined, doubled: self.doubled(), outputs, logits: self.scratch().logits, sums }
+    }
+
+    /// Where each layer's weights and biases stand among all numbers of the network: weights, then biases.
+    fn places(&self) -> Vec<Range<usize>> {
+        let layers = self.shape.layers();
+        let last = layers.len() - 1;
+        let mut end = 0;
+        let place = |(layer, (inputs, outputs)): (usize, (usize, usize))| {
+            let start = end;
+            end += inputs * outputs * if layer == last { 1 } else { 9 } + outputs;
+            start..end
+        };
+        layers.into_iter().enumerate().map(place).collect()
+    }
+
+    fn network(&self, layers: &[(Vec<f32>, Vec<f32>)], backward: bool) -> Network {
+        let tile = self.instructions.tile();
+        let (logits, convolutions) = layers.split_last().expect("a network has layers");
+        let turned = |(layer, (weight, bias)): (usize, &(Vec<f32>, Vec<f32>))| {
+            (backward && layer > 0).then(|| Weights::backward(tile, weight, bias.len()))
+        };
+        Network {
+            forward: convolutions.iter().map(|(weight, bias)| Weights::forward(tile, weight, bias)).collect(),
+            backward: convolutions.iter().enumerate().map(turned).collect(),
+            logits: logits.clone(),
+        }
+    }
+
+    /// Frames `[frames, channels, S, S]` to logits `[frames, objects, S, S]`; `layers` are weights and biases in the
+    /// network's order. Gives what the gradient needs if it is asked for.
+    pub fn forward(
+        &self,
+        layers: &[(Vec<f32>, Vec<f32>)],
+        frames: &[f32],
+        logits: &mut [f32],
+        keep: bool,
+    ) -> Option<Pass> {
+        let network = self.network(layers, keep);
+        let (seen, made) = (self.floats(self.shape.channels), self.floats(self.shape.objects));
+        assert_eq!(frames.len() / seen, logits.len() / made, "as many logits as frames");
+        let blocks: Vec<_> = frames.chunks(seen * self.lanes()).zip(logits.chunks_mut(made * self.lanes())).collect();
+        let blocks = in_parallel(blocks, |(frames, logits)| {
+            let mut results = self.memory.activations.take(|| self.activations());
+            let mut scratch = self.memory.scratch.take(|| self.scratch());
+            self.forward_block(&network, frames, &mut results, &mut scratch, logits);
+            self.memory.scratch.give(scratch);
+            if keep {
+                return Some(results);
+            }
+            self.memory.activations.give(results);
+            None
+        });
+        keep.then(|| Pass { kernel: self.clone(), network, blocks })
+    }
+
+    fn lanes(&self) -> usize {
+        self.instructions.lanes()
+    }
+
+    /// Of so many channels of a frame.
+    fn floats(&self, channels: usize) -> usize {
+        channels * self.shape.side * self.shape.side
+    }
+
+    fn forward_block(
+        &self,
+        network: &Network,
+        frames: &[f32],
+        results: &mut Activations,
+        scratch: &mut Scratch,
+        logits: &mut [f32],
+    ) {
+        let (instructions, shape, layers) = (self.instructions, &self.shape, &network.forward);
+        let raised = shape.raised();
+        let Activations { inputs, firsts, joined, up_firsts, outputs } = results;
+        mix::pack(instructions, frames, inputs[0].all_mut());
+        for level in shape.levels() {
+            if level > 0 {
+                let above = joined[level - 1].part(raised, shape.width(level - 1));
+                resample::max_pool(instructions, above, inputs[level].all_mut());
+            }
+            let layer = &layers[shape.down(level)..];
+            conv::convolve(instructions, &layer[0], inputs[level].all(), firsts[level].all_mut(), Finish::Relu);
+            let second = match joined.get_mut(level) {
+                Some(joined) => joined.part_mut(raised, shape.width(level)),
+                None => outputs[level].all_mut(),
+            };
+            conv::convolve(instructions, &layer[1], firsts[level].all(), second, Finish::Relu);
+        }
+        for level in (0..shape.poolings).rev() {
+            let (layer, doubled) = (&layers[shape.up(level)..], &mut scratch.doubled[level]);
+            resample::double(instructions, outputs[level + 1].all(), doubled.all_mut());
+            let risen = joined[level].part_mut(0, raised);
+            conv::convolve(instructions, &layer[0], doubled.all(), risen, Finish::Linear);
+            conv::convolve(instructions, &layer[1], joined[level].all(), up_firsts[level].all_mut(), Finish::Relu);
+            conv::convolve(instructions, &layer[2], up_firsts[level].all(), outputs[level].all_mut(), Finish::Relu);
+        }
+        let (weight, bias) = &network.logits;
+        mix::mix(instructions, weight, bias, outputs[0].all(), scratch.logits.all_mut());
+        mix::unpack(instructions, scratch.logits.all(), logits);
+    }
+}
+
+impl Pass {
+    /// From the gradient of the logits, `[frames, objects, S, S]`, those of weights and biases in the network's order.
+    pub fn backward(&self, logits: &[f32]) -> Vec<(Vec<f32>, Vec<f32>)> {
+        let kernel = &self.kernel;
+        let block = kernel.floats(kernel.shape.objects) * kernel.lanes();
+        let blocks: Vec<_> = self.blocks.iter().flatten().zip(logits.chunks(block)).collect();
+        let parts: Vec<_> = blocks.chunks(blocks.len().div_ceil(PARTS).max(1)).collect();
+        let places = kernel.places();
+        let numbers = places.last().map_or(0, |place| place.end);
+        let sums = in_parallel(parts, |part| {
+            let mut gradients = kernel.memory.gradients.take(|| kernel.gradients());
+            let mut scratch = kernel.memory.scratch.take(|| kernel.scratch());
+            gradients.sums.fill(0.0);
+            for (results, logits) in part {
+                self.backward_block(results, logits, &mut gradients, &mut scratch, &places);
+            }
+            let mut sums = vec![0.0; numbers];
+            mix::sum_lanes(kernel.instructions, &gradients.sums, &mut sums);
+            kernel.memory.scratch.give(scratch);
+            kernel.memory.gradients.give(gradients);
+            sums
+        });
+        let mut total = vec![0.0; numbers];
+        for part in sums {
+            total.iter_mut().zip(part).for_each(|(total, part)| *total += part);
+        }
+        kernel.unpacked(&places, &total)
+    }
+
+    fn backward_block(
+        &self,
+        results: &Activations,
+        logits: &[f32],
+        gradients: &mut Gradients,
+        scratch: &mut Scratch,
+        places: &[Range<usize>],
+    ) {
+        let (instructions, shape) = (self.kernel.instructions, &self.kernel.shape);
+        let raised = shape.raised();
+        let Activations { inputs, firsts, joined, up_firsts, outputs } = results;
+        let sums = &mut Sums { instructions, places, sums: &mut gradients.sums };
+        let back = |layer: usize| self.network.backward[layer].as_ref().expect("only the first layer has none");
+
+        mix::pack(instructions, logits, gradients.logits.all_mut());
+        sums.add_logits(&self.network.logits.0, &outputs[0], &gradients.logits, &mut gradients.outputs[0]);
+        for level in 0..shape.poolings {
+            let layer = shape.up(level);
+            let (output, first) = (&gradients.outputs[level], &mut gradients.firsts[level]);
+            sums.add(layer + 2, up_firsts[level].all(), output.all());
+            let gate = Finish::WherePositive(up_firsts[level].all());
+            conv::convolve(instructions, back(layer + 2), output.all(), first.all_mut(), gate);
+
+            sums.add(layer + 1, joined[level].all(), first.all());
+            let both = &mut gradients.joined[level];
+            conv::convolve(instructions, back(layer + 1), first.all(), both.all_mut(), Finish::Linear);
+
+            let (below, doubled) = (outputs[level + 1].all(), &mut scratch.doubled[level]);
+            resample::double(instructions, below, doubled.all_mut());
+            let risen = both.part(0, raised);
+            sums.add(layer, doubled.all(), risen);
+            conv::convolve(instructions, back(layer), risen, gradients.doubled[level].all_mut(), Finish::Linear);
+            let next = gradients.outputs[level + 1].all_mut();
+            resample::double_backward(instructions, gradients.doubled[level].all(), below, next);
+        }
+        for level in shape.levels().rev() {
+            let layer = shape.down(level);
+            let output = &mut gradients.outputs[level];
+            if level < shape.poolings {
+                let width = shape.width(level);
+                let pooled = Pooled {
+                    activation: joined[level].part(raised, width),
+                    pooled: inputs[level + 1].all(),
+                    pooled_gradient: gradients.inputs[level + 1].all(),
+                    other_gradient: gradients.joined[level].part(raised, width),
+                };
+                resample::max_pool_backward(instructions, pooled, output.all_mut());
+            }
+            let first = &mut gradients.firsts[level];
+            sums.add(layer + 1, firsts[level].all(), output.all());
+            let gate = Finish::WherePositive(firsts[level].all());
+            conv::convolve(instructions, back(layer + 1), output.all(), first.all_mut(), gate);
+            sums.add(layer, inputs[level].all(), first.all());
+            if level > 0 {
+                let input = gradients.inputs[level].all_mut();
+                conv::convolve(instructions, back(layer), first.all(), input, Finish::Linear);
+            }
+        }
+    }
+}
+
+/// Sums of the gradients of weights and biases.
+struct Sums<'a> {
+    instructions: Instructions,
+    places: &'a [Range<usize>],
+    sums: &'a mut [f32],
+}
+
+impl Sums<'_> {
+    /// Weights' and biases' sums of a layer with so many outputs.
+    fn of(&mut self, layer: usize, outputs: usize) -> (&mut [f32], &mut [f32]) {
+        let (place, lanes) = (&self.places[layer], self.instructions.lanes());
+        let sums = &mut self.sums[place.start * lanes..place.end * lanes];
+        sums.split_at_mut((place.len() - outputs) * lanes)
+    }
+
+    fn add(&mut self, layer: usize, input: super::planes::Planes, gradient: super::planes::Planes) {
+        let instructions = self.instructions;
+        let (weights, biases) = self.of(layer, gradient.channels);
+        conv::add_weight_gradient(instructions, input, gradient, weights);
+        mix::add_pixels(instructions, gradient, biases);
+    }
+
+    /// The last layer's, and the gradient before it.
+    fn add_logits(&mut self, weight: &[f32], input: &Picture, gradient: &Picture, output: &mut Picture) {
+        let instructions = self.instructions;
+        let (weights, biases) = self.of(self.places.len() - 1, gradient.channels);
+        mix::mix_backward(instructions, weight, input.all(), gradient.all(), output.all_mut(), weights);
+        mix::add_pixels(instructions, gradient.all(), biases);
+    }
+}
+
+impl Kernel {
+    /// Splits all numbers of the network by layers, weights in libtorch's order.
+    fn unpacked(&self, places: &[Range<usize>], numbers: &[f32]) -> Vec<(Vec<f32>, Vec<f32>)> {
+        let layers = self.shape.layers();
+        let last = layers.len() - 1;
+        let layer = |(layer, ((inputs, outputs), place)): (usize, ((usize, usize), &Range<usize>))| {
+            let (weights, biases) = numbers[place.clone()].split_at(place.len() - outputs);
+            let weights =
+                if layer == last { weights.to_vec() } else { conv::unpack(self.instructions.tile(), inputs, weights) };
+            (weights, biases.to_vec())
+        };
+        layers.into_iter().zip(places).enumerate().map(layer).collect()
+    }
+}

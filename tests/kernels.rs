@@ -1,0 +1,140 @@
+//! The kernels against libtorch and its autograd: the U-Net's logits and the gradients of all its weights for every set of
+//! instructions that the processor has, and the whole model's frames, losses and gradients.
+
+use paig::kernels::{Instructions, Kernels, Shape, UNetKernel};
+use paig::network::System;
+use paig::network::blocks::{Layers, UNet};
+use paig::network::cells::Actions;
+use paig::network::physics_models::losses::Losses;
+use paig::network::physics_models::{ModelOptions, PhysicsNet};
+use tch::nn::VarStore;
+use tch::{Device, Kind, Tensor};
+
+/// Of the largest element. Both sides round sums of some thousand products in float32, in different orders; seen: 2e-6.
+const FORWARD: f64 = 1e-5;
+/// Rounding of positions grows along a refined roll-out; seen: 5e-5.
+const ROLLED_OUT: f64 = 1e-3;
+/// Where rounding takes what a ReLU or a pooling sees across a kink, a pixel's whole gradient changes; seen: 3e-4, while
+/// without such a pixel it is 1e-5.
+const GRADIENT: f64 = 3e-3;
+
+/// A network of libtorch with weights drawn from a normal distribution, and its layers' weights and biases in their order.
+fn network(side: usize, channels: usize, objects: usize) -> (VarStore, UNet, Vec<(Tensor, Tensor)>) {
+    let store = VarStore::new(Device::Cpu);
+    let net = UNet::for_side(&mut Layers::new(store.root()), side, channels, objects, Kernels::Libtorch);
+    let variables = store.variables();
+    let _guard = tch::no_grad_guard();
+    let layers: Vec<_> = (0..variables.len() / 2)
+        .map(|i| if i == 0 { "conv2d".into() } else { format!("conv2d_{i}") })
+        .map(|name: String| {
+            let [mut weight, mut bias] =
+                ["weight", "bias"].map(|part| variables[&format!("{name}.{part}")].shallow_clone());
+            let inputs: i64 = weight.size()[1..].iter().product();
+            let _ = weight.normal_(0.0, (2.0 / inputs as f64).sqrt());
+            let _ = bias.normal_(0.0, 0.3);
+            (weight, bias)
+        })
+        .collect();
+    (store, net, layers)
+}
+
+fn shape(side: usize, channels: usize, objects: usize) -> Shape {
+    let (base, poolings) = if side >= 40 { (16, 3) } else { (8, 2) };
+    Shape { side, channels, objects, base, poolings }
+}
+
+fn gradients(layers: &[(Tensor, Tensor)], logits: &Tensor, weight: &Tensor) -> Vec<Tensor> {
+    let variables: Vec<_> = layers.iter().flat_map(|(weight, bias)| [weight, bias]).collect();
+    variables.iter().for_each(|variable| variable.shallow_clone().zero_grad());
+    (logits * weight).sum(Kind::Float).backward();
+    variables.iter().map(|variable| variable.grad().copy()).collect()
+}
+
+/// Largest difference as a share of the largest element.
+fn departure(ours: &Tensor, theirs: &Tensor) -> f64 {
+    assert_eq!(ours.size(), theirs.size());
+    ((ours - theirs).abs().max() / theirs.abs().max()).double_value(&[])
+}
+
+#[test]
+fn logits_and_gradients_are_those_of_libtorch() {
+    tch::manual_seed(3);
+    for (side, channels, objects, frames) in
+        [(32, 3, 2, 21), (32, 1, 1, 16), (12, 5, 3, 5), (36, 3, 4, 3), (16, 1, 2, 70), (48, 3, 2, 3), (64, 3, 3, 2)]
+    {
+        let (_store, net, layers) = network(side, channels, objects);
+        let frames = Tensor::rand([frames, channels as i64, side as i64, side as i64], (Kind::Float, Device::Cpu));
+        let theirs = net.forward(&frames);
+        let weight = theirs.randn_like();
+        let their_gradients = gradients(&layers, &theirs, &weight);
+        let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
+        for instructions in Instructions::all() {
+            let kernel = UNetKernel::new(instructions, shape(side, channels, objects));
+            // Twice: the second pass is in used memory.
+            for _ in 0..2 {
+                let ours = kernel.forward(&borrowed, &frames);
+                let context = format!("{instructions:?}, {side} pixels, {channels} channels, {objects} objects");
+                let off = departure(&ours, &theirs);
+                assert!(off < FORWARD, "{context}: logits off by {off:e}");
+                for (i, (ours, theirs)) in gradients(&layers, &ours, &weight).iter().zip(&their_gradients).enumerate() {
+                    let off = departure(ours, theirs);
+                    assert!(off < GRADIENT, "{context}: gradient {i} off by {off:e}");
+                }
+            }
+        }
+    }
+}
+
+/// A model, its frames and losses of these clips, and the gradients of all its variables by their names.
+fn trained_by(system: &System, kernels: Kernels, clips: &Tensor) -> (Vec<Tensor>, Vec<(String, Tensor)>) {
+    let options = ModelOptions { kernels, refinement_steps: 1, ..ModelOptions::original() };
+    let model = PhysicsNet::new(system, &options, Device::Cpu, 5).unwrap();
+    let pass = model.forward(clips, &Actions::none()).unwrap();
+    let losses = Losses::new(&pass, clips, system);
+    // The masks have readers besides the localisation network.
+    let seen = pass.encoding.masked.square().mean(Kind::Float) + pass.encoding.masks.square().mean(Kind::Float);
+    (losses.train(2.0) + seen).backward();
+    let mut results = vec![losses.reconstruction, losses.prediction];
+    results.extend(losses.extrapolation);
+    results.extend([pass.encoding.positions, pass.encoding.masked, pass.reconstructions, pass.predictions]);
+    let gradients = model.named_variables().into_iter().map(|(name, variable)| (name, variable.grad())).collect();
+    (results.iter().map(Tensor::detach).collect(), gradients)
+}
+
+#[test]
+fn the_whole_model_is_that_of_libtorch() {
+    tch::manual_seed(4);
+    for (task, side, channels, frames) in
+        [("spring_color", 32, 3, 13), ("spring_color", 36, 1, 12), ("3bp_color", 48, 3, 22)]
+    {
+        let system = System { side, channels, ..paig::tasks::find(task).unwrap().system };
+        let (channels, side) = (channels as i64, side as i64);
+        let clips = Tensor::rand([3, frames, channels, side, side], (Kind::Float, Device::Cpu));
+        let (ours, our_gradients) = trained_by(&system, Kernels::Own, &clips);
+        let (theirs, their_gradients) = trained_by(&system, Kernels::Libtorch, &clips);
+        for (i, (ours, theirs)) in ours.iter().zip(&theirs).enumerate() {
+            let off = departure(ours, theirs);
+            assert!(off < ROLLED_OUT, "{task} {side}: result {i} off by {off:e}");
+        }
+        for ((name, ours), (_, theirs)) in our_gradients.iter().zip(&their_gradients) {
+            assert_eq!(ours.defined(), theirs.defined(), "{name}");
+            if theirs.defined() {
+                let off = departure(ours, theirs);
+                assert!(off < GRADIENT, "{task} {side}: gradient of {name} off by {off:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    let system = paig::tasks::find("spring_color").unwrap().system;
+    tch::manual_seed(6);
+    let clips = Tensor::rand([7, 12, 3, 32, 32], (Kind::Float, Device::Cpu));
+    let (_, once) = trained_by(&system, Kernels::Own, &clips);
+    let encoder = |gradients: Vec<(String, Tensor)>| {
+        gradients.into_iter().filter(|(name, _)| name.starts_with("encoder.conv2d")).map(|(_, gradient)| gradient)
+    };
+    let (_, again) = trained_by(&system, Kernels::Own, &clips);
+    assert!(encoder(once).zip(encoder(again)).all(|(once, again)| once.equal(&again)));
+}

@@ -37,8 +37,7 @@ pub fn roll_out(model: &PhysicsNet, clip: &Tensor, actions: &Actions, frames: us
     );
     let (_, positions) = model.encode(&clip.narrow(0, 0, input).unsqueeze(0));
     let positions = model.named(&positions, input as usize);
-    let initial = model.initial_state(&positions, actions);
-    let rolled_out = model.cell.roll_out(&initial, &actions.since(input as usize - 1), model.system.dt, frames);
+    let (initial, rolled_out) = model.roll_out(&positions, actions, frames);
     let states: Vec<_> = std::iter::once(&initial).chain(&rolled_out).map(State::joined).collect();
     let states = Tensor::cat(&states, 0);
     let halves = states.chunk(2, 1);

@@ -33,7 +33,7 @@ pub use arrays::write_predictions;
 pub use curves::write_curves;
 pub use film::write_film;
 pub use frame_scores::write_frame_scores;
-pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts};
+pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts, frame_spans};
 pub use gallery::write_gallery;
 pub use rollout::write_rollout;
 

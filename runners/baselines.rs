@@ -152,7 +152,7 @@ impl Comparing {
             let models: Vec<&Entry> =
                 models.iter().copied().filter(|entry| efficiency.models.contains(&entry.name)).collect();
             for &clips in &efficiency.train {
-                trainings.extend(self.trainings(&models, &[efficiency.task.clone()], seeds, clips)?);
+                trainings.extend(self.trainings(&models, std::slice::from_ref(&efficiency.task), seeds, clips)?);
             }
         }
         failed |= self.train(&trainings)?;
@@ -236,7 +236,12 @@ impl Comparing {
         let models = self.models(&[])?;
         let mut trainings = self.trainings(&models, &self.list.tasks, &self.list.seeds, self.clips)?;
         for &clips in self.list.efficiency.train.iter().filter(|clips| **clips != self.clips) {
-            trainings.extend(self.trainings(&models, &[self.list.efficiency.task.clone()], &self.list.seeds, clips)?);
+            trainings.extend(self.trainings(
+                &models,
+                std::slice::from_ref(&self.list.efficiency.task),
+                &self.list.seeds,
+                clips,
+            )?);
         }
         let mut rows = Vec::new();
         for training in &trainings {

@@ -181,7 +181,7 @@ impl Ddpae {
         for _ in 0..self.objects {
             let (poses, memories, kl) = self.poses(&images, future, &before, noise);
             let (content, content_kl) = self.content(input, &poses[..seen as usize], noise);
-            frames = frames + self.drawn(&content, &Tensor::stack(&poses, 1));
+            frames = &frames + self.drawn(&content, &Tensor::stack(&poses, 1));
             divergence += kl + content_kl;
             before = memories;
         }
@@ -210,7 +210,7 @@ impl Ddpae {
             [h, c] = cell.step(&Tensor::cat(&[&x, earlier], 1), [&h, &c]);
             let change = Gaussian::of(&head.forward(&h));
             divergence += change.divergence();
-            pose = pose + change.sample(noise.like(&change.mean));
+            pose = &pose + change.sample(noise.like(&change.mean));
             poses.push(pose.shallow_clone());
             memories.push(h.shallow_clone());
         }

@@ -59,11 +59,12 @@ impl Report<'_> {
             page,
             "# The paper's comparison\n\nMade by `make baselines` ([docs/baselines.md](../../docs/baselines.md) says what is \
              compared and how). The whole comparison is {models} models x {tasks} tasks x {seeds} seeds; **{} of these {} \
-             trainings are finished** and shown. The sizes of the other models are ours. The number in brackets behind a \
+             trainings are finished** on {} training clips of their task, and shown. The sizes of the other models are ours. The number in brackets behind a \
              model is that of its seeds; a band reaches from the least to the greatest of them, a line is their \
              median.\n",
             whole.len(),
-            models * tasks * seeds
+            models * tasks * seeds,
+            self.clips
         );
         self.sizes(&mut page);
         self.search(&mut page);

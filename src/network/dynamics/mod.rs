@@ -3,8 +3,8 @@
 //! Paper: section 4, the black-box baselines. A network takes in one frame's positions after the other, all L of the
 //! input, and gives the change of the positions to the next frame; from the last input frame on it takes in its own
 //! predictions. Every network predicts a change, `p' = p + f(..)`, and sees positions as -1..1, so that none is helped more
-//! than another. The sizes are ours: about [`gru`]'s, [`lstm`]'s, [`interaction_network`]'s and [`mlp`]'s 42,000 weights
-//! each for two objects and L = 4; [`linear`] is the least that can predict.
+//! than another. The sizes are ours: LSTM, GRU, interaction network and MLP have about 42,000 weights each for two objects
+//! and L = 4; the linear one is the least that can predict.
 
 mod gru;
 mod interaction_network;

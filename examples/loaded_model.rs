@@ -8,7 +8,6 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use paig::datasets::files::Split;
 use paig::evaluation::ScoredClips;
-use paig::network::cells::State;
 use paig::network::physics_models::losses::frame_error;
 use paig::runs::checkpoint::SavedWeights;
 use paig::training::saved::load_model;
@@ -28,10 +27,8 @@ fn main() -> Result<()> {
     // Encoder: positions [1, L, coordinates] of the input frames.
     let input = system.input_steps;
     let (_masks, positions) = model.encode(&clip.narrow(1, 0, input as i64));
-    // Velocity estimator and refinement: the state at the last input frame.
-    let initial = model.initial_state(&positions, &actions);
-    // Physics: the states of the frames that follow.
-    let states: Vec<State> = model.cell.roll_out(&initial, &actions.since(input - 1), system.dt, system.pred_steps);
+    // Velocity estimator, refinement, physics: the state at the last input frame, and those of the frames that follow.
+    let (_initial, states) = model.roll_out(&positions, &actions, system.pred_steps);
     // Decoder: the frames [1, channels, side, side] that these states look like.
     for (step, state) in states.iter().enumerate() {
         let drawn = model.decoder.forward(&state.pos).frames;

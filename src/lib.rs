@@ -28,8 +28,9 @@
 //!
 //! The library never prints, never exits and reads no arguments; the programs' code is in [`cli`], behind the feature of
 //! that name. Folders in the order of their imports: support, kernels, network, tasks, datasets, generators, runs, evaluation,
-//! training, viz, report, sweep, stress, import, control, cli.
+//! training, viz, report, sweep, stress, baselines, import, control, cli.
 
+pub mod baselines;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod control;

@@ -1,9 +1,11 @@
 //! One folder for each submodule of the model. It holds the whole case: what is computed and how close it must come, in
 //! words (`README.md`), what is drawn for it (`case.py`), and the port's side (`mod.rs`).
 
+mod black_box;
 mod cell_bouncing;
 mod cell_gravity;
 mod cell_spring;
+mod conv_lstm;
 mod decoder;
 mod encoder;
 mod optimizers;
@@ -33,7 +35,9 @@ enum Entry {
 }
 
 /// A file belongs to the first entry that its name fits. The files of `optimizers` are whole models.
-static CASES: [Entry; 13] = [
+static CASES: [Entry; 15] = [
+    Entry::Submodule("black_box_", black_box::compare),
+    Entry::Submodule("conv_lstm", conv_lstm::compare),
     Entry::Submodule("resize_bilinear", resize_bilinear::compare),
     Entry::Submodule("shallow_unet", shallow_unet::compare),
     Entry::Submodule("unet", unet::compare),

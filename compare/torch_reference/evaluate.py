@@ -9,6 +9,7 @@ from shared.given import as_stored
 from shared.variable_names import layout_to_tensorflow, layout_to_torch, to_tensorflow, to_torch
 
 from . import blocks
+from .black_boxes import black_box_case, conv_lstm_case
 from .cells import CELLS
 from .optimizers import optimizer
 from .physics_models import PhysicsNet
@@ -171,7 +172,7 @@ def variable_case(given, rest, defects):
             "out/background_content": last(background)} | gradients(net, "decoder.dense")
 
 
-CASES = {"resize_bilinear": resize_case, "stn": stn_case, "shallow_unet": unet_case, "unet": unet_case,
+CASES = {"black_box_": black_box_case, "conv_lstm": conv_lstm_case, "resize_bilinear": resize_case, "stn": stn_case, "shallow_unet": unet_case, "unet": unet_case,
          "cell_": cell_case, "decoder_": decoder_case, "encoder_": encoder_case, "init_vel_": velocity_case,
          "variable_from_network_": variable_case}
 

@@ -8,3 +8,4 @@ pub mod progress;
 pub mod run;
 pub mod sweep_display;
 pub mod table;
+pub mod whole;

@@ -30,6 +30,7 @@ impl<'a> Vision<'a> {
             "equation {} moves no single angle under a torque; control needs a run of such a task (pendulum)",
             cell.name
         );
+        ensure!(model.black_box.is_none(), "control plans with the equation; the run's model.dynamics is not physics");
         ensure!(
             (system.side, system.channels) == (SIDE, CHANNELS),
             "the model sees frames of {0} x {0} with {1} channels; the environment draws {SIDE} x {SIDE} with {CHANNELS}",

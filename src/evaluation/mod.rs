@@ -1,5 +1,6 @@
 //! Scoring a model on clips: losses, every predicted frame, and positions where the truth is known.
 
+pub mod frame_scores;
 pub mod outputs;
 mod passes;
 pub mod rollout;
@@ -10,12 +11,12 @@ mod states;
 use anyhow::{Context, Result};
 use tch::{Device, Kind, Tensor};
 
-use self::ssim::ssim;
+use self::frame_scores::FrameScores;
 use crate::datasets::iterators::Clips;
 use crate::network::cells::State;
 use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::losses::{LossAccumulator, Losses, MeanLosses};
-use crate::runs::scores::{PredictedFrame, Scores};
+use crate::runs::scores::Scores;
 
 pub use passes::{BATCH, each_pass};
 pub use scored_clips::ScoredClips;
@@ -41,18 +42,13 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
     let ScoredClips { clips, states, .. } = scored;
     let system = &model.system;
     let mut losses = LossAccumulator::default();
-    let mut squared_errors = Vec::new();
-    let mut similarities = Vec::new();
+    let mut predicted_frames = FrameScores::default();
     let mut seen: [Vec<Tensor>; 3] = Default::default();
     each_pass(model, clips, clips.len(), BATCH, |chosen, frames, pass| {
         losses.add(&Losses::new(&pass, frames, system), chosen.len());
         let predicted = pass.predictions.size()[1];
         let truth = frames.narrow(1, system.input_steps as i64, predicted);
-        let over_frame = [2i64, 3, 4];
-        let errors = (&pass.predictions - &truth).square().sum_dim_intlist(over_frame.as_slice(), false, Kind::Double);
-        squared_errors.push(errors.to_device(Device::Cpu));
-        let similar = ssim(&pass.predictions.flatten(0, 1), &truth.flatten(0, 1))?;
-        similarities.push(similar.reshape([-1, predicted]).to_device(Device::Cpu));
+        predicted_frames.add(&pass.predictions, &truth)?;
         if states.is_some() {
             let rolled_out: Vec<_> = std::iter::once(&pass.initial).chain(&pass.states).map(State::joined).collect();
             let rolled_out = Tensor::stack(&rolled_out, 1).chunk(2, 2);
@@ -63,20 +59,6 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
         }
         Ok(())
     })?;
-    let per_frame = |parts: &[Tensor]| -> Result<Vec<f64>> {
-        Ok(Tensor::cat(parts, 0).mean_dim([0i64].as_slice(), false, Kind::Double).try_into()?)
-    };
-    let predicted_frames = per_frame(&squared_errors)?
-        .into_iter()
-        .zip(per_frame(&similarities)?)
-        .enumerate()
-        .map(|(place, (squared_error, ssim))| PredictedFrame {
-            frame: system.input_steps + place,
-            extrapolated: place >= system.pred_steps,
-            squared_error,
-            ssim,
-        })
-        .collect();
     let states = match states {
         Some(truth) => {
             let [encoded, positions, velocities] = seen.map(|parts| Tensor::cat(&parts, 0));
@@ -85,5 +67,6 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
         }
         None => None,
     };
+    let predicted_frames = predicted_frames.predicted_frames(system)?;
     Ok(Scores { clips: clips.len(), losses: losses.values(), predicted_frames, states })
 }

@@ -36,8 +36,7 @@ pub fn roll_out(model: &PhysicsNet, clip: &Tensor, actions: &Actions, frames: us
         "{frames} frames to predict: there must be at least one frame, and at most {MOST_FRAMES}"
     );
     let seen = model.see(&clip.narrow(0, 0, input).unsqueeze(0), input as usize);
-    let initial = model.initial_state(&seen.positions, actions);
-    let rolled_out = model.cell.roll_out(&initial, &actions.since(input as usize - 1), model.system.dt, frames);
+    let (initial, rolled_out) = model.roll_out(&seen.positions, actions, frames);
     let states: Vec<_> = std::iter::once(&initial).chain(&rolled_out).map(State::joined).collect();
     let states = Tensor::cat(&states, 0);
     let halves = states.chunk(2, 1);

@@ -39,7 +39,8 @@ pub struct Conv2d {
 }
 
 impl Conv2d {
-    fn forward(&self, x: &Tensor) -> Tensor {
+    /// `[batch, in, height, width]` to `[batch, out, height, width]`.
+    pub fn forward(&self, x: &Tensor) -> Tensor {
         self.activation.apply(x.conv2d(&self.weight, Some(&self.bias), 1, self.padding, 1, 1))
     }
 }
@@ -83,10 +84,52 @@ impl Dense {
         Ok(())
     }
 
+    /// Begins the layer at this bias, with its kernel multiplied by a factor.
+    pub fn start_at(&self, bias: &Tensor, factor: f64) {
+        let _guard = tch::no_grad_guard();
+        self.scale(factor);
+        self.bias.shallow_clone().copy_(&bias.reshape([-1]));
+    }
+
+    /// The same layer as a constant: gradients pass through it, not to it.
+    pub fn detached(&self) -> Self {
+        Dense { weight: self.weight.detach(), bias: self.bias.detach(), activation: self.activation }
+    }
+
     /// Multiplies the kernel by a factor.
     pub fn scale(&self, factor: f64) {
         let _guard = tch::no_grad_guard();
         let _ = self.weight.shallow_clone().g_mul_scalar_(factor);
+    }
+}
+
+/// Fully connected layers one after the other.
+#[derive(Debug)]
+pub struct Mlp(Vec<Dense>);
+
+impl Mlp {
+    /// Layers of these widths, the inputs' first; `hidden` follows all but the last, which `output` follows.
+    pub fn new(layers: &mut Layers, widths: &[usize], hidden: Activation, output: Activation) -> Self {
+        let last = widths.len() - 2;
+        let dense = |(place, pair): (usize, &[usize])| {
+            layers.dense(pair[0], pair[1], if place == last { output } else { hidden })
+        };
+        Mlp(widths.windows(2).enumerate().map(dense).collect())
+    }
+
+    /// `[.., in]` to `[.., out]`.
+    pub fn forward(&self, x: &Tensor) -> Tensor {
+        self.0.iter().fold(x.shallow_clone(), |x, layer| layer.forward(&x))
+    }
+
+    /// The layer that gives the output.
+    pub fn output(&self) -> &Dense {
+        self.0.last().expect("there is at least one layer")
+    }
+
+    /// The same layers as constants; see [`Dense::detached`].
+    pub fn detached(&self) -> Self {
+        Mlp(self.0.iter().map(Dense::detached).collect())
     }
 }
 
@@ -263,8 +306,9 @@ pub struct VariableFromNetwork {
     shape: Vec<i64>,
 }
 
-const CONSTANT_INPUTS: usize = 10;
-const HIDDEN: usize = 200;
+/// Of a learned array's network: its constant inputs and its hidden units.
+pub(super) const CONSTANT_INPUTS: usize = 10;
+pub(super) const HIDDEN: usize = 200;
 
 impl VariableFromNetwork {
     pub fn new(layers: &mut Layers, shape: &[i64]) -> Self {
@@ -285,9 +329,16 @@ impl VariableFromNetwork {
 
     /// Begins the array at `values` (as many as it has, in its order), with the output kernel scaled by `kernel`.
     pub fn start_at(&self, values: &Tensor, kernel: f64) {
-        let _guard = tch::no_grad_guard();
-        self.output.scale(kernel);
-        self.output.bias.shallow_clone().copy_(&values.reshape([-1]));
+        self.output.start_at(values, kernel);
+    }
+
+    /// The same array as a constant; see [`Dense::detached`].
+    pub fn detached(&self) -> Self {
+        VariableFromNetwork {
+            hidden: self.hidden.detached(),
+            output: self.output.detached(),
+            shape: self.shape.clone(),
+        }
     }
 
     /// Applies a linear map to the array by applying it to the output layer; `map` takes and gives

@@ -2,6 +2,7 @@
 
 pub mod blocks;
 pub mod cells;
+pub mod dynamics;
 pub mod initial_values;
 pub mod physics_models;
 pub mod stn;

@@ -48,10 +48,10 @@ pub(super) fn parameters(group: &Group) -> Vec<Chart> {
 
 /// The values of this name, a line for each run.
 fn courses(group: &Group, kind: Option<Kind>, name: &str) -> Chart {
-    let line = |(of, label, colour)| {
+    let line = |(of, label, colour): (Status, &str, RGBColor)| {
         let runs = group.runs.iter().filter(|run| status(run) == of);
         let pieces = runs.filter_map(|run| Some(run.known_course()?.points(kind, name))).collect();
-        Line { label, colour, stroke: Stroke::Plain, pieces }
+        Line { label: label.into(), colour, stroke: Stroke::Plain, pieces }
     };
     let last = group.runs.iter().filter_map(|run| Some(run.known_course()?.steps())).max().unwrap_or(0) as f64;
     Chart {

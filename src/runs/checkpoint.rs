@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use tch::{Kind, Tensor};
 
 use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
-use crate::network::physics_models::PhysicsNet;
+use crate::network::physics_models::{PhysicsNet, VariableGroup};
 use crate::support::atomic;
 
 /// Version of the form of `state.json` and `index.json`. Files of before it have none.
@@ -246,6 +246,22 @@ pub fn load_weights(path: &Path, model: &PhysicsNet) -> Result<()> {
             path.display()
         );
     }
+    copy(&saved, variables, path)
+}
+
+/// Loads encoder and decoder alone, from the weights of a model whose other parts may be different ones.
+///
+/// # Errors
+/// A missing or damaged file, a variable of encoder or decoder that is missing or of another shape.
+pub fn load_vision(path: &Path, model: &PhysicsNet) -> Result<()> {
+    let _guard = tch::no_grad_guard();
+    let sees = |name: &str| matches!(model.group(name), VariableGroup::Encoder | VariableGroup::Decoder);
+    let variables = model.named_variables().into_iter().filter(|(name, _)| sees(name)).collect();
+    copy(&read_tensors(path)?, variables, path)
+}
+
+/// Sets variables to the saved values of their names.
+fn copy(saved: &[(String, Tensor)], variables: Vec<(String, Tensor)>, path: &Path) -> Result<()> {
     for (name, variable) in variables {
         let (_, value) = saved.iter().find(|(saved, _)| *saved == name).with_context(|| {
             format!("{}: variable {name} is missing (a model of this task needs it)", path.display())

@@ -162,7 +162,7 @@ impl Session<'_> {
     fn record_step(&mut self, phase: &str, value: f64, loss: &StepLoss) -> Result<()> {
         let record = Record {
             train_loss: Some(value),
-            recons_loss: Some(loss.reconstruction.double_value(&[])),
+            recons_loss: loss.reconstruction.as_ref().map(|loss| loss.double_value(&[])),
             pred_loss: loss.prediction.as_ref().map(|loss| loss.double_value(&[])),
             ..self.record(Kind::Train, phase)
         };
@@ -196,7 +196,7 @@ impl Session<'_> {
     /// Says which tensor first went wrong.
     fn not_finite(&self, loss: &StepLoss, variables: &[(String, Tensor)]) -> String {
         let variable = variables.iter().find(|(_, variable)| !checkpoint::is_finite(variable));
-        let parts = [("recons_loss", Some(&loss.reconstruction)), ("pred_loss", loss.prediction.as_ref())];
+        let parts = [("recons_loss", loss.reconstruction.as_ref()), ("pred_loss", loss.prediction.as_ref())];
         let part = parts.into_iter().find(|(_, part)| part.is_some_and(|part| !checkpoint::is_finite(part)));
         let culprit = match (variable, part) {
             (Some((name, _)), _) => format!("variable {name}"),

@@ -14,7 +14,9 @@ use super::identify::Identify;
 use super::join::Join;
 use super::layers::{self, ConfigLayers, Overrides};
 use super::phase::Phase;
+use super::pretrain::Pretrain;
 use super::ranges::at_least_one;
+use crate::network::dynamics::DynamicsKind;
 use crate::network::physics_models::ModelOptions;
 use crate::runs::config_file;
 use crate::support::toml_values::leaves;
@@ -48,6 +50,8 @@ pub struct Config {
     pub discover: Option<Discover>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub identify: Option<Identify>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pretrain: Option<Pretrain>,
     pub join: Join,
     pub output: Output,
 }
@@ -121,11 +125,16 @@ impl Config {
         toml::to_string_pretty(self).expect("a config is plain data")
     }
 
-    /// The phases of the training, in order.
+    /// The phases of the training, in order. Parameters are identified where there is an equation; a black box is trained on
+    /// positions instead.
     pub fn phases(&self) -> Vec<&dyn Phase> {
         let discover = self.discover.as_ref().map(|phase| phase as &dyn Phase);
-        let identify = self.identify.as_ref().map(|phase| phase as &dyn Phase);
-        discover.into_iter().chain(identify).chain([&self.join as &dyn Phase]).collect()
+        let second = if self.model.dynamics == DynamicsKind::Physics {
+            self.identify.as_ref().map(|phase| phase as &dyn Phase)
+        } else {
+            self.pretrain.as_ref().map(|phase| phase as &dyn Phase)
+        };
+        discover.into_iter().chain(second).chain([&self.join as &dyn Phase]).collect()
     }
 
     /// What differs from the plain recipe of this task, each as `section.key=value`, in the order of the keys. Seed,
@@ -182,6 +191,7 @@ impl Config {
         self.check_parameters()?;
         self.join.check()?;
         self.discover.as_ref().map_or(Ok(()), Discover::check)?;
+        self.pretrain.as_ref().map_or(Ok(()), Pretrain::check)?;
         self.identify.as_ref().map_or(Ok(()), |identify| identify.check(self.task.train_frames))
     }
 

@@ -16,7 +16,7 @@ use super::ranges::{at_least_one, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::network::physics_models::losses::{Losses, MeanLosses, latent_error};
-use crate::network::physics_models::{ForwardPass, PhysicsNet, VariableGroup};
+use crate::network::physics_models::{ForwardPass, Gradients, PhysicsNet, VariableGroup};
 
 /// The phase's config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,6 +27,12 @@ pub struct Join {
     pub learning_rate: f64,
     /// Rate of the physical parameters; that of the networks by default.
     pub physics_learning_rate: f64,
+    /// Rate of a black box in the place of the physics; that of the networks by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dynamics_learning_rate: Option<f64>,
+    /// Which loss teaches which part.
+    #[serde(default)]
+    pub gradients: Gradients,
     /// Limit of a gradient's elements; 0 is none.
     pub clip_gradients: f64,
     /// Weight of L_rec; the task's by default.
@@ -58,6 +64,7 @@ impl Join {
         for (key, number) in [
             ("join.learning_rate", self.learning_rate),
             ("join.physics_learning_rate", self.physics_learning_rate),
+            ("join.dynamics_learning_rate", self.dynamics_learning_rate.unwrap_or(0.0)),
             ("join.clip_gradients", self.clip_gradients),
             ("join.alpha", self.alpha),
             ("join.position_consistency", self.position_consistency),
@@ -110,7 +117,8 @@ impl<'a> Joint<'a> {
             let encoded = pass.positions.narrow(1, input, model.system.pred_steps as i64);
             terms.push(latent_error(&Tensor::stack(&rolled, 1), &encoded) * self.config.position_consistency);
         }
-        if self.config.velocity_consistency > 0.0 && model.options.refinement_steps > 0 {
+        let refined = model.options.refinement_steps > 0 && model.black_box.is_none();
+        if self.config.velocity_consistency > 0.0 && refined {
             let estimate = model.velocity.forward(&pass.positions.narrow(1, 0, input).detach());
             terms.push(latent_error(&estimate, &pass.initial.vel) * self.config.velocity_consistency);
         }
@@ -127,18 +135,19 @@ impl Objective for Joint<'_> {
         let system = &model.system;
         let chosen = self.batches.clips_of_step(step);
         let clips = self.train.batch(chosen, system.input_steps + system.pred_steps);
-        let pass = model.forward(&clips, &self.train.actions(chosen))?;
+        let pass = model.forward_with(&clips, &self.train.actions(chosen), self.config.gradients)?;
         let losses = Losses::new(&pass, &clips, system);
         let mut total = losses.train(self.config.alpha);
         if let Some(latent) = self.latent_terms(model, &pass) {
             total += latent;
         }
-        Ok(StepLoss { total, reconstruction: losses.reconstruction, prediction: Some(losses.prediction) })
+        Ok(StepLoss { total, reconstruction: Some(losses.reconstruction), prediction: Some(losses.prediction) })
     }
 
     fn learning_rate(&self, group: VariableGroup) -> f64 {
         match group {
             VariableGroup::Physics => self.config.physics_learning_rate,
+            VariableGroup::Dynamics => self.config.dynamics_learning_rate.unwrap_or(self.config.learning_rate),
             VariableGroup::Encoder | VariableGroup::Velocity | VariableGroup::Decoder => self.config.learning_rate,
         }
     }

@@ -1,6 +1,7 @@
 //! Training: the loop, the optimizers, the config, and the phases, each in a file with its config.
 //!
-//! Read [`base`] (the loop), then the phases in their order: [`discover`], [`identify`], [`join`]. A [`trainer::Trainer`]
+//! Read [`base`] (the loop), then the phases in their order: [`discover`], [`identify`] (or [`pretrain`], where a black box
+//! is in the place of the physics), [`join`]. A [`trainer::Trainer`]
 //! goes through them.
 
 pub mod base;
@@ -14,6 +15,7 @@ pub mod objects;
 pub mod observer;
 pub mod optimizers;
 pub mod phase;
+pub mod pretrain;
 mod ranges;
 pub mod recorder;
 pub mod saved;

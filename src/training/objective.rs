@@ -11,7 +11,7 @@ use crate::network::physics_models::{PhysicsNet, VariableGroup};
 #[derive(Debug)]
 pub struct StepLoss {
     pub total: Tensor,
-    pub reconstruction: Tensor,
+    pub reconstruction: Option<Tensor>,
     pub prediction: Option<Tensor>,
 }
 

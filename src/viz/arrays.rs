@@ -28,26 +28,36 @@ pub(super) fn write_outputs(path: &Path, outputs: &Outputs, count: usize) -> Res
     )
 }
 
+/// Writes clips (`[clips, T, C, S, S]`) and what is predicted after their input (`[clips, T - L, C, S, S]`) as a model without
+/// positions has them: `input` and `output` of `outputs.npz`.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_predictions(path: &Path, clips: &Tensor, predictions: &Tensor) -> Result<()> {
+    write(path, &[("input", channels_last(clips)), ("output", channels_last(predictions))])
+}
+
 /// Writes the decoder's and the encoder's layers for the first batch of clips, each frame as it is reconstructed.
 pub(super) fn write_extra_outputs(path: &Path, model: &PhysicsNet, test: &Clips) -> Result<()> {
     let clips: Vec<i64> = (0..test.len().min(BATCH) as i64).collect();
     let frames = test.batch(&clips, model.system.input_steps + model.system.pred_steps);
     let encoding = model.encoder.forward(&frames.flatten(0, 1));
-    let sprites = model.decoder.sprites();
     let rendering = model.decoder.forward(&model.coordinates(&encoding));
-    let background = sprites.background.unsqueeze(0).expand_as(&rendering.contents.narrow(0, 0, 1));
-    write(
-        path,
-        &[
+    let mut arrays = vec![
+        ("enc_masks", channels_last(&encoding.masks)),
+        ("masked_objs", channels_last(&encoding.masked)),
+        ("transf_masks", rendering.masks.unsqueeze(-1)),
+    ];
+    if let Some(sprites) = model.decoder.sprites() {
+        let background = sprites.background.unsqueeze(0).expand_as(&rendering.contents.narrow(0, 0, 1));
+        arrays.extend([
             ("contents", channels_last(&sprites.contents)),
             ("templates", channels_last(&sprites.template)),
             ("background_content", channels_last(&sprites.background)),
             ("transf_contents", channels_last(&Tensor::cat(&[&rendering.contents, &background], 0))),
-            ("transf_masks", rendering.masks.unsqueeze(-1)),
-            ("enc_masks", channels_last(&encoding.masks)),
-            ("masked_objs", channels_last(&encoding.masked)),
-        ],
-    )
+        ]);
+    }
+    write(path, &arrays)
 }
 
 /// `[.., C, h, w]` to `[.., h, w, C]`.

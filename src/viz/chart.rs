@@ -50,7 +50,7 @@ pub(crate) enum Stroke {
 /// A line of a chart; points are (step, value).
 #[derive(Debug)]
 pub(crate) struct Line {
-    pub label: &'static str,
+    pub label: String,
     pub colour: RGBColor,
     pub stroke: Stroke,
     /// Pieces that are not joined to each other.
@@ -109,7 +109,7 @@ impl Chart {
     fn draw(&mut self, area: &Area) -> Result<()> {
         if let Some((label, colour, value)) = self.level {
             let pieces = vec![vec![(0.0, value), (self.end(), value)]];
-            self.lines.push(Line { label, colour, stroke: Stroke::Dashed, pieces });
+            self.lines.push(Line { label: label.into(), colour, stroke: Stroke::Dashed, pieces });
         }
         let positive = self.values().all(|value| value > 0.0);
         let (low, high) = self.value_range();
@@ -224,7 +224,7 @@ impl Line {
                 _ => drawn(plot.draw_series(LineSeries::new(points, style)))?,
             };
             if place == 0 {
-                series.label(self.label).legend(move |(x, y)| {
+                series.label(self.label.clone()).legend(move |(x, y)| {
                     let (end, half) = (x + 3 * DASH as i32, DASH as i32 / 2);
                     let ends = [(x, y), (end, y)];
                     match stroke {

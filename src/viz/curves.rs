@@ -37,7 +37,7 @@ pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Resu
     let lines = LOSSES.map(|(label, kind, name, colour, stroke)| {
         // The train loss is another one in each phase, so nothing is joined across phases.
         let piece = |stretch: &Stretch| points(&records[stretch.records.clone()], Some(kind), name);
-        Line { label, colour, stroke, pieces: stretches.iter().map(piece).collect() }
+        Line { label: label.into(), colour, stroke, pieces: stretches.iter().map(piece).collect() }
     });
     let losses = Chart {
         title: format!("{}: losses", task.name),
@@ -58,7 +58,7 @@ pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Resu
             title: format!("{}: {name} = {:.3}{stated}", task.name, learned.last()?.1),
             axis: "step",
             spans: spans.clone(),
-            lines: vec![Line { label: "learned", colour: BLUE, stroke: Stroke::Plain, pieces: vec![learned] }],
+            lines: vec![Line { label: "learned".into(), colour: BLUE, stroke: Stroke::Plain, pieces: vec![learned] }],
             level: truth.map(|truth| ("true value", RED, truth)),
             log: None,
             // A parameter goes from where it started to the truth: the middle of the right side stays free.

@@ -9,6 +9,7 @@ use plotters::chart::SeriesLabelPosition;
 use plotters::style::RGBColor;
 
 use super::chart::{self, BLUE, Chart, Line, ORANGE, Span, Stroke};
+use crate::network::System;
 use crate::runs::scores::FrameSpread;
 use crate::support::statistics::Spread;
 use crate::tasks::Task;
@@ -26,13 +27,7 @@ pub fn write_frame_scores(path: &Path, task: &Task, frames: &[FrameSpread]) -> R
 
 /// SSIM and squared error over the place of a frame in the clip, of several runs with the band in which they lie.
 pub(crate) fn frame_charts(task: &Task, frames: &[FrameSpread]) -> Vec<Chart> {
-    let (input, boundary) = (task.system.input_steps as f64, (task.system.input_steps + task.system.pred_steps) as f64);
-    let end = frames.last().map_or(input, |scores| scores.frame as f64 + 1.0);
-    let span = |name: &str, first, last| Span { name: name.into(), first, last };
-    let mut spans = vec![span("input", 0.0, input), span("T_pred", input, boundary.min(end))];
-    if end > boundary {
-        spans.push(span("T_ext", boundary, end));
-    }
+    let spans = frame_spans(&task.system, frames.last().map_or(0, |scores| scores.frame + 1));
     let chart = |title, lines, legend| Chart {
         title: format!("{}: {title} of the predicted frames", task.name),
         axis: "frame",
@@ -47,6 +42,18 @@ pub(crate) fn frame_charts(task: &Task, frames: &[FrameSpread]) -> Vec<Chart> {
     vec![similar, chart("squared error", wrong, SeriesLabelPosition::UpperLeft)]
 }
 
+/// Input, T_pred and, as far as clips of `end` frames reach, T_ext.
+pub(crate) fn frame_spans(system: &System, end: usize) -> Vec<Span> {
+    let (input, boundary) = (system.input_steps as f64, (system.input_steps + system.pred_steps) as f64);
+    let end = (end as f64).max(input);
+    let span = |name: &str, first, last| Span { name: name.into(), first, last };
+    let mut spans = vec![span("input", 0.0, input), span("T_pred", input, boundary.min(end))];
+    if end > boundary {
+        spans.push(span("T_ext", boundary, end));
+    }
+    spans
+}
+
 /// The medians, and behind them the band of the frames in which the runs differ.
 fn lines(colour: RGBColor, frames: &[FrameSpread], score: fn(&FrameSpread) -> Spread) -> Vec<Line> {
     let all = frames.iter().map(|frame| (frame.frame as f64, score(frame)));
@@ -58,8 +65,8 @@ fn lines(colour: RGBColor, frames: &[FrameSpread], score: fn(&FrameSpread) -> Sp
     let label = if band.is_empty() { "mean over the clips" } else { "median of the runs" };
     let medians = all.map(|(frame, score)| (frame, score.median)).collect();
     vec![
-        Line { label: "least to greatest", colour, stroke: Stroke::Filled, pieces: vec![band] },
-        Line { label, colour, stroke: Stroke::Dotted, pieces: vec![medians] },
+        Line { label: "least to greatest".into(), colour, stroke: Stroke::Filled, pieces: vec![band] },
+        Line { label: label.into(), colour, stroke: Stroke::Dotted, pieces: vec![medians] },
     ]
 }
 

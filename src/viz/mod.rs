@@ -12,6 +12,7 @@ mod curves;
 pub mod examples;
 mod film;
 mod frame_scores;
+mod gallery;
 mod gif;
 pub mod grid;
 mod masks;
@@ -28,27 +29,29 @@ use crate::datasets::iterators::Clips;
 use crate::evaluation::outputs::Outputs;
 use crate::network::physics_models::PhysicsNet;
 
+pub use arrays::write_predictions;
 pub use curves::write_curves;
 pub use film::write_film;
 pub use frame_scores::write_frame_scores;
-pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts};
+pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts, frame_spans};
+pub use gallery::write_gallery;
 pub use rollout::write_rollout;
 
 /// Test clips whose arrays are saved, as in the original.
-const SAVED_CLIPS: usize = 100;
+pub const SAVED_CLIPS: usize = 100;
 
 /// Writes what a model makes of a test set into a run folder, replacing what stood there.
 ///
 /// * `example{i}.png` for the first `examples` clips: input and prediction, truth, reconstruction;
 /// * `animation.gif`: the first clips in motion, truth above the model;
-/// * `templates.png`: the learned sprites and the background;
+/// * `templates.png`: the learned sprites and the background, if the decoder has any;
 /// * `encoder_masks.png`: how the encoder segments a few frames;
 /// * `outputs.npz`: float32, channels last, of the first 100 clips: `input` `[clips, T, S, S, C]`, `output`
 ///   (the predictions) `[clips, T - L, S, S, C]`, `recons` `[clips, L + T_pred, S, S, C]`, `enc_pos`
 ///   `[clips, L + T_pred, n]` (n coordinates of all objects), `pos_vel_seq` `[clips, 1 + T - L, 2 n]` (positions, then velocities, from
 ///   the state at the last input frame on);
 /// * `extra_outputs.npz`: float32, channels last: `contents` `[N, S/2, S/2, C]` and `templates` `[N, S/2, S/2, 1]`
-///   (logits), `background_content` `[1, S, S, C]` (colours), and for the F frames that one batch of clips
+///   (logits), `background_content` `[1, S, S, C]` (colours), if the decoder has sprites; and for the F frames that one batch of clips
 ///   reconstructs `transf_contents` `[N + 1, F, S, S, C]`, `transf_masks` `[N + 1, F, S, S, 1]` (the background comes
 ///   last), `enc_masks` `[F, S, S, N + 1]`, `masked_objs` `[N, F, S, S, C]`.
 ///
@@ -61,7 +64,9 @@ pub fn write_artifacts(folder: &Path, model: &PhysicsNet, test: &Clips, examples
     let outputs = Outputs::of(model, test, SAVED_CLIPS.max(examples))?;
     examples::write(folder, &model.system, &outputs, examples)?;
     animation::write(&folder.join("animation.gif"), &model.system, &outputs)?;
-    sprites::write(&folder.join("templates.png"), model)?;
+    if let Some(sprites) = model.decoder.sprites() {
+        sprites::write(&folder.join("templates.png"), &model.system, &sprites)?;
+    }
     masks::write(&folder.join("encoder_masks.png"), model, test)?;
     arrays::write_outputs(&folder.join("outputs.npz"), &outputs, SAVED_CLIPS)?;
     arrays::write_extra_outputs(&folder.join("extra_outputs.npz"), model, test)

@@ -9,17 +9,17 @@ use image::{Rgb, RgbImage};
 
 use super::canvas::picture;
 use super::grid::{Grid, enlargement};
-use crate::network::physics_models::{BACKGROUND_LOGIT, PhysicsNet};
+use crate::network::System;
+use crate::network::physics_models::{BACKGROUND_LOGIT, Sprites};
 
 const ROW_LABELS: [&str; 3] = ["contents", "mask", "masked"];
 /// Squares of the checkerboard behind a masked sprite, pixels.
 const SQUARE: u32 = 8;
 
 /// Draws a column for each object (colours, visibility alone before the background, both together) and the background.
-pub(super) fn write(path: &Path, model: &PhysicsNet) -> Result<()> {
-    let sprites = model.decoder.sprites();
-    let (times, objects) = (enlargement(&model.system), model.system.objects);
-    let frames = Grid::of_frames(&model.system, ROW_LABELS.len(), objects + 1);
+pub(super) fn write(path: &Path, system: &System, sprites: &Sprites) -> Result<()> {
+    let (times, objects) = (enlargement(system), system.objects);
+    let frames = Grid::of_frames(system, ROW_LABELS.len(), objects + 1);
     let grid = Grid { gap: 10, left: 130, label_gap: 12, ..frames };
     let mut canvas = grid.canvas();
     for (row, label) in ROW_LABELS.into_iter().enumerate() {

@@ -1,6 +1,6 @@
 //! `variable_from_network_<task>`: the decoder's learned arrays, and the gradients to their networks' variables.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use paig::tasks::Task;
 use tch::Tensor;
 
@@ -11,7 +11,7 @@ use crate::tolerances::{FORWARD, GRADIENT};
 
 pub fn compare(case: &mut Case, task: &Task) -> Result<()> {
     let (model, variables) = model(case, task, false)?;
-    let sprites = model.decoder.sprites();
+    let sprites = model.decoder.sprites().context("a decoder with sprites")?;
     let arrays = [
         ("out/template", channels_last(&sprites.template)),
         ("out/contents", channels_last(&sprites.contents)),

@@ -114,7 +114,7 @@ fn check_given(case: &mut Case, clips: &Tensor, variables: &[Variable]) -> Resul
 }
 
 fn check_forward(case: &mut Case, model: &PhysicsNet, pass: &ForwardPass) -> Result<()> {
-    let sprites = model.decoder.sprites();
+    let sprites = model.decoder.sprites().context("a decoder with sprites")?;
     let states: Vec<Tensor> = std::iter::once(&pass.initial).chain(&pass.states).map(State::joined).collect();
     let states = Tensor::stack(&states, 1);
     let last = pass.states.last().context("at least one predicted frame")?;

@@ -29,6 +29,11 @@ impl Actions {
         Actions(self.0.as_ref().map(|values| values.narrow(1, frame as i64, values.size()[1] - frame as i64)))
     }
 
+    /// Those of some clips, by their places in the batch.
+    pub fn of(&self, clips: &Tensor) -> Self {
+        Actions(self.0.as_ref().map(|values| values.index_select(0, clips)))
+    }
+
     /// Moved to a device and turned into a kind of number.
     pub fn to(&self, device: Device, kind: Kind) -> Self {
         Actions(self.0.as_ref().map(|values| values.to_device(device).to_kind(kind)))

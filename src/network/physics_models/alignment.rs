@@ -32,11 +32,12 @@ pub fn align(decoder: &Decoder, kind: Coordinates, frames: &Tensor, positions: &
     };
     let moved = tch::no_grad(|| {
         let encoded = positions.detach();
-        let fit = Fit::new(decoder, frames, &encoded, probe);
+        let Some((drawn, jacobian)) = decoder.with_derivative(&encoded, probe) else { return encoded.zeros_like() };
+        let fit = Fit::new(frames, &drawn, &jacobian, probe);
         let mut moved = fit.step(&fit.drawn, &encoded.zeros_like());
         for _ in 1..steps {
-            let drawn = decoder.forward(&(&encoded + &moved)).frames.flatten(1, 3);
-            moved = fit.step(&drawn, &moved);
+            let [drawn] = decoder.draw([&(&encoded + &moved)]);
+            moved = fit.step(&drawn.flatten(1, 3), &moved);
         }
         moved
     });
@@ -58,8 +59,7 @@ struct Fit {
 }
 
 impl Fit {
-    fn new(decoder: &Decoder, frames: &Tensor, encoded: &Tensor, probe: f64) -> Self {
-        let (drawn, jacobian) = decoder.with_derivative(encoded, probe);
+    fn new(frames: &Tensor, drawn: &Tensor, jacobian: &Tensor, probe: f64) -> Self {
         let [frames, drawn] = [frames.flatten(1, 3), drawn.flatten(1, 3)];
         // The variance of one value of a picture, from what is not explained; it is never exactly none.
         let variance = (&frames - &drawn).square().mean_dim([1i64].as_slice(), true, Kind::Double) + 1e-8;

@@ -1,4 +1,5 @@
-//! The model: encoder, velocity estimator, physics, decoder, in the order in which the data flow.
+//! The model: encoder, velocity estimator, physics, decoder, in the order in which the data flow. For comparison a network
+//! that is told no equation ([`dynamics`](crate::network::dynamics)) can stand in the place of velocity estimator and physics.
 //!
 //! Original: `nn/network/physics_models.py`, class `PhysicsNet`; paper: section 3. Frames are
 //! `[batch, time, channels, S, S]` in \[0, 1\]; positions are `[batch, time, coordinates * objects]`, in pixels or radians
@@ -23,9 +24,10 @@ use tch::{Device, Kind, Tensor};
 use crate::kernels::Kernels;
 use crate::network::System;
 use crate::network::cells::{Actions, Cell, Coordinates, PhysicalParameter, State};
+use crate::network::dynamics::{BlackBox, DynamicsKind};
 use crate::network::initial_values;
 
-pub use decoder::{Decoder, Rendering, Sprites};
+pub use decoder::{Decoder, DecoderKind, Rendering, Sprites};
 pub use encoder::{Encoder, Encoding};
 pub use velocity::VelocityEstimator;
 
@@ -36,6 +38,12 @@ pub(crate) const BACKGROUND_LOGIT: f64 = 1.0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelOptions {
+    /// What carries the positions from frame to frame: the equation, or a network that is told none.
+    #[serde(default)]
+    pub dynamics: DynamicsKind,
+    /// How frames are drawn.
+    #[serde(default)]
+    pub decoder: DecoderKind,
     /// Estimate the velocity from the differences of the input positions by one linear layer (original: `--alt_vel`).
     pub alt_vel: bool,
     /// Give the velocity estimator `(p - S/2) / (S/2)` instead of pixels, which saturate its tanh units at the start.
@@ -66,6 +74,8 @@ impl ModelOptions {
     /// The original's computation.
     pub fn original() -> Self {
         ModelOptions {
+            dynamics: DynamicsKind::Physics,
+            decoder: DecoderKind::CoordinateConsistent,
             alt_vel: false,
             centred_velocity_input: false,
             exact_shift: false,
@@ -120,7 +130,21 @@ pub enum VariableGroup {
     Encoder,
     Velocity,
     Physics,
+    /// A black box, in the place of velocity estimator and physics.
+    Dynamics,
     Decoder,
+}
+
+/// Which loss teaches which part.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Gradients {
+    /// Both losses teach all parts.
+    #[default]
+    Joint,
+    /// Encoder and decoder learn from the encoded frames alone; velocity estimator and physics (or what is in their place)
+    /// from the predicted ones alone.
+    Separate,
 }
 
 /// Encoder, velocity estimator, physics cell and decoder of one system, with their variables.
@@ -134,8 +158,10 @@ pub struct PhysicsNet {
     pub encoder: Encoder,
     pub velocity: VelocityEstimator,
     pub cell: Box<dyn Cell>,
-    /// In the cell's order.
+    /// In the cell's order. Where a black box is in the place of the physics none is learned, and the cell is not used.
     pub parameters: Vec<Parameter>,
+    /// None where the positions follow the equation.
+    pub black_box: Option<BlackBox>,
     pub decoder: Decoder,
 }
 
@@ -191,15 +217,20 @@ impl PhysicsNet {
         grouped(VariableGroup::Decoder);
         let velocity = VelocityEstimator::new(&root / "init_vel", system, options);
         grouped(VariableGroup::Velocity);
+        let black_box = BlackBox::new(&root / "dynamics", options.dynamics, system);
+        grouped(VariableGroup::Dynamics);
         let scope = &root / system.cell.scope;
         let length = options.length_per_unit(system);
         let parameter = |kind: &'static PhysicalParameter| {
             let raw = |value: f64| raw_within(kind, value / length.powi(kind.length_power));
+            let fixed = |raw: f64| Parameter { kind, raw: Tensor::from(raw as f32).to_device(device), learned: false };
             if let Some(value) = options.fixed_at(kind) {
-                let raw = Tensor::from(raw(value)? as f32).to_device(device);
-                return Ok(Parameter { kind, raw, learned: false });
+                return Ok(fixed(raw(value)?));
             }
             let start = kind.start.map_or(Ok(0.0), raw)?;
+            if black_box.is_some() {
+                return Ok(fixed(start));
+            }
             Ok(Parameter { kind, raw: scope.var(kind.variable, &[], Init::Const(start)), learned: true })
         };
         let parameters = system.cell.parameters.iter().map(parameter).collect::<Result<Vec<_>>>()?;
@@ -216,6 +247,7 @@ impl PhysicsNet {
             velocity,
             cell,
             parameters,
+            black_box,
             decoder,
         })
     }
@@ -338,10 +370,11 @@ impl PhysicsNet {
     /// its object. The names in the first `input` frames do not depend on what comes after.
     pub fn named(&self, positions: &Tensor, input: usize) -> Tensor {
         let one = self.system.objects == 1 || self.system.cell.coordinates == Coordinates::Angle;
-        if one || !self.options.names_by_continuity {
-            return positions.shallow_clone();
+        let follow = !one && self.options.names_by_continuity;
+        match follow.then(|| self.decoder.unlike()).flatten() {
+            Some(unlike) => naming::renamed(positions, &naming::follow(positions, &unlike, input).order),
+            None => positions.shallow_clone(),
         }
-        naming::renamed(positions, &naming::follow(positions, &self.decoder.unlike(), input).order)
     }
 
     /// Positions of single frames in the equation's coordinates, `[frames, coordinates * objects]`.
@@ -358,14 +391,35 @@ impl PhysicsNet {
         refinement::refine(self.cell.as_ref(), self.system.dt, input_positions, actions, estimate, steps)
     }
 
-    /// Decodes positions of encoded frames, `[batch, time, coordinates * objects]`, and of states.
-    fn decode(&self, reconstructed: &Tensor, states: &[State]) -> (Tensor, Tensor) {
-        let batch = reconstructed.size()[0];
-        let predicted: Vec<_> = states.iter().map(|state| state.pos.shallow_clone()).collect();
-        let predicted = Tensor::stack(&predicted, 1);
+    /// The states at the last of the input positions `[batch, L, coordinates * objects]` and at the next `frames` frames, by
+    /// the equation or by what is in its place. `actions` begin at the first frame.
+    pub fn roll_out(&self, input_positions: &Tensor, actions: &Actions, frames: usize) -> (State, Vec<State>) {
+        if let Some(black_box) = &self.black_box {
+            return black_box.roll_out(input_positions, actions, frames);
+        }
+        let initial = self.initial_state(input_positions, actions);
+        let since = actions.since(input_positions.size()[1] as usize - 1);
+        let states = self.cell.roll_out(&initial, &since, self.system.dt, frames);
+        (initial, states)
+    }
+
+    /// Decodes lists of positions `[batch, time, coordinates * objects]`, each to `[batch, time, channels, S, S]`.
+    fn decode<const LISTS: usize>(&self, decoder: &Decoder, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
+        let batch = positions[0].size()[0];
         let [channels, side] = [self.system.channels as i64, self.system.side as i64];
-        let drawn = self.decoder.draw([&reconstructed.flatten(0, 1), &predicted.flatten(0, 1)]);
-        drawn.map(|frames| frames.reshape([batch, -1, channels, side, side])).into()
+        let flat = positions.map(|positions| positions.flatten(0, 1));
+        let drawn = decoder.draw(flat.each_ref());
+        drawn.map(|frames| frames.reshape([batch, -1, channels, side, side]))
+    }
+
+    /// Decodes encoded and predicted positions; the latter teach the decoder only where gradients are joint.
+    fn decode_both(&self, encoded: &Tensor, predicted: &Tensor, gradients: Gradients) -> [Tensor; 2] {
+        if gradients == Gradients::Joint {
+            return self.decode(&self.decoder, [encoded, predicted]);
+        }
+        let [reconstructions] = self.decode(&self.decoder, [encoded]);
+        let [predictions] = self.decode(&self.decoder.detached(), [predicted]);
+        [reconstructions, predictions]
     }
 
     /// The whole model on clips `[batch, time, channels, S, S]` and what acts during them: the first L + T_pred frames are
@@ -374,13 +428,24 @@ impl PhysicsNet {
     /// # Errors
     /// A clip that is shorter than L + T_pred.
     pub fn forward(&self, clips: &Tensor, actions: &Actions) -> Result<ForwardPass> {
+        self.forward_with(clips, actions, Gradients::Joint)
+    }
+
+    /// The same, with gradients that go as said.
+    ///
+    /// # Errors
+    /// As for [`Self::forward`].
+    pub fn forward_with(&self, clips: &Tensor, actions: &Actions, gradients: Gradients) -> Result<ForwardPass> {
         let (input, encoded) = (self.system.input_steps, self.system.input_steps + self.system.pred_steps);
         let time = clips.size()[1] as usize;
         ensure!(time >= encoded, "a clip has {time} frames; at least input and prediction, {encoded}, are needed");
         let seen = self.see(&clips.narrow(1, 0, encoded as i64), input);
-        let initial = self.initial_state(&seen.positions.narrow(1, 0, input as i64), actions);
-        let states = self.cell.roll_out(&initial, &actions.since(input - 1), self.system.dt, time - input);
-        let (reconstructions, predictions) = self.decode(&seen.encoded, &states);
+        let from = seen.positions.narrow(1, 0, input as i64);
+        let from = if gradients == Gradients::Separate { from.detach() } else { from };
+        let (initial, states) = self.roll_out(&from, actions, time - input);
+        let predicted: Vec<_> = states.iter().map(|state| state.pos.shallow_clone()).collect();
+        let predicted = Tensor::stack(&predicted, 1);
+        let [reconstructions, predictions] = self.decode_both(&seen.encoded, &predicted, gradients);
         let (Seen { encoding, positions, .. }, kernels) = (seen, self.options.kernels);
         Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions, kernels })
     }

@@ -9,6 +9,7 @@ use super::ModelOptions;
 use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers};
 use crate::network::cells::Coordinates;
+use crate::network::dynamics::DynamicsKind;
 
 const HIDDEN: usize = 100;
 
@@ -28,6 +29,8 @@ impl VelocityEstimator {
         let mut layers = Layers::new(scope);
         let coordinates = system.cell.coordinates.per_object();
         let layers = match (system.input_steps, options.alt_vel) {
+            // A black box needs no velocity.
+            _ if options.dynamics != DynamicsKind::Physics => vec![],
             (1, _) => vec![],
             (steps, true) => vec![layers.dense(coordinates * (steps - 1), coordinates, Activation::None)],
             (steps, false) => vec![
@@ -47,7 +50,8 @@ impl VelocityEstimator {
         }
     }
 
-    /// `[batch, L, coordinates * objects]` to `[batch, coordinates * objects]` per time unit; zero for a single frame.
+    /// `[batch, L, coordinates * objects]` to `[batch, coordinates * objects]` per time unit; zero for a single frame, and where a
+    /// black box carries the positions on.
     pub fn forward(&self, positions: &Tensor) -> Tensor {
         let (batch, steps) = (positions.size()[0], positions.size()[1]);
         if self.layers.is_empty() {

@@ -5,6 +5,8 @@
 
 mod guide;
 
+use std::path::PathBuf;
+
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
@@ -25,6 +27,7 @@ use crate::datasets::iterators::Clips;
 use crate::network::cells::Coordinates;
 use crate::network::physics_models::losses::{MeanLosses, RunningMean, frame_error};
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
+use crate::runs::checkpoint::{self, SavedWeights};
 use crate::support::random::named_generator;
 
 /// Frames on which a validation is made.
@@ -45,6 +48,10 @@ const LOGIT_MARGIN: f64 = 0.002;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Discover {
+    /// Nothing is found anew: encoder and decoder are those of this run. So that models differ in nothing but what comes
+    /// after.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<PathBuf>,
     pub optimizer: OptimizerKind,
     pub learning_rate: f64,
     /// Limit of a gradient's elements; 0 is none.
@@ -99,6 +106,11 @@ impl Phase for Discover {
 
     fn run(&self, session: &mut Session) -> Result<Outcome> {
         let (model, seed) = (session.model, session.seed);
+        if let Some(run) = &self.from {
+            let weights = checkpoint::find_weights(run, SavedWeights::Last);
+            weights.and_then(|weights| checkpoint::load_vision(&weights, model)).context("config: discover.from")?;
+            return Ok(Outcome::Finished);
+        }
         let mut discovery = Discovery::new(self, model, session.train, session.valid, seed)?;
         if session.state.step == 0 {
             discovery.set_start(model)?;
@@ -244,7 +256,7 @@ impl Objective for Discovery<'_> {
             );
             total += guides * fade;
         }
-        Ok(StepLoss { total, reconstruction, prediction: None })
+        Ok(StepLoss { total, reconstruction: Some(reconstruction), prediction: None })
     }
 
     fn learning_rate(&self, _group: VariableGroup) -> f64 {

@@ -21,6 +21,7 @@ use super::objects::motion::Motion;
 use super::observer::Event;
 use super::phase::Phase;
 use super::ranges::at_least_one;
+use crate::network::physics_models::DecoderKind;
 use crate::runs::metrics::{Kind, Record};
 
 /// Clips on which the positions are re-centred.
@@ -71,7 +72,8 @@ impl Identify {
     /// Moves positions and templates to where the objects were seen; whether it did.
     fn recentre(&self, session: &mut Session, explanation: &Explanation) -> Result<bool> {
         let model = session.model;
-        if !self.recentre {
+        // A perceptron that draws has no sprites that could be shifted.
+        if !self.recentre || model.options.decoder == DecoderKind::Mlp {
             return Ok(false);
         }
         let count = (explanation.positions.size()[0]).min(RECENTRE_CLIPS as i64);

@@ -6,7 +6,8 @@
 use tch::nn::Path;
 use tch::{Kind, Tensor};
 
-use super::{BACKGROUND_LOGIT, ModelOptions};
+use super::super::{BACKGROUND_LOGIT, ModelOptions};
+use super::{Rendering, Sprites};
 use crate::kernels::{self, Kernels, Scene};
 use crate::network::System;
 use crate::network::blocks::{Layers, VariableFromNetwork};
@@ -21,7 +22,7 @@ const LEAST_SHARE: f64 = 0.005;
 
 /// Learned sprites and the way they are drawn.
 #[derive(Debug)]
-pub struct Decoder {
+pub struct CoordinateConsistent {
     log_sigma: Tensor,
     template: VariableFromNetwork,
     contents: VariableFromNetwork,
@@ -29,20 +30,9 @@ pub struct Decoder {
     coordinates: Coordinates,
     side: usize,
     objects: i64,
-    /// Pixels by which half a frame's side in position moves a sprite; see [`super::ModelOptions::exact_shift`].
+    /// Pixels by which half a frame's side in position moves a sprite; see [`super::super::ModelOptions::exact_shift`].
     half_span: f64,
     kernels: Kernels,
-}
-
-/// What the decoder has learned to draw, before the sigmoid of the colours.
-#[derive(Debug)]
-pub struct Sprites {
-    /// Mask logits, `[objects, 1, S/2, S/2]`.
-    pub template: Tensor,
-    /// Colour logits, `[objects, channels, S/2, S/2]`.
-    pub contents: Tensor,
-    /// Colours in \[0, 1\], `[1, channels, S, S]`.
-    pub background: Tensor,
 }
 
 impl Sprites {
@@ -52,24 +42,13 @@ impl Sprites {
     }
 }
 
-/// Drawn frames and their layers.
-#[derive(Debug)]
-pub struct Rendering {
-    /// `[frames, channels, S, S]` in \[0, 1\].
-    pub frames: Tensor,
-    /// Visibility of each object and of the background, summing to 1: `[objects + 1, frames, S, S]`.
-    pub masks: Tensor,
-    /// Each object's moved colours, `[objects, frames, channels, S, S]`.
-    pub contents: Tensor,
-}
-
-impl Decoder {
+impl CoordinateConsistent {
     pub fn new(scope: Path, system: &System, options: &ModelOptions) -> Self {
         let (objects, channels, side) = (system.objects as i64, system.channels as i64, system.side as i64);
         let window = side / 2;
         let log_sigma = scope.zeros("logsigma", &[]);
         let mut layers = Layers::new(scope);
-        Decoder {
+        CoordinateConsistent {
             log_sigma,
             // Channels last, as the original stores them.
             template: VariableFromNetwork::new(&mut layers, &[objects, window, window, 1]),
@@ -80,6 +59,17 @@ impl Decoder {
             objects,
             half_span: if options.exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
             kernels: options.kernels,
+        }
+    }
+
+    /// The same decoder as a constant: gradients pass through it to the positions, not to what it has learned.
+    pub fn detached(&self) -> Self {
+        CoordinateConsistent {
+            log_sigma: self.log_sigma.detach(),
+            template: self.template.detached(),
+            contents: self.contents.detached(),
+            background: self.background.detached(),
+            ..*self
         }
     }
 
@@ -159,8 +149,7 @@ impl Decoder {
         self.compose(&self.moved(&sprites.layers(), positions), &sprites.background)
     }
 
-    /// Frames drawn at `positions` (`[frames, coordinates * objects]`), and their derivative by each coordinate, `[frames,
-    /// coordinates * objects, channels, S, S]`, by central differences of `probe` of the moved sprites. Without gradient.
+    /// See [`super::Decoder::with_derivative`]: differences of the moved sprites, composed by the derivative of the softmax.
     pub fn with_derivative(&self, positions: &Tensor, probe: f64) -> (Tensor, Tensor) {
         let _guard = tch::no_grad_guard();
         let sprites = self.sprites();
@@ -202,7 +191,7 @@ impl Decoder {
         Rendering { frames, masks, contents }
     }
 
-    /// Only the frames of [`Decoder::forward`], of several lists of positions.
+    /// See [`super::Decoder::draw`].
     pub fn draw<const LISTS: usize>(&self, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
         let by_kernel = self.kernels == Kernels::Own
             && self.coordinates == Coordinates::Position

@@ -1,0 +1,283 @@
+//! DDPAE, the decompositional disentangled predictive auto-encoder (Hsieh et al. 2018): the video is a sum of components, each
+//! with a content that stays and a pose that moves, both latent and random.
+//!
+//! As published: image latent 256, content 128, pose 3 (scale, x, y), memories of 64, Adam at 1e-3; a component's pose
+//! depends on those of the components before it; the pose changes by `beta_t ~ N(mu_t, sigma_t)`; loss = reconstruction of
+//! input and future frames + KL to standard normals. Ours, where the paper leaves it open or colours need it: three
+//! convolutions of 16, 32, 64 channels, contents in colour, a learned background behind the components, and a squared
+//! error over `2 * 0.1^2` for its binary cross-entropy.
+
+use tch::nn::VarStore;
+use tch::{Kind, Tensor};
+
+use super::frame_model::FrameModel;
+use crate::network::System;
+use crate::network::blocks::{Activation, Conv2d, Dense, Layers, Mlp};
+use crate::network::dynamics::LstmCell;
+use crate::network::initial_values::glorot_uniform;
+use crate::network::stn;
+use crate::support::random::{named_generator, normal};
+
+const IMAGE: usize = 256;
+const CONTENT: usize = 128;
+const POSE: usize = 3;
+const HIDDEN: usize = 64;
+/// Channels of the convolutions, each followed by a pooling.
+const CHANNELS: [usize; 3] = [16, 32, 64];
+/// Standard deviation of a pixel.
+const PIXEL_DEVIATION: f64 = 0.1;
+/// Logit at which contents and background begin: a sum that is clipped at white has no gradient.
+const DARK: f64 = -3.0;
+/// Side of a component's window in frames: the scales it may have.
+const SCALES: [f64; 2] = [0.2, 0.8];
+
+/// The model.
+#[derive(Debug)]
+pub struct Ddpae {
+    variables: VarStore,
+    seed: u64,
+    objects: usize,
+    input_steps: i64,
+    side: i64,
+    channels: i64,
+    image_encoder: Encoder,
+    content_encoder: Encoder,
+    /// Takes in image latents, and the memory of the component before.
+    pose_memory: LstmCell,
+    /// Goes on from it, and takes in its own poses.
+    future_memory: LstmCell,
+    content_memory: LstmCell,
+    /// Mean and log-variance of a pose's change, and of a content.
+    pose: Dense,
+    future_pose: Dense,
+    content: Dense,
+    decoder: Mlp,
+    background: Tensor,
+}
+
+/// Convolutions with poolings, then one dense layer.
+#[derive(Debug)]
+struct Encoder {
+    convolutions: Vec<Conv2d>,
+    output: Dense,
+}
+
+impl Encoder {
+    fn new(layers: &mut Layers, channels: usize, side: usize, outputs: usize) -> Self {
+        let mut inputs = channels;
+        let convolutions = CHANNELS.map(|outputs| {
+            let layer = layers.conv2d(inputs, outputs, 3, Activation::Relu);
+            inputs = outputs;
+            layer
+        });
+        let left = CHANNELS.iter().fold(side, |side, _| side / 2);
+        Encoder {
+            convolutions: convolutions.into(),
+            output: layers.dense(inputs * left * left, outputs, Activation::Relu),
+        }
+    }
+
+    /// `[frames, channels, side, side]` to `[frames, outputs]`.
+    fn forward(&self, frames: &Tensor) -> Tensor {
+        let pooled = |x: Tensor, layer: &Conv2d| layer.forward(&x).max_pool2d(2, 2, 0, 1, false);
+        self.output.forward(&self.convolutions.iter().fold(frames.shallow_clone(), pooled).flatten(1, -1))
+    }
+}
+
+/// A normal distribution, `[batch, n]`.
+struct Gaussian {
+    mean: Tensor,
+    log_variance: Tensor,
+}
+
+impl Gaussian {
+    fn of(parameters: &Tensor) -> Self {
+        let parts = parameters.chunk(2, 1);
+        Gaussian { mean: parts[0].shallow_clone(), log_variance: parts[1].clamp(-8.0, 4.0) }
+    }
+
+    /// With these standard normal numbers; the mean without.
+    fn sample(&self, noise: Option<Tensor>) -> Tensor {
+        match noise {
+            Some(noise) => &self.mean + noise * (&self.log_variance * 0.5).exp(),
+            None => self.mean.shallow_clone(),
+        }
+    }
+
+    /// KL divergence from N(0, 1), summed over all but averaged over the batch.
+    fn divergence(&self) -> Tensor {
+        let of_each = (self.mean.square() + self.log_variance.exp() - 1.0 - &self.log_variance) * 0.5;
+        of_each.sum(Kind::Float) / self.mean.size()[0] as f64
+    }
+}
+
+/// Standard normal numbers of a step; none without one.
+struct Noise(Option<rand_chacha::ChaCha8Rng>);
+
+impl Noise {
+    fn like(&mut self, x: &Tensor) -> Option<Tensor> {
+        let random = self.0.as_mut()?;
+        let values: Vec<f32> = (0..x.numel()).map(|_| normal(random) as f32).collect();
+        Some(Tensor::from_slice(&values).reshape(x.size()))
+    }
+}
+
+/// What the model makes of the input.
+struct Inferred {
+    /// All frames, input and future, `[batch, frames, C, S, S]`.
+    frames: Tensor,
+    divergence: Tensor,
+}
+
+impl Ddpae {
+    /// A fresh model with initial values drawn from `seed`.
+    pub fn new(system: &System, seed: u64) -> Self {
+        let variables = VarStore::new(tch::Device::Cpu);
+        let scope = |name: &str| Layers::new(variables.root() / name);
+        let (side, window) = (system.side, system.side / 2);
+        let image_encoder = Encoder::new(&mut scope("image_encoder"), system.channels, side, IMAGE);
+        let content_encoder = Encoder::new(&mut scope("content_encoder"), system.channels, window, IMAGE);
+        let mut pose = scope("pose");
+        let pose_memory = LstmCell::new(&mut pose, IMAGE + HIDDEN, HIDDEN);
+        let future_memory = LstmCell::new(&mut pose, POSE + HIDDEN, HIDDEN);
+        let [pose, future_pose] = [(); 2].map(|()| pose.dense(HIDDEN, 2 * POSE, Activation::None));
+        let mut content = scope("content");
+        let content_memory = LstmCell::new(&mut content, IMAGE, HIDDEN);
+        let content = content.dense(HIDDEN, 2 * CONTENT, Activation::None);
+        let pixels = system.channels * window * window;
+        let decoder = Mlp::new(&mut scope("decoder"), &[CONTENT, IMAGE, pixels], Activation::Relu, Activation::None);
+        let frame = [1, system.channels as i64, side as i64, side as i64];
+        let background = (variables.root() / "background").var("logits", &frame, tch::nn::Init::Const(DARK));
+        glorot_uniform(&variables, seed);
+        decoder.output().start_at(&Tensor::full([pixels as i64], DARK, (Kind::Float, tch::Device::Cpu)), 1.0);
+        Ddpae {
+            variables,
+            seed,
+            objects: system.objects,
+            input_steps: system.input_steps as i64,
+            side: side as i64,
+            channels: system.channels as i64,
+            image_encoder,
+            content_encoder,
+            pose_memory,
+            future_memory,
+            content_memory,
+            pose,
+            future_pose,
+            content,
+            decoder,
+            background,
+        }
+    }
+
+    /// Goes through the components one after the other.
+    fn infer(&self, input: &Tensor, future: usize, noise: &mut Noise) -> Inferred {
+        let (batch, seen) = (input.size()[0], input.size()[1]);
+        let images = self.image_encoder.forward(&input.flatten(0, 1)).reshape([batch, seen, -1]);
+        let none = Tensor::zeros([batch, HIDDEN as i64], (Kind::Float, input.device()));
+        let mut before: Vec<Tensor> = (0..seen as usize + future).map(|_| none.shallow_clone()).collect();
+        let mut frames = Tensor::zeros([1], (Kind::Float, input.device()));
+        let mut divergence = Tensor::zeros([1], (Kind::Float, input.device()));
+        for _ in 0..self.objects {
+            let (poses, memories, kl) = self.poses(&images, future, &before, noise);
+            let (content, content_kl) = self.content(input, &poses[..seen as usize], noise);
+            frames = &frames + self.drawn(&content, &Tensor::stack(&poses, 1));
+            divergence += kl + content_kl;
+            before = memories;
+        }
+        Inferred { frames: (frames + self.background.sigmoid().unsqueeze(0)).clamp(0.0, 1.0), divergence }
+    }
+
+    /// The poses of one component in all frames (each `[batch, 3]`), its memories, and their divergence.
+    fn poses(
+        &self,
+        images: &Tensor,
+        future: usize,
+        before: &[Tensor],
+        noise: &mut Noise,
+    ) -> (Vec<Tensor>, Vec<Tensor>, Tensor) {
+        let seen = images.size()[1] as usize;
+        let [mut h, mut c] = self.pose_memory.start(&images.select(1, 0));
+        let mut pose = Tensor::zeros([images.size()[0], POSE as i64], (Kind::Float, images.device()));
+        let mut divergence = Tensor::zeros([1], (Kind::Float, images.device()));
+        let (mut poses, mut memories) = (Vec::new(), Vec::new());
+        for (frame, earlier) in before.iter().enumerate().take(seen + future) {
+            let (cell, head, x) = if frame < seen {
+                (&self.pose_memory, &self.pose, images.select(1, frame as i64))
+            } else {
+                (&self.future_memory, &self.future_pose, pose.shallow_clone())
+            };
+            [h, c] = cell.step(&Tensor::cat(&[&x, earlier], 1), [&h, &c]);
+            let change = Gaussian::of(&head.forward(&h));
+            divergence += change.divergence();
+            pose = &pose + change.sample(noise.like(&change.mean));
+            poses.push(pose.shallow_clone());
+            memories.push(h.shallow_clone());
+        }
+        (poses, memories, divergence)
+    }
+
+    /// The content `[batch, 128]` of what lies in a component's windows.
+    fn content(&self, input: &Tensor, poses: &[Tensor], noise: &mut Noise) -> (Tensor, Tensor) {
+        let mut memory: Option<[Tensor; 2]> = None;
+        for (frame, pose) in poses.iter().enumerate() {
+            let seen = stn::transform(&input.select(1, frame as i64), &window(pose), self.side / 2);
+            let x = self.content_encoder.forward(&seen);
+            let [h, c] = memory.unwrap_or_else(|| self.content_memory.start(&x));
+            memory = Some(self.content_memory.step(&x, [&h, &c]));
+        }
+        let [h, _] = memory.expect("there is at least one input frame");
+        let content = Gaussian::of(&self.content.forward(&h));
+        (content.sample(noise.like(&content.mean)), content.divergence())
+    }
+
+    /// A component at its poses `[batch, frames, 3]`, before black: `[batch, frames, C, S, S]`.
+    fn drawn(&self, content: &Tensor, poses: &Tensor) -> Tensor {
+        let (batch, frames, half) = (poses.size()[0], poses.size()[1], self.side / 2);
+        let sprite = self.decoder.forward(content).sigmoid().reshape([batch, 1, self.channels, half, half]);
+        let sprites = sprite.expand([-1, frames, -1, -1, -1], false).reshape([-1, self.channels, half, half]);
+        let drawn = stn::transform(&sprites, &placed(&poses.flatten(0, 1)), self.side);
+        drawn.reshape([batch, frames, self.channels, self.side, self.side])
+    }
+}
+
+/// Scale, x and y (each `[n]`, in half frames) of poses `[n, 3]`.
+fn parts(pose: &Tensor) -> [Tensor; 3] {
+    let scale = pose.select(1, 0).sigmoid() * (SCALES[1] - SCALES[0]) + SCALES[0];
+    [scale, pose.select(1, 1).tanh(), pose.select(1, 2).tanh()]
+}
+
+/// The map from a window to the frame: theta `[n, 6]`.
+fn window(pose: &Tensor) -> Tensor {
+    let [scale, x, y] = parts(pose);
+    let none = x.zeros_like();
+    Tensor::stack(&[&scale, &none, &x, &none, &scale, &y], 1)
+}
+
+/// The map from the frame to the window.
+fn placed(pose: &Tensor) -> Tensor {
+    let [scale, x, y] = parts(pose);
+    let (none, inverse) = (x.zeros_like(), scale.reciprocal());
+    Tensor::stack(&[&inverse, &none, &(-x * &inverse), &none, &inverse, &(-y * &inverse)], 1)
+}
+
+impl FrameModel for Ddpae {
+    fn variables(&self) -> &VarStore {
+        &self.variables
+    }
+
+    /// The negative evidence lower bound of whole clips, per frame.
+    fn loss(&self, clips: &Tensor, step: u64) -> Tensor {
+        let (batch, time) = (clips.size()[0], clips.size()[1]);
+        let mut noise = Noise(Some(named_generator(self.seed, &format!("latents of step {step}"))));
+        let input = clips.narrow(1, 0, self.input_steps);
+        let Inferred { frames, divergence } = self.infer(&input, (time - self.input_steps) as usize, &mut noise);
+        let error = (frames - clips).square().sum(Kind::Float) / batch as f64;
+        (error / (2.0 * PIXEL_DEVIATION.powi(2)) + divergence).sum(Kind::Float) / time as f64
+    }
+
+    fn predict(&self, input: &Tensor, frames: usize) -> Tensor {
+        let inferred = self.infer(input, frames, &mut Noise(None));
+        inferred.frames.narrow(1, input.size()[1], frames as i64)
+    }
+}

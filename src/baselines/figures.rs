@@ -1,0 +1,194 @@
+//! The report's figures: scores of every predicted frame, validation losses of the whole other models, traces of the
+//! parameters, and the gallery of future frames.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use plotters::chart::SeriesLabelPosition;
+use plotters::style::RGBColor;
+use tch::Tensor;
+
+use super::list::Comparison;
+use super::results::Row;
+use crate::datasets::npz;
+use crate::runs::course::Course;
+use crate::runs::metrics::Kind;
+use crate::runs::scores::{FrameSpread, PredictedFrame};
+use crate::support::statistics::Spread;
+use crate::tasks::Task;
+use crate::viz;
+use crate::viz::chart::{self, Chart, GREEN, Line, Span, Stroke};
+
+/// One for each model, in the order of the list.
+const COLOURS: [RGBColor; 11] = [
+    RGBColor(20, 20, 20),
+    RGBColor(120, 128, 140),
+    RGBColor(24, 119, 190),
+    RGBColor(105, 180, 230),
+    RGBColor(196, 40, 58),
+    RGBColor(222, 106, 16),
+    RGBColor(240, 178, 60),
+    RGBColor(120, 80, 170),
+    RGBColor(200, 110, 190),
+    RGBColor(36, 145, 84),
+    RGBColor(110, 90, 60),
+];
+/// Height of a chart, pixels.
+const HEIGHT: u32 = 620;
+/// Columns of a gallery, at most.
+const COLUMNS: usize = 9;
+
+/// What a task's figures show.
+#[derive(Debug, Clone, Copy)]
+pub struct OfTask<'a> {
+    pub list: &'a Comparison,
+    pub task: &'a Task,
+    /// Finished trainings of the task on all clips.
+    pub rows: &'a [Row],
+}
+
+impl OfTask<'_> {
+    /// The rows of each model that has any: label, colour, rows.
+    fn models(&self) -> impl Iterator<Item = (&str, RGBColor, Vec<&Row>)> {
+        let models = self.list.models.iter().zip(COLOURS.iter().cycle());
+        models.filter_map(|(entry, colour)| {
+            let rows: Vec<_> = self.rows.iter().filter(|row| row.model == entry.name).collect();
+            (!rows.is_empty()).then_some((entry.label.as_str(), *colour, rows))
+        })
+    }
+
+    /// SSIM and squared error of every predicted frame, a line for each model and a band over its seeds.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn frame_scores(&self, path: &Path) -> Result<bool> {
+        let system = &self.task.system;
+        let similar = |at: &FrameSpread| at.ssim;
+        let wrong = |at: &FrameSpread| at.squared_error;
+        let chart = |title: &str, score: fn(&FrameSpread) -> Spread, log, legend| Chart {
+            title: format!("{}: {title} of the predicted frames", self.task.name),
+            axis: "frame",
+            spans: viz::frame_spans(system, self.task.test_frames),
+            lines: self.models().flat_map(|(label, colour, rows)| self.lines(label, colour, &rows, score)).collect(),
+            level: None,
+            log: Some(log),
+            legend,
+        };
+        let charts = vec![
+            chart("structural similarity (SSIM)", similar, false, SeriesLabelPosition::LowerLeft),
+            chart("squared error", wrong, true, SeriesLabelPosition::LowerRight),
+        ];
+        chart::write(path, HEIGHT, charts)
+    }
+
+    fn lines(&self, label: &str, colour: RGBColor, rows: &[&Row], score: fn(&FrameSpread) -> Spread) -> Vec<Line> {
+        let system = &self.task.system;
+        let frames: Vec<Vec<PredictedFrame>> =
+            rows.iter().map(|row| row.frames(system.input_steps, system.pred_steps)).collect();
+        let spreads = FrameSpread::of(frames.iter().map(Vec::as_slice));
+        let all = spreads.iter().map(|frame| (frame.frame as f64, score(frame)));
+        let there = all.clone().map(|(frame, score)| (frame, score.min));
+        let back = all.clone().rev().map(|(frame, score)| (frame, score.max));
+        let band = if rows.len() > 1 { there.chain(back).collect() } else { Vec::new() };
+        let medians = all.map(|(frame, score)| (frame, score.median)).collect();
+        let label = format!("{label} ({})", rows.len());
+        let line = Line { label, colour, stroke: Stroke::Dotted, pieces: vec![medians] };
+        match band.is_empty() {
+            true => vec![line],
+            false => vec![Line { label: String::new(), colour, stroke: Stroke::Filled, pieces: vec![band] }, line],
+        }
+    }
+
+    /// Validation error over the steps of the whole other models: whether they were done.
+    ///
+    /// # Errors
+    /// Metrics that cannot be read, a file that cannot be written.
+    pub fn whole_courses(&self, path: &Path) -> Result<bool> {
+        let mut lines = Vec::new();
+        let mut last: f64 = 1.0;
+        for (label, colour, rows) in self.models() {
+            let whole = self.list.model(&rows[0].model)?.whole.is_some();
+            for row in rows.into_iter().filter(|_| whole) {
+                let points = Course::read(&row.folder)?.points(Some(Kind::Valid), "pred_loss");
+                last = points.last().map_or(last, |(step, _)| last.max(*step));
+                let label = format!("{label}, seed {}", row.seed);
+                lines.push(Line { label, colour, stroke: Stroke::Dotted, pieces: vec![points] });
+            }
+        }
+        let spans = vec![Span { name: String::new(), first: 0.0, last }];
+        let title = format!("{}: squared error of all predicted frames of validation clips", self.task.name);
+        let (level, legend) = (None, SeriesLabelPosition::UpperRight);
+        chart::write(path, HEIGHT, vec![Chart { title, axis: "step", spans, lines, level, log: Some(true), legend }])
+    }
+
+    /// The course of each physical parameter, a line for each run.
+    ///
+    /// # Errors
+    /// Metrics that cannot be read, a file that cannot be written.
+    pub fn parameters(&self, path: &Path) -> Result<bool> {
+        let mut charts = Vec::new();
+        for parameter in self.task.system.cell.parameters {
+            let (mut lines, mut last) = (Vec::new(), 1.0f64);
+            for (label, colour, rows) in self.models() {
+                let mut pieces = Vec::new();
+                for row in rows.iter().filter(|row| row.parameters.contains_key(parameter.name)) {
+                    let points = Course::read(&row.folder)?.points(None, parameter.name);
+                    last = points.last().map_or(last, |(step, _)| last.max(*step));
+                    pieces.push(points);
+                }
+                lines.push(Line { label: label.into(), colour, stroke: Stroke::Plain, pieces });
+            }
+            lines.retain(|line| !line.pieces.is_empty());
+            charts.push(Chart {
+                title: format!("{}: {}, every run", self.task.name, parameter.name),
+                axis: "step",
+                spans: vec![Span { name: String::new(), first: 0.0, last }],
+                lines,
+                level: self.task.truth_of(parameter.name).map(|truth| ("true value", GREEN, truth)),
+                log: None,
+                legend: SeriesLabelPosition::LowerRight,
+            });
+        }
+        chart::write(path, HEIGHT, charts)
+    }
+
+    /// Future frames of the first test clip, of each model's first seed below the true ones.
+    ///
+    /// # Errors
+    /// A run without its outputs, a file that cannot be written.
+    pub fn gallery(&self, path: &Path) -> Result<bool> {
+        let system = &self.task.system;
+        let future = self.task.test_frames - system.input_steps;
+        let step = future.div_ceil(COLUMNS);
+        let columns: Vec<usize> = (0..future).step_by(step).collect();
+        let mut rows: Vec<(String, Tensor)> = Vec::new();
+        for (label, _, of_model) in self.models() {
+            let outputs = of_model[0].folder.join("outputs.npz");
+            if rows.is_empty() {
+                let truth = first_clip(&outputs, "input")?.narrow(0, system.input_steps as i64, future as i64);
+                rows.push(("truth".into(), chosen(&truth, &columns)));
+            }
+            rows.push((label.into(), chosen(&first_clip(&outputs, "output")?, &columns)));
+        }
+        if rows.is_empty() {
+            return Ok(false);
+        }
+        let places: Vec<usize> = columns.iter().map(|column| system.input_steps + column).collect();
+        viz::write_gallery(path, system, &rows, &places)?;
+        Ok(true)
+    }
+}
+
+/// The first clip of an array `[clips, frames, S, S, C]`, `[frames, C, S, S]`.
+fn first_clip(path: &Path, name: &str) -> Result<Tensor> {
+    let array = npz::Archive::open(path)?.floats(name)?;
+    let shape: Vec<i64> = array.shape().iter().map(|&n| n as i64).collect();
+    let array = array.as_standard_layout();
+    let values = array.as_slice().with_context(|| format!("{}: array {name}", path.display()))?;
+    Ok(Tensor::from_slice(values).reshape(&shape).get(0).permute([0, 3, 1, 2]))
+}
+
+fn chosen(frames: &Tensor, columns: &[usize]) -> Tensor {
+    let columns: Vec<i64> = columns.iter().map(|column| *column as i64).collect();
+    frames.index_select(0, &Tensor::from_slice(&columns))
+}

@@ -1,0 +1,136 @@
+//! What is compared, `configs/baselines.toml`.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use serde::Deserialize;
+
+use super::training::WholeModel;
+use crate::tasks::{self, Task};
+
+/// The whole list.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Comparison {
+    pub recipe: String,
+    pub tasks: Vec<String>,
+    pub seeds: Vec<u64>,
+    pub clips: DatasetClips,
+    pub search: Search,
+    pub efficiency: Efficiency,
+    pub whole: WholeLength,
+    pub models: Vec<Entry>,
+}
+
+/// Clips of a dataset.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DatasetClips {
+    pub train: usize,
+    pub valid: usize,
+    pub test: usize,
+}
+
+/// How learning rates are chosen.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Search {
+    pub task: String,
+    pub seed: u64,
+    pub rates: Vec<f64>,
+}
+
+/// Trainings on fewer clips.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Efficiency {
+    pub task: String,
+    pub train: Vec<usize>,
+    pub models: Vec<String>,
+}
+
+/// How long the whole other models are trained.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WholeLength {
+    pub steps: u64,
+    pub batch: usize,
+    pub checkpoint_every: u64,
+}
+
+/// One model.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Entry {
+    /// In folders and results.
+    pub name: String,
+    /// In figures.
+    pub label: String,
+    /// What it changes in the recipe, `section.key=value`.
+    #[serde(default)]
+    pub set: Vec<String>,
+    /// The key of its learning rate, if that is searched.
+    #[serde(default)]
+    pub rate: Option<String>,
+    /// Of a whole other model whose rate is not searched.
+    #[serde(default)]
+    pub learning_rate: Option<f64>,
+    /// Finds objects of its own instead of those that the others share.
+    #[serde(default)]
+    pub own_objects: bool,
+    /// Shown in the ablation's table and not among the curves.
+    #[serde(default)]
+    pub ablation: bool,
+    #[serde(default)]
+    pub whole: Option<WholeModel>,
+}
+
+impl Comparison {
+    /// # Errors
+    /// A list that cannot be read, an unknown key, task or model, a name that stands twice.
+    pub fn read(path: &Path) -> Result<Self> {
+        let read = || -> Result<Self> {
+            let list: Comparison = toml::from_str(&fs::read_to_string(path)?)?;
+            list.check()?;
+            Ok(list)
+        };
+        read().with_context(|| format!("comparison {}", path.display()))
+    }
+
+    fn check(&self) -> Result<()> {
+        let sound = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+        for (place, entry) in self.models.iter().enumerate() {
+            let Entry { name, .. } = entry;
+            ensure!(!name.is_empty() && name.chars().all(sound), "model {name:?}: a-z, 0-9 and _ can stand in a name");
+            ensure!(!self.models[..place].iter().any(|other| other.name == *name), "model {name} stands there twice");
+            ensure!(
+                entry.whole.is_none() || entry.set.is_empty(),
+                "model {name}: a whole other model has no recipe to set"
+            );
+        }
+        self.efficiency.models.iter().try_for_each(|name| self.model(name).map(drop))?;
+        let tasks = self.tasks.iter().chain([&self.search.task, &self.efficiency.task]);
+        tasks.map(|task| tasks::find(task)).try_for_each(|task| task.map(drop))?;
+        ensure!(self.search.rates.iter().all(|rate| *rate > 0.0), "search.rates: rates are positive");
+        Ok(())
+    }
+
+    /// The model of this name.
+    ///
+    /// # Errors
+    /// A name that the list lacks.
+    pub fn model(&self, name: &str) -> Result<&Entry> {
+        let known = || self.models.iter().map(|entry| entry.name.as_str()).collect::<Vec<_>>().join(", ");
+        let found = self.models.iter().find(|entry| entry.name == name);
+        found.with_context(|| format!("no model {name:?}; the models are {}", known()))
+    }
+
+    /// The tasks, in their order.
+    ///
+    /// # Errors
+    /// An unknown task.
+    pub fn all_tasks(&self) -> Result<Vec<Task>> {
+        self.tasks.iter().map(|task| tasks::find(task)).collect()
+    }
+}

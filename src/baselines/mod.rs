@@ -1,0 +1,16 @@
+//! The paper's comparison: other dynamics, other decoders and whole other models, trained and scored like the physics.
+//!
+//! Paper: section 4. The other dynamics and decoders are choices of the model
+//! ([`ModelOptions`](crate::network::physics_models::ModelOptions)); the whole other models stand here, each trained by
+//! [`training`]. [`list`] says what is compared, [`results`] gathers what became of it, [`page`] shows it.
+
+pub mod conv_lstm;
+pub mod ddpae;
+mod figures;
+pub mod frame_model;
+pub mod list;
+pub mod page;
+pub mod plan;
+pub mod results;
+pub mod training;
+pub mod video_lstm;

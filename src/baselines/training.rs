@@ -1,0 +1,328 @@
+//! Training of a whole other model: plain descent, with the safety of any other run.
+//!
+//! The folder of such a run holds `model.toml` (what is trained), `metrics.jsonl`, `checkpoint.safetensors` (weights, Adam's
+//! slots, the step; replaced in one step), and at the end `scores.json` and `outputs.npz`.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail, ensure};
+use serde::{Deserialize, Serialize};
+use tch::{Kind, Tensor};
+
+use super::ddpae::Ddpae;
+use super::frame_model::{self, FrameModel, named_variables, prediction_error};
+use super::video_lstm::VideoLstm;
+use crate::datasets::iterators::{Clips, ShuffledBatches};
+use crate::network::System;
+use crate::runs::metrics::{self, Record};
+use crate::runs::names::METRICS;
+use crate::runs::scores::Scores;
+use crate::support::atomic;
+use crate::training::base::Outcome;
+use crate::training::optimizers::{Optimizer, OptimizerKind};
+use crate::viz;
+
+/// The run's files.
+const MODEL: &str = "model.toml";
+const CHECKPOINT: &str = "checkpoint.safetensors";
+const SCORES: &str = "scores.json";
+/// Step and seconds in a checkpoint, and what stands before the name of a slot.
+const PROGRESS: &str = "progress";
+const SLOT: &str = "slot/";
+/// Clips on which a model is validated, at most.
+const VALIDATION_CLIPS: usize = 100;
+/// Share of the steps after which the rate is divided by this.
+const ANNEAL_AT: f64 = 0.75;
+const ANNEAL_FACTOR: f64 = 5.0;
+
+/// Which model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WholeModel {
+    VideoLstm,
+    Ddpae,
+}
+
+impl WholeModel {
+    /// A fresh model of a system.
+    pub fn build(self, system: &System, seed: u64) -> Box<dyn FrameModel> {
+        match self {
+            WholeModel::VideoLstm => Box::new(VideoLstm::new(system, seed)),
+            WholeModel::Ddpae => Box::new(Ddpae::new(system, seed)),
+        }
+    }
+}
+
+/// What decides the result of a training.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WholeConfig {
+    pub model: WholeModel,
+    /// Name of the task or its file.
+    pub task: String,
+    pub data: PathBuf,
+    pub seed: u64,
+    /// Adam's.
+    pub learning_rate: f64,
+    /// Clips in a step.
+    pub batch: usize,
+    pub steps: u64,
+    /// Steps from one validation and checkpoint to the next.
+    pub checkpoint_every: u64,
+}
+
+impl WholeConfig {
+    /// # Errors
+    /// A number out of range.
+    pub fn check(&self) -> Result<()> {
+        ensure!(self.learning_rate.is_finite() && self.learning_rate > 0.0, "the learning rate must be positive");
+        ensure!(self.batch > 0 && self.steps > 0 && self.checkpoint_every > 0, "batch and steps must be at least 1");
+        Ok(())
+    }
+}
+
+/// What a finished run scores on its test file.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct WholeScores {
+    pub config: WholeConfig,
+    pub weights: usize,
+    pub training_clips: usize,
+    pub seconds: f64,
+    pub scores: Scores,
+}
+
+impl WholeScores {
+    /// Of the run in a folder; none if it has not finished.
+    ///
+    /// # Errors
+    /// A damaged file.
+    pub fn read(folder: &Path) -> Result<Option<Self>> {
+        let path = folder.join(SCORES);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let read = || Ok::<_, anyhow::Error>(serde_json::from_slice(&fs::read(&path)?)?);
+        read().with_context(|| format!("scores {}", path.display())).map(Some)
+    }
+}
+
+/// The clips of a run.
+#[derive(Debug, Clone, Copy)]
+pub struct WholeData<'a> {
+    pub train: &'a Clips,
+    pub valid: &'a Clips,
+    pub test: &'a Clips,
+}
+
+/// Begins a run in its folder, or goes on with it, and scores it at its end. `stop` is asked after every step; `tell` is
+/// given each validation.
+///
+/// # Errors
+/// A folder that holds another run, a damaged checkpoint, a loss that is not a number, a full disk.
+pub fn train(
+    config: &WholeConfig,
+    system: &System,
+    data: WholeData,
+    folder: &Path,
+    stop: &dyn Fn() -> bool,
+    tell: &mut dyn FnMut(&Record),
+) -> Result<Outcome> {
+    config.check()?;
+    open(config, folder)?;
+    if WholeScores::read(folder)?.is_some() {
+        return Ok(Outcome::Finished);
+    }
+    let model = config.model.build(system, config.seed);
+    let mut run = Running::new(config, model.as_ref(), folder)?;
+    if run.descend(system, data, stop, tell)? == Outcome::Interrupted {
+        return Ok(Outcome::Interrupted);
+    }
+    write_results(config, model.as_ref(), system, data, run.seconds(), folder)?;
+    Ok(Outcome::Finished)
+}
+
+/// Takes a folder for this run, or finds it there.
+fn open(config: &WholeConfig, folder: &Path) -> Result<()> {
+    let path = folder.join(MODEL);
+    let text = toml::to_string_pretty(config)?;
+    if !path.exists() {
+        fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        return atomic::write_file(&path, |file| Ok(std::io::Write::write_all(file, text.as_bytes())?));
+    }
+    let saved: WholeConfig =
+        toml::from_str(&fs::read_to_string(&path)?).with_context(|| format!("config {}", path.display()))?;
+    ensure!(saved == *config, "{} was begun with other options; choose another folder", folder.display());
+    Ok(())
+}
+
+fn write_results(
+    config: &WholeConfig,
+    model: &dyn FrameModel,
+    system: &System,
+    data: WholeData,
+    seconds: f64,
+    folder: &Path,
+) -> Result<()> {
+    let (mut input, mut output) = (Vec::new(), Vec::new());
+    frame_model::each_prediction(model, system, data.test, viz::SAVED_CLIPS, |clips, predicted| {
+        input.push(clips.shallow_clone());
+        output.push(predicted.shallow_clone());
+        Ok(())
+    })?;
+    viz::write_predictions(&folder.join("outputs.npz"), &Tensor::cat(&input, 0), &Tensor::cat(&output, 0))?;
+    let scores = WholeScores {
+        config: config.clone(),
+        weights: frame_model::weights(model),
+        training_clips: data.train.len(),
+        seconds,
+        scores: frame_model::scores(model, system, data.test, data.test.len())?,
+    };
+    atomic::write_file(&folder.join(SCORES), |file| Ok(serde_json::to_writer_pretty(file, &scores)?))
+}
+
+/// A training under way.
+struct Running<'a> {
+    config: &'a WholeConfig,
+    model: &'a dyn FrameModel,
+    folder: &'a Path,
+    variables: Vec<(String, Tensor)>,
+    optimizer: Optimizer,
+    step: u64,
+    /// Seconds of computing before `clock`.
+    before: f64,
+    clock: Instant,
+    metrics: File,
+}
+
+impl<'a> Running<'a> {
+    /// From the last checkpoint, if there is one.
+    fn new(config: &'a WholeConfig, model: &'a dyn FrameModel, folder: &'a Path) -> Result<Self> {
+        let variables = named_variables(model);
+        let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
+        let path = folder.join(CHECKPOINT);
+        let mut progress = Progress { step: 0, seconds: 0.0 };
+        if path.exists() {
+            let saved = Tensor::read_safetensors(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            progress = restore(saved, &variables, &mut optimizer)
+                .with_context(|| format!("checkpoint {} does not fit the model", path.display()))?;
+        }
+        let Progress { step, seconds: before } = progress;
+        let metrics = open_metrics(&folder.join(METRICS), step)?;
+        Ok(Running { config, model, folder, variables, optimizer, step, before, clock: Instant::now(), metrics })
+    }
+
+    fn seconds(&self) -> f64 {
+        self.before + self.clock.elapsed().as_secs_f64()
+    }
+
+    /// Descends to the last step, or until it is asked to stop.
+    fn descend(
+        &mut self,
+        system: &System,
+        data: WholeData,
+        stop: &dyn Fn() -> bool,
+        tell: &mut dyn FnMut(&Record),
+    ) -> Result<Outcome> {
+        let WholeConfig { batch, seed, steps, checkpoint_every, .. } = *self.config;
+        let mut batches = ShuffledBatches::new(data.train.len(), batch, seed)?;
+        if self.step == 0 {
+            self.validate(system, data.valid, None, tell)?;
+        }
+        while self.step < steps {
+            let clips = data.train.batch(batches.clips_of_step(self.step), data.train.time());
+            let loss = self.model.loss(&clips, self.step);
+            let value = loss.double_value(&[]);
+            if !value.is_finite() {
+                bail!("the loss is not finite at step {}; begin again with a lower learning rate", self.step + 1);
+            }
+            loss.backward();
+            let annealed = self.step as f64 >= ANNEAL_AT * steps as f64;
+            let rate = self.config.learning_rate / if annealed { ANNEAL_FACTOR } else { 1.0 };
+            self.optimizer.step(&self.variables, |_| rate);
+            self.step += 1;
+            let stop = stop();
+            if self.step.is_multiple_of(checkpoint_every) || self.step == steps {
+                self.validate(system, data.valid, Some(value), tell)?;
+                self.save()?;
+            } else if stop {
+                self.save()?;
+            }
+            if stop && self.step < steps {
+                return Ok(Outcome::Interrupted);
+            }
+        }
+        Ok(Outcome::Finished)
+    }
+
+    /// Scores the model on validation clips, on all frames after the input.
+    fn validate(
+        &mut self,
+        system: &System,
+        valid: &Clips,
+        train_loss: Option<f64>,
+        tell: &mut dyn FnMut(&Record),
+    ) -> Result<()> {
+        let error = prediction_error(self.model, system, valid, VALIDATION_CLIPS)?;
+        let record = Record {
+            train_loss,
+            score: Some(error),
+            pred_loss: Some(error),
+            seconds: Some(self.seconds()),
+            ..Record::new(metrics::Kind::Valid, "train", self.step)
+        };
+        record.write(&mut self.metrics)?;
+        tell(&record);
+        Ok(())
+    }
+
+    /// Replaces the checkpoint in one step, after the metrics that belong to it.
+    fn save(&mut self) -> Result<()> {
+        self.metrics.sync_data().context("cannot write the metrics")?;
+        let progress = Tensor::from_slice(&[self.step as f64, self.seconds()]);
+        let slots = self.optimizer.slots().into_iter().map(|(name, slot)| (format!("{SLOT}{name}"), slot));
+        let all = self.variables.iter().map(|(name, variable)| (name.clone(), variable.detach())).chain(slots);
+        let all: Vec<_> = all.chain([(PROGRESS.to_string(), progress)]).collect();
+        let contiguous: Vec<_> = all.iter().map(|(name, tensor)| (name.as_str(), tensor.contiguous())).collect();
+        atomic::write_path(&self.folder.join(CHECKPOINT), |path| Ok(Tensor::write_safetensors(&contiguous, path)?))
+    }
+}
+
+/// How far a training has come.
+struct Progress {
+    step: u64,
+    seconds: f64,
+}
+
+/// Sets variables and slots to what a checkpoint holds.
+fn restore(
+    saved: Vec<(String, Tensor)>,
+    variables: &[(String, Tensor)],
+    optimizer: &mut Optimizer,
+) -> Result<Progress> {
+    let _guard = tch::no_grad_guard();
+    let mut saved: BTreeMap<String, Tensor> = saved.into_iter().collect();
+    let progress: Vec<f64> = saved.remove(PROGRESS).context("it holds no step")?.to_kind(Kind::Double).try_into()?;
+    let [step, seconds] = progress[..] else { bail!("its step is no step") };
+    for (name, variable) in variables {
+        let value = saved.remove(name).with_context(|| format!("variable {name} is missing"))?;
+        ensure!(value.size() == variable.size(), "variable {name} has shape {:?}", value.size());
+        variable.shallow_clone().copy_(&value);
+    }
+    let slot = |(name, value): (String, Tensor)| Some((name.strip_prefix(SLOT)?.to_string(), value));
+    optimizer.restore(step as u64, saved.into_iter().filter_map(slot).collect())?;
+    Ok(Progress { step: step as u64, seconds })
+}
+
+/// The metrics up to a step, ready to go on.
+fn open_metrics(path: &Path, step: u64) -> Result<File> {
+    let kept = if path.exists() { metrics::read(path)? } else { Vec::new() };
+    atomic::write_file(path, |file| {
+        Record::begin().write(file)?;
+        // Without a checkpoint the first validation is made again.
+        kept.iter().filter(|record| step > 0 && record.step <= step).try_for_each(|record| record.write(file))
+    })?;
+    OpenOptions::new().append(true).open(path).with_context(|| format!("cannot open {}", path.display()))
+}

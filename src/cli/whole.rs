@@ -1,0 +1,94 @@
+//! Training of a whole other model from the command line: what `video_lstm` and `ddpae` call.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Parser;
+use tch::Device;
+
+use super::run::exit_code;
+use super::{environment, interrupt};
+use crate::baselines::training::{self, WholeConfig, WholeData, WholeModel, WholeScores};
+use crate::datasets::files::{ClipShape, DatasetFile, Split};
+use crate::datasets::iterators::Clips;
+use crate::support::device;
+use crate::training::base::Outcome;
+use crate::{say, tasks};
+
+/// Trains a model of frames without objects and physics, for comparison, and scores it on the test clips.
+///
+/// Given again, the same command goes on where it was stopped.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Arguments {
+    /// The task: a task file (.toml), or the name of a built-in one
+    #[arg(long, default_value = "spring_color")]
+    task: String,
+    /// Folder of the datasets
+    #[arg(long, default_value = "data/datasets")]
+    data: PathBuf,
+    /// Run folder [default: runs/TASK/MODEL/seed=N]
+    #[arg(long)]
+    out: Option<PathBuf>,
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Adam's
+    #[arg(long, default_value_t = 1e-3)]
+    learning_rate: f64,
+    /// Clips in a step
+    #[arg(long, default_value_t = 25)]
+    batch: usize,
+    #[arg(long, default_value_t = 6000)]
+    steps: u64,
+    /// Steps from one validation and checkpoint to the next
+    #[arg(long, default_value_t = 250)]
+    checkpoint_every: u64,
+    /// Threads to compute with; 0 for one a core
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+}
+
+/// Entry of a model's runner; `name` is that of its folder.
+pub fn main(model: WholeModel, name: &str) -> ExitCode {
+    exit_code(run(model, name, Arguments::parse()))
+}
+
+fn run(model: WholeModel, name: &str, arguments: Arguments) -> Result<ExitCode> {
+    environment::set();
+    let Arguments { task, data, out, seed, learning_rate, batch, steps, checkpoint_every, threads } = arguments;
+    let config = WholeConfig { model, task, data, seed, learning_rate, batch, steps, checkpoint_every };
+    device::set_threads(threads);
+    interrupt::catch()?;
+    let of_task = tasks::find(&config.task)?.name;
+    let folder = out.unwrap_or_else(|| Path::new("runs").join(of_task).join(name).join(format!("seed={seed}")));
+    if train(&config, &folder, &interrupt::asked)? == Outcome::Interrupted {
+        say!("stopped; the same command goes on");
+        return Ok(ExitCode::from(130));
+    }
+    if let Some(done) = WholeScores::read(&folder)? {
+        let losses = done.scores.losses;
+        let extrap = losses.extrap_loss.unwrap_or(f64::NAN);
+        say!("{} weights; L_pred {:.4}, L_extrap {extrap:.4}; {}", done.weights, losses.pred_loss, folder.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Reads the data of a training and goes through it.
+///
+/// # Errors
+/// Data that are missing or do not fit the task, and as for [`training::train`].
+pub fn train(config: &WholeConfig, folder: &Path, stop: &dyn Fn() -> bool) -> Result<Outcome> {
+    config.check()?;
+    let task = tasks::find(&config.task)?;
+    let read = |file: &Path, shape: &ClipShape| DatasetFile::read(&config.data.join(file), shape);
+    let learned = read(task.train_file.as_ref(), &ClipShape::training(&task))?;
+    let scored = read(task.test_file.as_ref(), &ClipShape::test(&task))?;
+    let clips = |file: &DatasetFile, split| Clips::new(file.split(split), file.actions(split), Device::Cpu);
+    let (train, valid) = (clips(&learned, Split::Train), clips(&learned, Split::Valid));
+    let data = WholeData { train: &train, valid: &valid, test: &clips(&scored, Split::Test) };
+    training::train(config, &task.system, data, folder, stop, &mut |record| {
+        let error = record.score.unwrap_or(f64::NAN);
+        say!("{} - step {}: validation error {error:.4}", folder.display(), record.step);
+    })
+}

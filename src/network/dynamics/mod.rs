@@ -1,0 +1,151 @@
+//! Dynamics that are told no equation: what the paper holds the physics against, on the same vision modules.
+//!
+//! Paper: section 4, the black-box baselines. A network takes in one frame's positions after the other, all L of the
+//! input, and gives the change of the positions to the next frame; from the last input frame on it takes in its own
+//! predictions. Every network predicts a change, `p' = p + f(..)`, and sees positions as -1..1, so that none is helped more
+//! than another. The sizes are ours: LSTM, GRU, interaction network and MLP have about 42,000 weights each for two objects
+//! and L = 4; the linear one is the least that can predict.
+
+mod gru;
+mod interaction_network;
+mod linear;
+mod lstm;
+mod mlp;
+
+use std::fmt::Debug;
+
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+use tch::nn::Path;
+
+use super::System;
+use super::blocks::Layers;
+use super::cells::{Actions, Coordinates, State};
+
+pub use gru::GruCell;
+pub use interaction_network::InteractionNetwork;
+pub use lstm::{LstmCell, memory_step};
+
+/// What carries the positions from frame to frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DynamicsKind {
+    /// The task's equation, from an estimated velocity.
+    #[default]
+    Physics,
+    Lstm,
+    Gru,
+    InteractionNetwork,
+    Mlp,
+    Linear,
+}
+
+/// A network that predicts the next frame's positions from those it has taken in.
+trait Predictor: Debug {
+    /// Takes in one more frame, `[batch, features]`; the memory is empty before the first.
+    fn see(&self, memory: &mut Vec<Tensor>, frame: &Tensor);
+
+    /// The change of the positions to the frame after the last, `[batch, coordinates * objects]`.
+    fn change(&self, memory: &[Tensor]) -> Tensor;
+}
+
+/// The numbers of one frame as a network takes them in: the positions of all objects, then what acts, if anything does.
+#[derive(Debug, Clone, Copy)]
+struct Features {
+    objects: usize,
+    /// Of one object.
+    coordinates: usize,
+    /// 1 where something acts from outside.
+    actions: usize,
+    /// L.
+    frames: usize,
+}
+
+impl Features {
+    fn positions(&self) -> usize {
+        self.objects * self.coordinates
+    }
+
+    fn in_frame(&self) -> usize {
+        self.positions() + self.actions
+    }
+}
+
+/// A roll-out without an equation.
+#[derive(Debug)]
+pub struct BlackBox {
+    network: Box<dyn Predictor>,
+    features: Features,
+    /// A position p is taken in as `p * scale - shift`.
+    scale: f64,
+    shift: f64,
+    dt: f64,
+}
+
+impl BlackBox {
+    /// None for the physics, which is no black box.
+    pub fn new(scope: Path, kind: DynamicsKind, system: &System) -> Option<Self> {
+        let features = Features {
+            objects: system.objects,
+            coordinates: system.cell.coordinates.per_object(),
+            actions: usize::from(system.cell.actions),
+            frames: system.input_steps,
+        };
+        let mut layers = Layers::new(scope);
+        let network: Box<dyn Predictor> = match kind {
+            DynamicsKind::Physics => return None,
+            DynamicsKind::Lstm => Box::new(lstm::Lstm::new(&mut layers, &features)),
+            DynamicsKind::Gru => Box::new(gru::Gru::new(&mut layers, &features)),
+            DynamicsKind::InteractionNetwork => Box::new(InteractionNetwork::new(&mut layers, &features)),
+            DynamicsKind::Mlp => Box::new(mlp::StackedMlp::new(&mut layers, &features)),
+            DynamicsKind::Linear => Box::new(linear::Linear::new(&mut layers, &features)),
+        };
+        let (scale, shift) = match system.cell.coordinates {
+            Coordinates::Position => (2.0 / system.side as f64, 1.0),
+            // Angles are small numbers as they are.
+            Coordinates::Angle => (1.0, 0.0),
+        };
+        Some(BlackBox { network, features, scale, shift, dt: system.dt })
+    }
+
+    /// The states at the last of the input positions `[batch, L, coordinates * objects]` and at the next `frames` frames.
+    /// `actions` begin at the first input frame. A velocity is the change of the position since the frame before, per time
+    /// unit.
+    pub fn roll_out(&self, input: &Tensor, actions: &Actions, frames: usize) -> (State, Vec<State>) {
+        let seen = input.size()[1];
+        let mut memory = Vec::new();
+        for frame in 0..seen {
+            self.see(&mut memory, &input.select(1, frame), actions.at(frame as usize));
+        }
+        let last = input.select(1, seen - 1);
+        let before = input.select(1, (seen - 2).max(0));
+        let initial = State { vel: (&last - before) / self.dt, pos: last };
+        let mut states: Vec<State> = Vec::with_capacity(frames);
+        for frame in 0..frames {
+            let change = self.network.change(&memory) / self.scale;
+            let pos = &states.last().unwrap_or(&initial).pos + &change;
+            if frame + 1 < frames {
+                self.see(&mut memory, &pos, actions.at(seen as usize + frame));
+            }
+            states.push(State { vel: change / self.dt, pos });
+        }
+        (initial, states)
+    }
+
+    /// Takes in positions `[batch, coordinates * objects]` and what acts from their frame on (`[batch, 1]`; nothing: zero).
+    fn see(&self, memory: &mut Vec<Tensor>, positions: &Tensor, action: Option<Tensor>) {
+        let mut frame = positions * self.scale - self.shift;
+        if self.features.actions > 0 {
+            let action = action.unwrap_or_else(|| positions.narrow(1, 0, 1).zeros_like());
+            frame = Tensor::cat(&[frame, action], 1);
+        }
+        self.network.see(memory, &frame);
+    }
+}
+
+/// Appends a frame to the last ones and forgets those before the last `count`.
+fn keep_last(memory: &mut Vec<Tensor>, frame: &Tensor, count: usize) {
+    memory.push(frame.shallow_clone());
+    let forgotten = memory.len().saturating_sub(count);
+    memory.drain(..forgotten);
+}

@@ -1,0 +1,151 @@
+//! Decoders: positions to frames.
+//!
+//! The paper's draws each object's sprite where the object is. The other one is a perceptron, for which a position is a
+//! number like any other (paper: the ablation of section 4).
+
+mod coordinate_consistent;
+mod mlp;
+
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+use tch::nn::Path;
+
+use self::coordinate_consistent::CoordinateConsistent;
+use self::mlp::MlpDecoder;
+use super::ModelOptions;
+use crate::network::System;
+
+/// How frames are drawn.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DecoderKind {
+    /// Sprites that are moved to their positions.
+    #[default]
+    CoordinateConsistent,
+    Mlp,
+}
+
+/// What the decoder has learned to draw, before the sigmoid of the colours.
+#[derive(Debug)]
+pub struct Sprites {
+    /// Mask logits, `[objects, 1, S/2, S/2]`.
+    pub template: Tensor,
+    /// Colour logits, `[objects, channels, S/2, S/2]`.
+    pub contents: Tensor,
+    /// Colours in \[0, 1\], `[1, channels, S, S]`.
+    pub background: Tensor,
+}
+
+/// Drawn frames and their layers.
+#[derive(Debug)]
+pub struct Rendering {
+    /// `[frames, channels, S, S]` in \[0, 1\].
+    pub frames: Tensor,
+    /// Visibility of each object and of the background, summing to 1: `[objects + 1, frames, S, S]`.
+    pub masks: Tensor,
+    /// Each object's moved colours, `[objects, frames, channels, S, S]`.
+    pub contents: Tensor,
+}
+
+/// A decoder of either kind.
+#[derive(Debug)]
+pub struct Decoder(Kind);
+
+#[derive(Debug)]
+enum Kind {
+    CoordinateConsistent(CoordinateConsistent),
+    Mlp(MlpDecoder),
+}
+
+impl Decoder {
+    pub fn new(scope: Path, system: &System, options: &ModelOptions) -> Self {
+        Decoder(match options.decoder {
+            DecoderKind::CoordinateConsistent => {
+                Kind::CoordinateConsistent(CoordinateConsistent::new(scope, system, options))
+            }
+            DecoderKind::Mlp => Kind::Mlp(MlpDecoder::new(scope, system)),
+        })
+    }
+
+    /// Draws the objects at `positions`, `[frames, coordinates * objects]`. A perceptron draws all as background.
+    pub fn forward(&self, positions: &Tensor) -> Rendering {
+        match &self.0 {
+            Kind::CoordinateConsistent(decoder) => decoder.forward(positions),
+            Kind::Mlp(decoder) => decoder.forward(positions),
+        }
+    }
+
+    /// Only the frames of [`Decoder::forward`], of several lists of positions.
+    pub fn draw<const LISTS: usize>(&self, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
+        match &self.0 {
+            Kind::CoordinateConsistent(decoder) => decoder.draw(positions),
+            Kind::Mlp(decoder) => positions.map(|positions| decoder.forward(positions).frames),
+        }
+    }
+
+    /// Frames drawn at `positions` (`[frames, coordinates * objects]`), and their derivative by each coordinate, `[frames,
+    /// coordinates * objects, channels, S, S]`, by central differences of `probe`, without gradient. None where there are no
+    /// sprites that could move.
+    pub fn with_derivative(&self, positions: &Tensor, probe: f64) -> Option<(Tensor, Tensor)> {
+        self.with_sprites().map(|decoder| decoder.with_derivative(positions, probe))
+    }
+
+    /// The same decoder as a constant: gradients pass through it to the positions, not to what it has learned.
+    pub fn detached(&self) -> Self {
+        Decoder(match &self.0 {
+            Kind::CoordinateConsistent(decoder) => Kind::CoordinateConsistent(decoder.detached()),
+            Kind::Mlp(decoder) => Kind::Mlp(decoder.detached()),
+        })
+    }
+
+    fn with_sprites(&self) -> Option<&CoordinateConsistent> {
+        match &self.0 {
+            Kind::CoordinateConsistent(decoder) => Some(decoder),
+            Kind::Mlp(_) => None,
+        }
+    }
+
+    /// The learned sprites and background; a perceptron has none.
+    pub fn sprites(&self) -> Option<Sprites> {
+        self.with_sprites().map(CoordinateConsistent::sprites)
+    }
+
+    /// How unlike the objects look: the squared error, summed over a frame, of drawing each in the place of each other before
+    /// the background's mean colour. None where there are no sprites to tell.
+    pub fn unlike(&self) -> Option<Vec<Vec<f64>>> {
+        self.with_sprites().map(CoordinateConsistent::unlike)
+    }
+
+    /// Begins the background at these logits, `[channels, S, S]`, its network's kernel scaled by `kernel`.
+    pub fn start_background(&self, logits: &Tensor, kernel: f64) {
+        match &self.0 {
+            Kind::CoordinateConsistent(decoder) => decoder.start_background(logits, kernel),
+            Kind::Mlp(decoder) => decoder.start_background(logits, kernel),
+        }
+    }
+
+    /// Begins every template as a Gaussian bump from `-height` at the window's edge to `height` at its centre; `width` is
+    /// its standard deviation in half windows. Nothing happens where there are no sprites.
+    pub fn start_templates(&self, height: f64, width: f64) {
+        if let Some(decoder) = self.with_sprites() {
+            decoder.start_templates(height, width);
+        }
+    }
+
+    /// Begins the sprites at masks `visible` (`[objects, S/2, S/2]`) and `colours` (`[objects, channels, S/2, S/2]`), both in
+    /// \[0, 1\], on windows that reach `reach` pixels of the frame to each side; the networks' kernels are scaled by `kernel`.
+    /// Nothing happens where there are no sprites.
+    pub fn start_sprites(&self, visible: &Tensor, colours: &Tensor, reach: f64, kernel: f64) {
+        if let Some(decoder) = self.with_sprites() {
+            decoder.start_sprites(visible, colours, reach, kernel);
+        }
+    }
+
+    /// Shifts each object's sprite in its window by `offsets` (`[2 * objects]`, pixels of the frame), so that it is drawn
+    /// where it was when its position loses as much. Nothing happens where there are no sprites.
+    pub fn shift_sprites(&self, offsets: &Tensor) {
+        if let Some(decoder) = self.with_sprites() {
+            decoder.shift_sprites(offsets);
+        }
+    }
+}

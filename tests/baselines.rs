@@ -1,0 +1,184 @@
+//! The paper's comparison: the list, whole other models, and a small comparison from data to report.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use paig::baselines::frame_model::{FrameModel, named_variables, weights};
+use paig::baselines::list::Comparison;
+use paig::baselines::training::WholeModel;
+use paig::tasks;
+use serde_json::Value;
+use tch::{Device, Kind, Tensor};
+
+const WHOLE: [WholeModel; 2] = [WholeModel::VideoLstm, WholeModel::Ddpae];
+
+/// Standard output and error together.
+fn text(output: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+fn built(model: WholeModel) -> Box<dyn FrameModel> {
+    model.build(&tasks::builtin("spring_color").unwrap().system, 3)
+}
+
+fn clips(count: i64, time: i64) -> Tensor {
+    tch::manual_seed(0);
+    Tensor::rand([count, time, 3, 32, 32], (Kind::Float, Device::Cpu))
+}
+
+/// The sizes that docs/baselines.md states.
+#[test]
+fn whole_models_have_the_sizes_that_are_stated() {
+    assert_eq!(WHOLE.map(|model| weights(built(model).as_ref())), [1_113_136, 840_780]);
+}
+
+/// Whatever comes after the input changes no prediction, and a longer roll-out begins as a shorter one.
+#[test]
+fn whole_models_see_only_the_input() {
+    let _guard = tch::no_grad_guard();
+    for model in WHOLE.map(built) {
+        let input = clips(2, 4);
+        let (short, long) = (model.predict(&input, 3), model.predict(&input, 6));
+        assert_eq!(long.size(), [2, 6, 3, 32, 32]);
+        assert!((long.narrow(1, 0, 3) - short).abs().max().double_value(&[]) < 1e-6);
+        assert!(long.min().double_value(&[]) >= 0.0 && long.max().double_value(&[]) <= 1.0);
+    }
+}
+
+/// No part is left without a gradient.
+#[test]
+fn every_weight_of_a_whole_model_learns() {
+    for model in WHOLE.map(built) {
+        model.loss(&clips(2, 8), 0).backward();
+        for (name, variable) in named_variables(model.as_ref()) {
+            let gradient = variable.grad();
+            assert!(gradient.defined() && gradient.abs().sum(Kind::Double).double_value(&[]) > 0.0, "{name}");
+        }
+    }
+}
+
+#[test]
+fn the_list_is_sound_and_says_what_is_wrong() {
+    let list = Comparison::read(Path::new("configs/baselines.toml")).unwrap();
+    assert_eq!(list.tasks.len(), 5);
+    assert!(list.model("interaction_network").is_ok());
+    assert!(format!("{:#}", list.model("alchemy").unwrap_err()).contains("physics, physics_unrefined, lstm"));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("list.toml");
+    let text = fs::read_to_string("configs/baselines.toml").unwrap();
+    for (change, complaint) in [
+        (("name = \"gru\"", "name = \"lstm\""), "lstm stands there twice"),
+        (("tasks = [\"spring_color\"", "tasks = [\"spring_colour\""), "spring_colour"),
+        (("recipe = ", "recipes = "), "recipes"),
+    ] {
+        fs::write(&path, text.replacen(change.0, change.1, 1)).unwrap();
+        let error = format!("{:#}", Comparison::read(&path).unwrap_err());
+        assert!(error.contains(complaint) && error.contains("list.toml"), "{error}");
+    }
+}
+
+/// A list of the smallest size: one task, one seed, one step of everything.
+fn small_list(folder: &Path) -> std::path::PathBuf {
+    let path = folder.join("small.toml");
+    let list = r#"
+recipe = "fast"
+tasks = ["spring_color"]
+seeds = [0]
+clips = { train = 30, valid = 10, test = 4 }
+search = { task = "spring_color", seed = 1, rates = [1e-3, 1e-2] }
+efficiency = { task = "spring_color", train = [], models = [] }
+whole = { steps = 4, batch = 2, checkpoint_every = 2 }
+[[models]]
+name = "gru_and_mlp"
+label = "GRU and MLP decoder"
+own_objects = true
+set = ["model.dynamics=gru", "model.decoder=mlp", "discover.max_steps=2", "pretrain.max_steps=2", "join.max_steps=2",
+       "join.validation_clips=5", "join.batch=4", "discover.frames=4"]
+[[models]]
+name = "video_lstm"
+label = "VideoLSTM"
+whole = "video_lstm"
+rate = "learning_rate"
+"#;
+    fs::write(&path, list).unwrap();
+    path
+}
+
+/// From nothing to a report with the search, the rows and the pictures; the same command again trains nothing, and every
+/// program reads the run of a black box.
+#[test]
+fn a_small_comparison_runs_to_its_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let list = small_list(folder.path());
+    let compare = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_baselines"));
+        command.arg("--list").arg(&list).current_dir(folder.path());
+        command.output().unwrap()
+    };
+    let done = compare();
+    assert!(done.status.success(), "{}", text(&done));
+    let report = folder.path().join("reports/baselines");
+    let rows: Value = serde_json::from_slice(&fs::read(report.join("results.json")).unwrap()).unwrap();
+    let [gru, video] = rows.as_array().unwrap().as_slice() else { panic!("{rows}") };
+    assert_eq!((gru["model"].as_str(), video["model"].as_str()), (Some("gru_and_mlp"), Some("video_lstm")));
+    for row in [gru, video] {
+        assert_eq!(row["ssim"].as_array().unwrap().len(), 26);
+        assert!(row["pred_loss"].as_f64().unwrap() > 0.0 && row["weights"].as_u64().unwrap() > 100_000);
+    }
+    assert!(gru["recons_loss"].is_f64() && video["recons_loss"].is_null());
+    let searched: Value = serde_json::from_slice(&fs::read(report.join("search.json")).unwrap()).unwrap();
+    assert_eq!(video["searched_rate"], searched[0]["chosen"]);
+    assert_eq!(searched[0]["rates"].as_array().unwrap().len(), 2);
+    let page = fs::read_to_string(report.join("report.md")).unwrap();
+    assert!(page.contains("2 of these 2 trainings are finished"), "{page}");
+    for picture in ["frames", "gallery", "whole"] {
+        let file = format!("pictures/spring_color-{picture}.png");
+        assert!(page.contains(&file) && report.join(file).exists(), "{picture}");
+    }
+
+    // Nothing is trained twice.
+    let runs = folder.path().join("runs/baselines/clips=30/spring_color");
+    let scores = runs.join("video_lstm/seed=0/scores.json");
+    let before = fs::metadata(&scores).unwrap().modified().unwrap();
+    let again = compare();
+    assert!(again.status.success() && text(&again).contains("finished before"), "{}", text(&again));
+    assert_eq!(fs::metadata(&scores).unwrap().modified().unwrap(), before);
+
+    let run = runs.join("fast-gru_and_mlp/seed=0");
+    let evaluated = Command::new(env!("CARGO_BIN_EXE_evaluate")).arg(&run).current_dir(folder.path()).output().unwrap();
+    assert!(evaluated.status.success(), "{}", text(&evaluated));
+}
+
+/// Killed after some steps and begun again, a training ends with the same bits as one that was never stopped.
+#[test]
+fn a_whole_model_goes_on_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let mut generate = Command::new(env!("CARGO_BIN_EXE_generate"));
+    generate.args(["--task", "spring_color", "--train", "10", "--valid", "4", "--test", "2", "--out"]).arg(&data);
+    assert!(generate.output().unwrap().status.success());
+    let train = |out: &str, steps: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ddpae"));
+        command.args(["--batch", "2", "--checkpoint-every", "2", "--threads", "1", "--steps", steps, "--data"]);
+        let done = command.arg(&data).arg("--out").arg(folder.path().join(out)).output().unwrap();
+        assert!(done.status.success(), "{}", text(&done));
+    };
+    train("whole", "6");
+    train("half", "6");
+    // As if it had been killed after its checkpoint at step 2: the later one and the results are gone.
+    train("start", "2");
+    let [whole, half, start] = ["whole", "half", "start"].map(|name| folder.path().join(name));
+    fs::copy(start.join("checkpoint.safetensors"), half.join("checkpoint.safetensors")).unwrap();
+    fs::remove_file(half.join("scores.json")).unwrap();
+    train("half", "6");
+    let weights = |run: &Path| {
+        let mut all = Tensor::read_safetensors(run.join("checkpoint.safetensors")).unwrap();
+        all.retain(|(name, _)| name != "progress");
+        all.sort_by(|a, b| a.0.cmp(&b.0));
+        all
+    };
+    for ((name, a), (_, b)) in weights(&whole).iter().zip(&weights(&half)) {
+        assert!(a.equal(b), "{name}");
+    }
+}

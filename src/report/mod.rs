@@ -27,6 +27,7 @@ use anyhow::{Context, Result, ensure};
 use self::groups::Group;
 use self::results::Results;
 use crate::support::atomic;
+use crate::support::storage::storage;
 
 /// How many runs were found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,7 +54,7 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
     let finished = found.runs.iter().filter(|run| run.summary.is_some()).count();
     let unfinished = found.runs.len() - finished;
     let groups = groups::group(found.runs);
-    fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+    storage().create_folder(out).with_context(|| format!("cannot create {}", out.display()))?;
     // Made aside: whatever goes wrong, the earlier report and its records stay as they are.
     let new = tempfile::Builder::new().prefix(".new-").tempdir_in(out);
     let new = new.with_context(|| format!("cannot write into {}", out.display()))?;

@@ -12,6 +12,7 @@ use super::groups::{Group, numbered};
 use crate::runs::find::{FoundRuns, find_runs};
 use crate::runs::names::RECORDS;
 use crate::support::atomic;
+use crate::support::storage::{self, storage};
 
 /// The folder of all records, in that of a report.
 pub(super) const FOLDER: &str = "records";
@@ -48,7 +49,7 @@ pub(super) fn write(out: &Path, groups: &[Group]) -> Result<Vec<Vec<PathBuf>>> {
     }
     for (run, place) in groups.iter().flat_map(|group| &group.runs).zip(places.iter().flatten()) {
         let folder = out.join(place);
-        fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
         for name in RECORDS {
             copy(&run.folder.join(name), &folder.join(name))?;
         }
@@ -61,7 +62,7 @@ pub(super) fn copy(from: &Path, to: &Path) -> Result<bool> {
     if !from.exists() {
         return Ok(false);
     }
-    let bytes = fs::read(from).with_context(|| format!("cannot read {}", from.display()))?;
+    let bytes = storage::read(from).with_context(|| format!("cannot read {}", from.display()))?;
     atomic::write_file(to, |file| Ok(file.write_all(&bytes)?))?;
     Ok(true)
 }

@@ -1,6 +1,5 @@
 //! A run as its folder tells it, finished or not.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -9,6 +8,7 @@ use super::course::Course;
 use super::names::{CONFIG, METRICS};
 use super::run_config::RunConfig;
 use super::summary::Summary;
+use crate::support::storage;
 
 /// One run folder.
 #[derive(Debug)]
@@ -76,7 +76,7 @@ impl Run {
     pub(super) fn config_and_course(&self) -> Result<[Vec<u8>; 2]> {
         let read = |name: &str| {
             let path = self.folder.join(name);
-            fs::read(&path).with_context(|| format!("cannot read {}", path.display()))
+            storage::read(&path).with_context(|| format!("cannot read {}", path.display()))
         };
         Ok([read(CONFIG)?, read(METRICS)?])
     }

@@ -6,5 +6,6 @@
 mod plan;
 mod processes;
 
-pub use plan::{DONE, Job, OUTPUT, SweepPlan};
+pub use crate::runs::names::{DONE, OUTPUT};
+pub use plan::{Job, SweepPlan};
 pub use processes::{SweepEvent, SweepSummary, last_line, run};

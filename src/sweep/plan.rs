@@ -4,14 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 
+use crate::runs::names::{CONFIG, DONE};
 use crate::support::command_line::CommandOptions;
 use crate::training::config::Config;
 use crate::training::layers::Overrides;
 
-/// File that marks the folder of a run that has finished.
-pub const DONE: &str = "DONE";
-/// What a run printed, in its folder.
-pub const OUTPUT: &str = "output.log";
 
 /// What is to be run.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -132,7 +129,7 @@ impl SweepPlan {
 
 impl Job {
     pub(super) fn stage(&self) -> Result<Stage> {
-        let path = self.folder.join("config.toml");
+        let path = self.folder.join(CONFIG);
         if !path.exists() {
             return Ok(Stage::New);
         }

@@ -1,6 +1,6 @@
 //! The runs of a sweep as processes, a few at a time.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -11,8 +11,10 @@ use anyhow::{Context, Result, anyhow};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use super::plan::{DONE, Job, OUTPUT, Stage};
+use super::plan::{Job, Stage};
+use crate::runs::names::{DONE, OUTPUT};
 use crate::support::atomic;
+use crate::support::storage::storage;
 
 /// How often the processes are looked at.
 const TICK: Duration = Duration::from_millis(100);
@@ -151,7 +153,7 @@ fn spawn(program: &Path, job: &Job, stage: Stage) -> Result<Option<Child>> {
 }
 
 fn open_output(folder: &Path) -> Result<File> {
-    fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let path = folder.join(OUTPUT);
     OpenOptions::new().create(true).append(true).open(&path).with_context(|| format!("cannot open {}", path.display()))
 }

@@ -17,6 +17,7 @@ use super::phase::Phase;
 use super::ranges::at_least_one;
 use crate::network::physics_models::ModelOptions;
 use crate::runs::config_file;
+use crate::support::storage;
 use crate::support::toml_values::leaves;
 use crate::tasks::{self, Task};
 
@@ -99,7 +100,7 @@ impl Config {
     /// A file that is missing or is not a complete config, a value out of range, a newer form.
     pub fn read(path: &Path) -> Result<Config> {
         let read = || {
-            let mut table = config_file::parse(&std::fs::read_to_string(path)?)?;
+            let mut table = config_file::parse(&storage::read_to_string(path)?)?;
             // A run of an earlier version names its task.
             if let Some(Value::String(name)) = table.get("task") {
                 table.insert("task".into(), Value::Table(tasks::find(name)?.to_table()));

@@ -19,7 +19,6 @@ mod rollout;
 mod sections;
 mod sprites;
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -27,6 +26,7 @@ use anyhow::{Context, Result, ensure};
 use crate::datasets::iterators::Clips;
 use crate::evaluation::outputs::Outputs;
 use crate::network::physics_models::PhysicsNet;
+use crate::support::storage::storage;
 
 pub use curves::write_curves;
 pub use film::write_film;
@@ -57,7 +57,7 @@ const SAVED_CLIPS: usize = 100;
 pub fn write_artifacts(folder: &Path, model: &PhysicsNet, test: &Clips, examples: usize) -> Result<()> {
     let _guard = tch::no_grad_guard();
     ensure!(!test.is_empty(), "there are no test clips to show");
-    fs::create_dir_all(folder).with_context(|| format!("cannot create the run folder {}", folder.display()))?;
+    storage().create_folder(folder).with_context(|| format!("cannot create the run folder {}", folder.display()))?;
     let outputs = Outputs::of(model, test, SAVED_CLIPS.max(examples))?;
     examples::write(folder, &model.system, &outputs, examples)?;
     animation::write(&folder.join("animation.gif"), &model.system, &outputs)?;

@@ -1,6 +1,5 @@
 //! One clip and its roll-out: as a strip of frames, in motion, and as numbers.
 
-use std::fs;
 use std::io::Write;
 use std::ops::Range;
 use std::path::Path;
@@ -18,6 +17,7 @@ use crate::evaluation::rollout::Rollout;
 use crate::network::System;
 use crate::network::cells::Coordinates;
 use crate::support::atomic;
+use crate::support::storage::storage;
 
 /// Frames in one line of the strip.
 const PER_LINE: usize = 12;
@@ -38,7 +38,7 @@ const CAPTION: u32 = 150;
 /// # Errors
 /// A folder that cannot be written, frames with neither 1 nor 3 channels.
 pub fn write_rollout(folder: &Path, system: &System, rollout: &Rollout) -> Result<()> {
-    fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     write_strip(&folder.join("frames.png"), &Moments::new(system, rollout, 1)?)?;
     write_animation(&folder.join("animation.gif"), &Moments::new(system, rollout, 2)?)?;
     atomic::write_file(&folder.join("states.csv"), |file| Ok(file.write_all(states(system, rollout).as_bytes())?))?;

@@ -5,11 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
-use paig::cli::arguments::parse_seeds;
+use paig::cli::arguments::{MOST_RUNS, parse_seeds};
+use paig::cli::ending::{begin_work, exit_code};
 use paig::cli::interrupt;
-use paig::cli::run::exit_code;
 use paig::cli::sweep_display::SweepDisplay;
 use paig::say;
+use paig::support::device;
 use paig::sweep::{self, SweepPlan, SweepSummary};
 use paig::tasks;
 
@@ -67,12 +68,12 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    exit_code(run(Arguments::parse()))
+    exit_code(|| run(Arguments::parse()))
 }
 
 fn run(arguments: Arguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let cores = device::cores();
     let plan = SweepPlan {
         tasks: unique(arguments.task),
         seeds: unique(parse_seeds(&arguments.seeds)?),
@@ -86,6 +87,11 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
         out: arguments.out,
     };
     ensure!(plan.threads > 0, "--threads-per-run must be at least 1");
+    ensure!(
+        plan.tasks.len().saturating_mul(plan.seeds.len()) <= MOST_RUNS,
+        "more than {MOST_RUNS} runs; give a part of them"
+    );
+    device::threads(plan.threads).context("--threads-per-run")?;
     let jobs = plan.jobs()?;
     ensure!(
         plan.name.is_none() || plan.config.is_some() || !plan.set.is_empty(),
@@ -93,7 +99,7 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
     );
     let this = std::env::current_exe().context("cannot find this program's own place")?;
     if arguments.dry_run {
-        for command in plan.commands(&this)? {
+        for command in plan.commands(&this, arguments.threads_per_run)? {
             say!("{command}");
         }
         return Ok(ExitCode::SUCCESS);
@@ -101,23 +107,25 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
     let program = this.with_file_name("run_physics");
     ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
     interrupt::catch()?;
+    begin_work();
     let mut display = SweepDisplay::new(jobs.len());
     let summary = sweep::run(&program, &jobs, arguments.jobs, &interrupt::asked, &mut |event| display.show(event))?;
     display.close();
-    Ok(ExitCode::from(conclude(&summary)))
+    Ok(conclude(&summary))
 }
 
 /// Prints how the sweep ended; returns the exit code.
-fn conclude(summary: &SweepSummary) -> u8 {
-    let SweepSummary { finished, skipped, stopped, failed } = summary;
-    say!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed", failed.len());
+fn conclude(summary: &SweepSummary) -> ExitCode {
+    let SweepSummary { finished, skipped, stopped, in_use, failed } = summary;
+    let in_use = if *in_use > 0 { format!(", {in_use} under way elsewhere") } else { String::new() };
+    say!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed{in_use}", failed.len());
     for output in failed {
         say!("failed: see {}", output.display());
     }
     match (failed.is_empty(), stopped) {
-        (false, _) => 1,
-        (true, 0) => 0,
-        (true, _) => 130,
+        (false, _) => ExitCode::FAILURE,
+        (true, 0) => ExitCode::SUCCESS,
+        (true, _) => interrupt::exit_code(),
     }
 }
 

@@ -44,6 +44,7 @@ pub struct RunCounts {
 /// A folder that cannot be listed or that the report would replace, no run at all, an output folder that cannot be
 /// written. A run that is damaged is no error: the report says so.
 pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
+    put_in_place(out)?;
     let found = records::find(folders, out)?;
     let places: Vec<_> = folders.iter().map(|folder| folder.display().to_string()).collect();
     ensure!(
@@ -55,13 +56,25 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
     let unfinished = found.runs.len() - finished;
     let groups = groups::group(found.runs);
     storage().create_folder(out).with_context(|| format!("cannot create {}", out.display()))?;
-    // Made aside: whatever goes wrong, the earlier report and its records stay as they are.
-    let new = tempfile::Builder::new().prefix(".new-").tempdir_in(out);
-    let new = new.with_context(|| format!("cannot write into {}", out.display()))?;
-    fill(new.path(), &groups, &found.unreadable, &places)?;
-    clear(out)?;
-    move_into(new.path(), out)?;
+    // Made aside, whole or not at all: whatever goes wrong, the earlier report and its records stay as they are.
+    let new = out.join(NEW);
+    atomic::write_folder(&new, |new| fill(new, &groups, &found.unreadable, &places))?;
+    put_in_place(out)?;
     Ok(RunCounts { finished, unfinished, unreadable: found.unreadable.len() })
+}
+
+/// A whole report that is not in its place yet.
+const NEW: &str = ".new";
+
+/// Puts a new report in the place of the earlier one; also one that was cut off here.
+fn put_in_place(out: &Path) -> Result<()> {
+    let new = out.join(NEW);
+    if !new.exists() {
+        return Ok(());
+    }
+    clear(out)?;
+    move_into(&new, out)?;
+    storage().remove_folder(&new).with_context(|| format!("cannot remove {}", new.display()))
 }
 
 /// Writes all of a report into an empty folder.
@@ -84,7 +97,7 @@ fn move_into(from: &Path, to: &Path) -> Result<()> {
         if from.is_dir() && to.is_dir() {
             move_into(&from, &to)?;
         } else {
-            fs::rename(&from, &to).with_context(|| format!("cannot write {}", to.display()))?;
+            storage().rename(&from, &to).with_context(|| format!("cannot write {}", to.display()))?;
         }
     }
     Ok(())
@@ -99,7 +112,7 @@ fn clear(out: &Path) -> Result<()> {
     }
     for folder in [records::FOLDER, pictures::FOLDER].map(|name| out.join(name)) {
         if folder.exists() {
-            fs::remove_dir_all(&folder).with_context(|| format!("cannot replace {}", folder.display()))?;
+            storage().remove_folder(&folder).with_context(|| format!("cannot replace {}", folder.display()))?;
         }
     }
     Ok(())

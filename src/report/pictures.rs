@@ -10,8 +10,8 @@ use super::groups::{Group, Role};
 use super::plots;
 use super::records;
 use crate::runs::run::Run;
-use crate::viz::{self, CHART_HEIGHT, chart};
 use crate::support::storage::storage;
+use crate::viz::{self, CHART_HEIGHT, chart};
 
 /// The folder of what is drawn here, in that of the report.
 pub(super) const FOLDER: &str = "pictures";

@@ -17,9 +17,9 @@ use tch::Tensor;
 use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
 use super::weights::{self, Named, is_finite};
 use crate::network::physics_models::PhysicsNet;
+use crate::support::atomic;
 use crate::support::random::fnv1a;
 use crate::support::storage::{self, storage};
-use crate::support::atomic;
 
 /// Version of the form of `state.json` and `index.json`. Files of before it have none.
 const FORMAT: u32 = 2;

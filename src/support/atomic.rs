@@ -148,7 +148,7 @@ fn target(path: &Path) -> Result<PathBuf> {
 }
 
 /// Whether something is there that is neither a file nor a folder: a device, a pipe.
-fn is_stream(path: &Path) -> bool {
+pub fn is_stream(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|kind| !kind.is_file() && !kind.is_dir())
 }
 

@@ -9,7 +9,6 @@ use crate::support::command_line::CommandOptions;
 use crate::training::config::Config;
 use crate::training::layers::Overrides;
 
-
 /// What is to be run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SweepPlan {
@@ -82,15 +81,16 @@ impl SweepPlan {
     }
 
     /// A shell command for each run, for schedulers: a sweep of that run alone, so that it is skipped, resumed and
-    /// marked in the same way. `program` is the sweep program.
+    /// marked in the same way. `program` is the sweep program. The threads are said only where they were asked for: the
+    /// machine that will run it may have other cores than this one.
     ///
     /// # Errors
     /// A path that cannot be quoted.
-    pub fn commands(&self, program: &Path) -> Result<Vec<String>> {
+    pub fn commands(&self, program: &Path, threads: Option<usize>) -> Result<Vec<String>> {
         let command = |(task, seed): (&String, u64)| {
             self.shared_options(task)
                 .with("seeds", seed.to_string())
-                .with("threads-per-run", self.threads.to_string())
+                .with_each("threads-per-run", threads.map(|threads| threads.to_string()))
                 .with("out", &self.out)
                 .with_each("name", &self.name)
                 .shell(program)

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -15,6 +15,7 @@ use super::join::Join;
 use super::layers::{self, ConfigLayers, Overrides};
 use super::phase::Phase;
 use super::ranges::at_least_one;
+use crate::datasets::iterators::Clips;
 use crate::network::physics_models::ModelOptions;
 use crate::runs::config_file;
 use crate::support::storage;
@@ -23,6 +24,10 @@ use crate::tasks::{self, Task};
 
 /// Version of the file's form. Files of before it have none, and name their task instead of holding it.
 const FORMAT: u32 = 1;
+/// Steps of Gauss and Newton on the first state; a handful converge.
+const MOST_REFINEMENT_STEPS: usize = 100;
+/// Frames that a batch may have of however few clips: they are drawn with repetition.
+const LEAST_FRAMES: usize = 1000;
 
 /// A complete run: what, how, where.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -180,10 +185,29 @@ impl Config {
         {
             at_least_one(key, count)?;
         }
+        let steps = self.model.refinement_steps;
+        ensure!(
+            steps <= MOST_REFINEMENT_STEPS,
+            "config: model.refinement_steps = {steps}: at most {MOST_REFINEMENT_STEPS}, each rolls the system out once more"
+        );
         self.check_parameters()?;
         self.join.check()?;
         self.discover.as_ref().map_or(Ok(()), Discover::check)?;
         self.identify.as_ref().map_or(Ok(()), |identify| identify.check(self.task.train_frames))
+    }
+
+    /// Whether so many clips suffice.
+    ///
+    /// # Errors
+    /// A batch of more frames than there are.
+    pub fn check_clips(&self, train: &Clips) -> Result<()> {
+        let frames = train.len() * train.time();
+        match &self.discover {
+            Some(discover) if discover.frames > frames.max(LEAST_FRAMES) => {
+                bail!("config: discover.frames = {}: the training clips have {frames} frames in all", discover.frames)
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The parameters that are fixed or start elsewhere.

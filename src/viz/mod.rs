@@ -32,7 +32,7 @@ pub use curves::write_curves;
 pub use film::write_film;
 pub use frame_scores::write_frame_scores;
 pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts};
-pub use rollout::write_rollout;
+pub use rollout::{check_rollout_folder, write_rollout};
 
 /// Test clips whose arrays are saved, as in the original.
 const SAVED_CLIPS: usize = 100;

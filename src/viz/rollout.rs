@@ -1,10 +1,11 @@
 //! One clip and its roll-out: as a strip of frames, in motion, and as numbers.
 
-use std::io::Write;
+use std::fs;
+use std::io::{ErrorKind, Write};
 use std::ops::Range;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use image::RgbImage;
 use plotters::style::text_anchor::HPos;
 use tch::Tensor;
@@ -46,6 +47,29 @@ pub fn write_rollout(folder: &Path, system: &System, rollout: &Rollout) -> Resul
     let frames = arrays::channels_last(&rollout.frames);
     let all = [("positions", positions), ("velocities", velocities), ("frames", frames)];
     arrays::write(&folder.join("rollout.npz"), &all)
+}
+
+/// The files of a roll-out.
+const FILES: [&str; 4] = ["frames.png", "animation.gif", "states.csv", "rollout.npz"];
+
+/// Tries whether a roll-out may be written into a folder: an earlier one is replaced, nothing else.
+///
+/// # Errors
+/// A run's folder, or one that holds anything but a roll-out.
+pub fn check_rollout_folder(folder: &Path) -> Result<()> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        entries => entries.with_context(|| format!("cannot write into {}", folder.display()))?,
+    };
+    for entry in entries {
+        let name = entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name();
+        ensure!(
+            FILES.iter().any(|file| name == *file) || atomic::is_partial(&name),
+            "{} holds {name:?}, which is of no prediction, and a prediction would write among it; choose another folder",
+            folder.display()
+        );
+    }
+    Ok(())
 }
 
 /// What is shown: for each moment the clip's frame, if there is one, and the model's (the input, then the prediction).

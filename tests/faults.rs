@@ -461,7 +461,7 @@ fn weights_with_a_nan_and_an_edited_config_are_refused() {
     let path = folder.path().join("weights.safetensors");
     let saved = weights::parse(&last_weights(&run())).unwrap();
     assert!(saved.checked);
-    let mut tensors = saved.tensors;
+    let tensors = saved.tensors;
     let _ = tensors[0].1.view([-1]).get(0).fill_(f64::NAN);
     weights::write(&path, &tensors).unwrap();
     let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, 0).unwrap();

@@ -62,10 +62,10 @@ impl SweepPlan {
         let variant = match &self.name {
             None => self.recipe.clone(),
             Some(name) => {
-                let sound = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+                let sound = |c: char| c.is_ascii_alphanumeric() || "._-=".contains(c);
                 ensure!(
                     !name.is_empty() && name.chars().all(sound),
-                    "--name {name:?}: only letters, digits, '.', '_' and '-' can stand in a folder's name"
+                    "--name {name:?}: only letters, digits, '.', '_', '-' and '=' can stand in a folder's name"
                 );
                 format!("{}-{name}", self.recipe)
             }

@@ -48,11 +48,6 @@ impl Faulty {
         Faulty(Arc::new(Mutex::new(state)))
     }
 
-    /// Operations so far.
-    pub fn operations(&self) -> u64 {
-        self.0.lock().unwrap().done
-    }
-
     /// Whether the fault has come.
     pub fn struck(&self) -> bool {
         let state = self.0.lock().unwrap();

@@ -28,7 +28,7 @@ pub struct Target {
     /// Reads the bytes; the folder is for those that read files. What it makes of them is of no interest here, only that it
     /// comes back.
     pub read: fn(&[u8], &Path),
-    /// About how many inputs a second: the rare ones write files.
+    /// Whether no file is written for it.
     pub quick: bool,
 }
 

@@ -65,15 +65,30 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
 
 /// A whole report that is not in its place yet.
 const NEW: &str = ".new";
+const PAGE: &str = "report.md";
+const HTML: &str = "report.html";
 
-/// Puts a new report in the place of the earlier one; also one that was cut off here.
+/// Puts a new report in the place of the earlier one; also one that was cut off here. What an earlier report left in its
+/// folders goes; folders of these names beside which no report lies stay, and the new files go among theirs. The page comes
+/// last: it says whose the folders are.
 fn put_in_place(out: &Path) -> Result<()> {
     let new = out.join(NEW);
     if !new.exists() {
         return Ok(());
     }
-    clear(out)?;
-    move_into(&new, out)?;
+    let before = fs::read_to_string(out.join(PAGE)).unwrap_or_default();
+    let ours = before.starts_with(&format!("# {}", template::TITLE));
+    for folder in [records::FOLDER, pictures::FOLDER].iter().filter(|folder| new.join(folder).exists()) {
+        let (from, to) = (new.join(folder), out.join(folder));
+        if ours && to.exists() {
+            storage().remove_folder(&to).with_context(|| format!("cannot replace {}", to.display()))?;
+        }
+        move_to(&from, &to)?;
+    }
+    for name in [records::RESULTS, HTML, PAGE].iter().filter(|name| new.join(name).exists()) {
+        move_to(&new.join(name), &out.join(name))?;
+    }
+    storage().sync(out).with_context(|| format!("cannot write into {}", out.display()))?;
     storage().remove_folder(&new).with_context(|| format!("cannot remove {}", new.display()))
 }
 
@@ -84,36 +99,19 @@ fn fill(out: &Path, groups: &[Group], unreadable: &[(PathBuf, anyhow::Error)], p
     let markdown = page::page(groups, unreadable, &pictures, places)?;
     let results = Results::of(groups);
     atomic::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
-    atomic::write_file(&out.join("report.md"), |file| Ok(file.write_all(markdown.as_bytes())?))?;
+    atomic::write_file(&out.join(PAGE), |file| Ok(file.write_all(markdown.as_bytes())?))?;
     let html = html::render(&markdown, out)?;
-    atomic::write_file(&out.join("report.html"), |file| Ok(file.write_all(html.as_bytes())?))
+    atomic::write_file(&out.join(HTML), |file| Ok(file.write_all(html.as_bytes())?))
 }
 
-/// Moves what is in a folder into another one of the same file system, among what is there.
-fn move_into(from: &Path, to: &Path) -> Result<()> {
+/// Moves a file or a folder to its place on the same file system; what is in a folder goes among what is there.
+fn move_to(from: &Path, to: &Path) -> Result<()> {
+    if !(from.is_dir() && to.is_dir()) {
+        return storage().rename(from, to).with_context(|| format!("cannot write {}", to.display()));
+    }
     for entry in fs::read_dir(from).with_context(|| format!("cannot list {}", from.display()))? {
         let entry = entry?;
-        let (from, to) = (from.join(entry.file_name()), to.join(entry.file_name()));
-        if from.is_dir() && to.is_dir() {
-            move_into(&from, &to)?;
-        } else {
-            storage().rename(&from, &to).with_context(|| format!("cannot write {}", to.display()))?;
-        }
-    }
-    Ok(())
-}
-
-/// Removes what an earlier report would leave among the files of the new one. Folders of these names beside which no
-/// report lies stay.
-fn clear(out: &Path) -> Result<()> {
-    let report = fs::read_to_string(out.join("report.md")).unwrap_or_default();
-    if !report.starts_with(&format!("# {}", template::TITLE)) {
-        return Ok(());
-    }
-    for folder in [records::FOLDER, pictures::FOLDER].map(|name| out.join(name)) {
-        if folder.exists() {
-            storage().remove_folder(&folder).with_context(|| format!("cannot replace {}", folder.display()))?;
-        }
+        move_to(&entry.path(), &to.join(entry.file_name()))?;
     }
     Ok(())
 }

@@ -32,7 +32,10 @@ pub(super) fn find(folders: &[PathBuf], out: &Path) -> Result<FoundRuns> {
         let inside = replaced.is_some_and(|(records, searched)| searched.starts_with(records));
         ensure!(!inside, "{} would be replaced by the new report; choose another folder with --out", folder.display());
     }
-    find_runs(&searched, &|folder| folder.ends_with(FOLDER) && folder.with_file_name(RESULTS).exists())
+    let half_written = |folder: &Path| folder.file_name().is_some_and(atomic::is_partial);
+    find_runs(&searched, &|folder| {
+        half_written(folder) || folder.ends_with(FOLDER) && folder.with_file_name(RESULTS).exists()
+    })
 }
 
 /// Copies the records of all runs into `out/records`, in the folders that `sweep` would give them: one for each run, in

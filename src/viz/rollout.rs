@@ -93,9 +93,21 @@ impl Moments {
         Ok(Moments { clip: pictures(&rollout.clip, pixel)?, model, sections, line })
     }
 
-    /// Draws a line of frames: number, band, clip, model. The clip may have ended before.
-    fn draw(&self, canvas: &mut Canvas, line: &Grid, frames: Range<usize>) -> Result<()> {
-        for (row, (label, pictures)) in ROW_LABELS.into_iter().zip([&self.clip, &self.model]).enumerate() {
+    /// The rows of a line that begins at a frame: the clip may have ended before, and leaves no empty row then.
+    fn rows(&self, first: usize) -> Vec<(&'static str, &Vec<RgbImage>)> {
+        let rows = ROW_LABELS.into_iter().zip([&self.clip, &self.model]);
+        rows.filter(|(_, pictures)| pictures.len() > first).collect()
+    }
+
+    /// Draws a line of frames: number, band, and the rows.
+    fn draw(
+        &self,
+        canvas: &mut Canvas,
+        line: &Grid,
+        rows: &[(&str, &Vec<RgbImage>)],
+        frames: Range<usize>,
+    ) -> Result<()> {
+        for (row, (label, pictures)) in rows.iter().enumerate() {
             if pictures.len() > frames.start {
                 line.label(canvas, row, &[label])?;
             }
@@ -118,16 +130,19 @@ impl Moments {
 fn write_strip(path: &Path, moments: &Moments) -> Result<()> {
     let (frames, line) = (moments.model.len(), &moments.line);
     let head = NUMBER + line.margin;
-    let line_height = line.top + ROW_LABELS.len() as u32 * (line.cell + line.gap) + LINE_GAP;
+    let firsts = || (0..frames).step_by(PER_LINE);
+    let line_height = |first| line.top + moments.rows(first).len() as u32 * (line.cell + line.gap) + LINE_GAP;
     let width = line.left + frames.min(PER_LINE) as u32 * (line.cell + line.gap) + line.margin;
-    let mut canvas = Canvas::new(width, head + frames.div_ceil(PER_LINE) as u32 * line_height);
+    let mut canvas = Canvas::new(width, head + firsts().map(line_height).sum::<u32>());
     let shown = moments.sections.iter().filter(|section| section.first < frames);
     for (x, section) in (line.left..).step_by(CAPTION as usize).zip(shown) {
         canvas.text(section.name, (x, head / 2), line.font_size, HPos::Left, section.colour)?;
     }
-    for (number, first) in (0..).zip((0..frames).step_by(PER_LINE)) {
-        let line = Grid { top: head + number * line_height + line.top, ..line.clone() };
-        moments.draw(&mut canvas, &line, first..frames.min(first + PER_LINE))?;
+    let mut above = head;
+    for first in firsts() {
+        let place = Grid { top: above + line.top, ..line.clone() };
+        moments.draw(&mut canvas, &place, &moments.rows(first), first..frames.min(first + PER_LINE))?;
+        above += line_height(first);
     }
     canvas.write_png(path)
 }
@@ -137,7 +152,7 @@ fn write_animation(path: &Path, moments: &Moments) -> Result<()> {
     let (width, height) = moments.line.size();
     gif::write(path, moments.model.len(), |frame| {
         let mut canvas = Canvas::new(width, height + moments.line.gap);
-        moments.draw(&mut canvas, &moments.line, frame..frame + 1)?;
+        moments.draw(&mut canvas, &moments.line, &moments.rows(0), frame..frame + 1)?;
         Ok(canvas)
     })
 }

@@ -3,6 +3,7 @@
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
 # make baselines  other dynamics, decoders and models beside the physics: runs, reports/baselines (days; goes on)
+# make torture   kills, faults, fuzzing and bad calls; reports/torture (an hour; KILLS=n, FUZZ=seconds)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
 # make compare-speed   a training step of each of the three beside the others
 # make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
@@ -16,7 +17,7 @@ SEED ?= 0
 JOBS ?= 2
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data stress baselines compare compare-speed compare-defects clean
+.PHONY: demo test lint libtorch build data stress baselines torture compare compare-speed compare-defects clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -41,6 +42,18 @@ stress: build
 
 baselines: build
 	$(CARGO) run --release --quiet --bin baselines -- --jobs $(JOBS) --efficiency
+
+# Each part leaves what it printed in target/torture; the last one makes the report of all. What fails stops no other part.
+KILLS ?= 300
+FUZZ ?= 600
+STRIDE ?= 1
+TORTURE := target/torture
+torture: build
+	mkdir -p $(TORTURE)
+	-PAIG_FAULTS_STRIDE=$(STRIDE) $(CARGO) test --release --test faults -- --nocapture > $(TORTURE)/faults.txt
+	-$(CARGO) test --release --test invocations -- --nocapture > $(TORTURE)/invocations.txt
+	-$(CARGO) run --release --quiet --example fuzz -- $(FUZZ) > $(TORTURE)/fuzz.txt
+	$(CARGO) run --release --quiet --example torture -- $(KILLS) 3600
 
 libtorch:
 	@$(PYTHON) setup/fetch_libtorch.py $(if $(CUDA),--cuda)

@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use anyhow::Result;
 use clap::Parser;
+use paig::cli::ending::exit_code;
 use paig::cli::environment;
-use paig::cli::run::exit_code;
 use paig::network::cells::Actions;
 use paig::network::physics_models::PhysicsNet;
 use paig::network::physics_models::losses::Losses;
@@ -36,12 +36,12 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    exit_code(run(&Arguments::parse()))
+    exit_code(|| run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<ExitCode> {
     environment::set();
-    device::set_threads(1);
+    device::set_threads(1)?;
     let (task, recipe) = (Some(arguments.task.clone()), Some("paper".into()));
     let config = Config::load(None, &Overrides { task, recipe, ..Overrides::default() })?;
     let (task, join) = (&config.task, &config.join);

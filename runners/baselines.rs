@@ -11,8 +11,8 @@ use paig::baselines::page::Report;
 use paig::baselines::plan::{self, Places, Training};
 use paig::baselines::results::{Row, searched};
 use paig::cli::arguments::parse_seeds;
+use paig::cli::ending::exit_code;
 use paig::cli::generate_display::Display;
-use paig::cli::run::exit_code;
 use paig::cli::sweep_display::SweepDisplay;
 use paig::cli::{interrupt, whole};
 use paig::generators::generate;
@@ -77,7 +77,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    exit_code(Arguments::parse().run())
+    exit_code(|| Arguments::parse().run())
 }
 
 /// What is asked for.
@@ -158,7 +158,7 @@ impl Comparing {
         failed |= self.train(&trainings)?;
         if self.stop() {
             say!("stopped; the same command goes on");
-            return Ok(ExitCode::from(130));
+            return Ok(interrupt::exit_code());
         }
         Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
     }
@@ -204,7 +204,7 @@ impl Comparing {
             trainings.iter().partition(|training| training.entry.whole.is_some());
         let jobs = own.iter().map(|training| self.places.job(&self.list, training)).collect::<Result<Vec<_>>>()?;
         failed |= self.sweep(&jobs)?;
-        device::set_threads(self.jobs * self.places.threads);
+        device::set_threads(self.jobs * self.places.threads)?;
         for training in whole {
             if self.stop() {
                 break;

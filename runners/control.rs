@@ -6,8 +6,8 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, ValueEnum};
+use paig::cli::ending::exit_code;
 use paig::cli::environment;
-use paig::cli::run::exit_code;
 use paig::control::controller::Controller;
 use paig::control::environment::{PendulumEnvironment, PendulumSettings};
 use paig::control::episode::{Episode, play};
@@ -135,13 +135,13 @@ impl Method {
 }
 
 fn main() -> ExitCode {
-    exit_code(execute(&Arguments::parse()))
+    exit_code(|| execute(&Arguments::parse()))
 }
 
 fn execute(arguments: &Arguments) -> Result<ExitCode> {
     // Before anything is opened: it starts the program over.
     environment::set();
-    device::set_threads(arguments.threads);
+    device::set_threads(arguments.threads)?;
     ensure!(arguments.episodes > 0, "--episodes must be at least 1");
     let goal = arguments.goal()?;
     let settings = arguments.settings(goal);

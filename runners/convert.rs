@@ -5,11 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use paig::cli::run::exit_code;
+use paig::cli::ending::exit_code;
 use paig::network::physics_models::ModelOptions;
 use paig::runs::convert::convert;
 use paig::runs::names::CONFIG;
 use paig::say;
+use paig::support::atomic::is_stream;
 use paig::tasks::{self, Task};
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
@@ -42,12 +43,12 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    exit_code(run(&Arguments::parse()).map(|()| ExitCode::SUCCESS))
+    exit_code(|| run(&Arguments::parse()).map(|()| ExitCode::SUCCESS))
 }
 
 fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { from, to, .. } = arguments;
-    ensure!(arguments.force || !to.exists(), "{} is there already; --force replaces it", to.display());
+    ensure!(arguments.force || !to.exists() || is_stream(to), "{} is there already; --force replaces it", to.display());
     let task = tasks::find(&arguments.task)?;
     let count = convert(&task.system, &options(arguments, &task)?, from, to)?;
     say!("{count} variables from {} to {}", from.display(), to.display());

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use paig::cli::arguments::{ClipsOfRun, ScoredRun};
-use paig::cli::run::exit_code;
+use paig::cli::ending::{begin_work, exit_code};
 use paig::cli::table::print_frames_and_states;
 use paig::evaluation::{self, ScoredClips};
 use paig::network::physics_models::losses::MeanLosses;
@@ -37,15 +37,17 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    exit_code(execute(&Arguments::parse()))
+    exit_code(|| execute(&Arguments::parse()))
 }
 
 fn execute(arguments: &Arguments) -> Result<ExitCode> {
     check_places(arguments)?;
     let ClipsOfRun { config, model, file, split, device } = arguments.run.open()?;
     let clips = ScoredClips::read(&file, &config.task, split, device)?;
+    begin_work();
     let run = &arguments.run.run;
     let scores = evaluation::evaluate(&model, &clips)?;
+    ensure!(scores.losses.is_finite(), "the losses are not finite: a model like that predicts nothing");
     say!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
     clips.notes.iter().for_each(|note| say!("note: {note}"));
     print_losses(&scores.losses);

@@ -5,11 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
+use paig::cli::ending::exit_code;
 use paig::cli::generate_display::Display;
-use paig::cli::run::exit_code;
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::{Changes, Variant};
 use paig::generators::{Counts, DatasetJob, generate};
+use paig::support::device;
 use paig::tasks;
 use paig::tasks::scene::{Background, Look};
 
@@ -122,7 +123,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    exit_code(run(Arguments::parse()).map(|()| ExitCode::SUCCESS))
+    exit_code(|| run(Arguments::parse()).map(|()| ExitCode::SUCCESS))
 }
 
 fn run(arguments: Arguments) -> Result<()> {
@@ -150,7 +151,7 @@ fn run(arguments: Arguments) -> Result<()> {
         background,
     };
     let variant = Variant::new(&task, arguments.seed)?.with(&changes)?;
-    let threads = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build();
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(device::threads(arguments.threads)?).build();
     let threads = threads.with_context(|| format!("cannot start {} threads", arguments.threads))?;
     let images = source_images(&arguments, &variant)?;
     let job = DatasetJob {

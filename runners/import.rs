@@ -7,8 +7,8 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
+use paig::cli::ending::exit_code;
 use paig::cli::progress::Progress;
-use paig::cli::run::exit_code;
 use paig::import::crop::{CropChoice, Rectangle};
 use paig::import::request::Request;
 use paig::import::sources::quiet_decoders;
@@ -118,7 +118,7 @@ struct Arguments {
 
 fn main() -> ExitCode {
     quiet_decoders();
-    exit_code(run(Arguments::parse()).map(|()| ExitCode::SUCCESS))
+    exit_code(|| run(Arguments::parse()).map(|()| ExitCode::SUCCESS))
 }
 
 fn run(arguments: Arguments) -> Result<()> {

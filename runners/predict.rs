@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Result, ensure};
 use clap::Parser;
 use paig::cli::arguments::{ClipsOfRun, ScoredRun};
-use paig::cli::run::exit_code;
+use paig::cli::ending::{begin_work, exit_code};
 use paig::evaluation::ScoredClips;
 use paig::evaluation::rollout;
 use paig::say;
@@ -35,11 +35,19 @@ struct Arguments {
     out: PathBuf,
 }
 
+/// Each is drawn into the strip and the animation.
+const MOST_FRAMES: usize = 10_000;
+
 fn main() -> ExitCode {
-    exit_code(execute(&Arguments::parse()))
+    exit_code(|| execute(&Arguments::parse()))
 }
 
 fn execute(arguments: &Arguments) -> Result<ExitCode> {
+    viz::check_rollout_folder(&arguments.out)?;
+    ensure!(
+        arguments.frames.is_none_or(|frames| frames <= MOST_FRAMES),
+        "--frames: at most {MOST_FRAMES} are predicted at once"
+    );
     let ClipsOfRun { config, model, file, split, device } = arguments.run.open()?;
     let ScoredClips { clips, notes, .. } = ScoredClips::read(&file, &config.task, split, device)?;
     notes.iter().for_each(|note| say!("note: {note}"));
@@ -54,6 +62,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
     let clip = clips.batch(&[arguments.clip as i64], clips.time()).squeeze_dim(0);
     let frames = arguments.frames.unwrap_or(clips.time() - model.system.input_steps);
     let prediction = rollout::roll_out(&model, &clip, &clips.actions(&[arguments.clip as i64]), frames)?;
+    begin_work();
     viz::write_rollout(&arguments.out, &model.system, &prediction)?;
     let frames = if frames == 1 { "1 frame".into() } else { format!("{frames} frames") };
     say!("{frames} after the input of clip {}: {}", arguments.clip, arguments.out.display());

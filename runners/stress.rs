@@ -7,9 +7,9 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use paig::cli::arguments::parse_seeds;
+use paig::cli::ending::{begin_work, exit_code};
 use paig::cli::generate_display::Display;
 use paig::cli::interrupt;
-use paig::cli::run::exit_code;
 use paig::cli::sweep_display::SweepDisplay;
 use paig::generators::generate;
 use paig::say;
@@ -53,7 +53,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    exit_code(run(&Arguments::parse()))
+    exit_code(|| run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<ExitCode> {
@@ -72,6 +72,7 @@ fn learn(arguments: &Arguments, scenes: &[&Scene], data_seeds: &[u64]) -> Result
     let program = this.with_file_name("run_physics");
     ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
     interrupt::catch()?;
+    begin_work();
     let mut failed = false;
     for &data_seed in data_seeds {
         let mut jobs = Vec::new();
@@ -86,7 +87,7 @@ fn learn(arguments: &Arguments, scenes: &[&Scene], data_seeds: &[u64]) -> Result
         failed |= !ended.failed.is_empty();
         if ended.stopped > 0 {
             say!("stopped; the same command goes on");
-            return Ok(ExitCode::from(130));
+            return Ok(interrupt::exit_code());
         }
     }
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })

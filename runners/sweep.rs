@@ -5,12 +5,13 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
-use paig::cli::arguments::parse_seeds;
+use paig::cli::arguments::{MOST_RUNS, parse_seeds};
+use paig::cli::ending::{begin_work, exit_code};
 use paig::cli::interrupt;
-use paig::cli::run::exit_code;
 use paig::cli::sweep_display::SweepDisplay;
 use paig::say;
-use paig::sweep::{self, SweepPlan, SweepSummary};
+use paig::support::device;
+use paig::sweep::{self, RunState, RunStatus, SweepPlan, SweepSummary};
 use paig::tasks;
 
 /// Trains tasks x seeds as processes of run_physics, a few at a time.
@@ -23,7 +24,7 @@ use paig::tasks;
     version,
     allow_negative_numbers = true,
     after_help = "Examples:\n  sweep --task spring_color --task 3bp_color --seeds 0-9 --jobs 2\n  \
-                  sweep --task spring_color --seeds 0-4 --set join.latent=0 --name no-latent\n  \
+                  sweep --task spring_color --seeds 0-4 --grid model.exact_shift=true,false\n  \
                   sweep --task spring_color --seeds 0-9 --dry-run > commands.txt && parallel < commands.txt"
 )]
 struct Arguments {
@@ -42,6 +43,9 @@ struct Arguments {
     /// Set one key of the config, for example --set join.batch=50; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Try each of these values of a key, with those of every other --grid; may be repeated. The values name the folders
+    #[arg(long, value_name = "KEY=V1,V2,..")]
+    grid: Vec<String>,
     /// Name of a changed recipe, for the run folders; --set and --config need one
     #[arg(long)]
     name: Option<String>,
@@ -60,6 +64,9 @@ struct Arguments {
     /// cpu, cuda or cuda:n [default: cpu]
     #[arg(long)]
     device: Option<String>,
+    /// Run nothing: print how far each run is
+    #[arg(long, conflicts_with = "dry_run")]
+    status: bool,
     /// Run nothing: print a command for each run, one a line, for GNU parallel, a Slurm array or HyperQueue; to be run
     /// from this folder where --out, --data or --config are relative
     #[arg(long)]
@@ -67,12 +74,12 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    exit_code(run(Arguments::parse()))
+    exit_code(|| run(Arguments::parse()))
 }
 
 fn run(arguments: Arguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let cores = device::cores();
     let plan = SweepPlan {
         tasks: unique(arguments.task),
         seeds: unique(parse_seeds(&arguments.seeds)?),
@@ -86,38 +93,89 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
         out: arguments.out,
     };
     ensure!(plan.threads > 0, "--threads-per-run must be at least 1");
-    let jobs = plan.jobs()?;
     ensure!(
-        plan.name.is_none() || plan.config.is_some() || !plan.set.is_empty(),
-        "--name is for a changed recipe; say what is changed with --set or --config, or leave it out"
+        plan.tasks.len().saturating_mul(plan.seeds.len()) <= MOST_RUNS,
+        "more than {MOST_RUNS} runs; give a part of them"
     );
+    device::threads(plan.threads).context("--threads-per-run")?;
+    let plans = grid(plan, &arguments.grid)?;
+    let mut jobs = Vec::new();
+    for plan in &plans {
+        jobs.extend(plan.jobs()?);
+        ensure!(
+            plan.name.is_none() || plan.config.is_some() || !plan.set.is_empty(),
+            "--name is for a changed recipe; say what is changed with --set or --config, or leave it out"
+        );
+    }
+    if arguments.status {
+        print_status(&sweep::status(&jobs));
+        return Ok(ExitCode::SUCCESS);
+    }
     let this = std::env::current_exe().context("cannot find this program's own place")?;
     if arguments.dry_run {
-        for command in plan.commands(&this)? {
-            say!("{command}");
+        for plan in &plans {
+            plan.commands(&this, arguments.threads_per_run)?.iter().for_each(|command| say!("{command}"));
         }
         return Ok(ExitCode::SUCCESS);
     }
     let program = this.with_file_name("run_physics");
     ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
     interrupt::catch()?;
+    begin_work();
     let mut display = SweepDisplay::new(jobs.len());
     let summary = sweep::run(&program, &jobs, arguments.jobs, &interrupt::asked, &mut |event| display.show(event))?;
     display.close();
-    Ok(ExitCode::from(conclude(&summary)))
+    Ok(conclude(&summary))
+}
+
+/// A plan for each combination of the values, named after them.
+fn grid(plan: SweepPlan, axes: &[String]) -> Result<Vec<SweepPlan>> {
+    let mut plans = vec![plan];
+    for axis in axes {
+        let wrong = || format!("--grid {axis:?}: expected key=value,value, for example model.exact_shift=true,false");
+        let (key, values) = axis.split_once('=').with_context(wrong)?;
+        let values: Vec<_> = values.split(',').map(str::trim).collect();
+        ensure!(!key.is_empty() && values.iter().all(|value| !value.is_empty()), wrong());
+        ensure!(plans.len().saturating_mul(values.len()) <= MOST_RUNS, "--grid: more than {MOST_RUNS} combinations");
+        let with = |plan: &SweepPlan, value: &&str| {
+            let set = format!("{key}={value}");
+            let name = plan.name.iter().cloned().chain([set.clone()]).collect::<Vec<_>>().join("-");
+            SweepPlan { name: Some(name), set: [plan.set.clone(), vec![set]].concat(), ..plan.clone() }
+        };
+        plans = plans.iter().flat_map(|plan| values.iter().map(move |value| with(plan, value))).collect();
+    }
+    ensure!(
+        plans.iter().map(|plan| plan.tasks.len() * plan.seeds.len()).sum::<usize>() <= MOST_RUNS,
+        "more than {MOST_RUNS} runs"
+    );
+    Ok(plans)
+}
+
+/// A line for each run.
+fn print_status(runs: &[RunStatus]) {
+    say!("{:<11}{:>9}  {:>8}{:>10}  {:<10}run", "state", "phase", "steps", "seconds", "verdict");
+    for RunStatus { folder, state, phase, steps, seconds, found } in runs {
+        let verdict = found.map_or("-", |found| if found { "found" } else { "not found" });
+        let (word, phase) = (state.word(), phase.as_deref().unwrap_or("-"));
+        say!("{word:<11}{phase:>9}  {steps:>8}{seconds:>10.0}  {verdict:<10}{}", folder.display());
+        if let RunState::Unreadable(why) = state {
+            say!("    {why}");
+        }
+    }
 }
 
 /// Prints how the sweep ended; returns the exit code.
-fn conclude(summary: &SweepSummary) -> u8 {
-    let SweepSummary { finished, skipped, stopped, failed } = summary;
-    say!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed", failed.len());
+fn conclude(summary: &SweepSummary) -> ExitCode {
+    let SweepSummary { finished, skipped, stopped, in_use, failed } = summary;
+    let in_use = if *in_use > 0 { format!(", {in_use} under way elsewhere") } else { String::new() };
+    say!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed{in_use}", failed.len());
     for output in failed {
         say!("failed: see {}", output.display());
     }
     match (failed.is_empty(), stopped) {
-        (false, _) => 1,
-        (true, 0) => 0,
-        (true, _) => 130,
+        (false, _) => ExitCode::FAILURE,
+        (true, 0) => ExitCode::SUCCESS,
+        (true, _) => interrupt::exit_code(),
     }
 }
 

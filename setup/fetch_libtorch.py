@@ -12,6 +12,7 @@ run continues where it stopped: a file appears under its name only when its CRC-
 
 import argparse
 import ctypes
+import hashlib
 import json
 import os
 import platform
@@ -44,6 +45,16 @@ WANTED = {
 WHEEL_TAGS = ["--python-version", "3.12", "--only-binary=:all:", "--platform", "manylinux_2_28_x86_64",
               "--platform", "manylinux_2_17_x86_64", "--platform", "manylinux2014_x86_64",
               "--platform", "manylinux_2_25_x86_64", "--platform", "manylinux_2_27_x86_64"]
+# SHA-256 of what is linked and loaded, and of all headers together (names and contents): a wheel that was changed in one
+# byte is refused, also where it says of itself that it is whole.
+PINNED = {
+    "torch/lib/libtorch_cpu.so": "2e1034d418c1c881c86f67fc357b8723efc3f22bdb266f06aace8e6ca9c170b3",
+    "torch/lib/libc10.so": "be5e17cd7752a6af003978706379384c3108f6b68916bb1949e610f6397bb640",
+    "torch/lib/libgomp.so.1": "e28fb2896a3d612b46a27d7f8ef840d34c9efbc29b70a044c42095fb94856890",
+    "nvidia/cu13/lib/libcudart.so.13": "96c42e418cec19054186b9429c321603cc190bf26a18104e19408117a2a817b0",
+    "nvidia/cu13/lib/libcupti.so.13": "e2f9ed861fe27c492b8bb52b5e3220ef5120f3edcda36312e96b7fd8a186be3e",
+}
+HEADERS, PINNED_HEADERS = "torch/include", "1d9b6d04320631229fabd9fe6c05b61d71c0de092c9ef450cce5a81cf23289af"
 BLOCK = 1 << 20
 SPARE_DISK = {"cpu": 1 << 30, "cuda": 8 << 30}
 
@@ -229,6 +240,25 @@ def fetch_whole(requirement, target):
                     place(member, archive.read(member), target)
 
 
+def sha256(path):
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest() if hasattr(hashlib, "file_digest") \
+            else hashlib.sha256(file.read()).hexdigest()
+
+
+def verify(target):
+    """Refuse files that are not those that this program was built and tested with."""
+    for name, expected in PINNED.items():
+        if sha256(target / name) != expected:
+            fail(f"{name} is not that of the official {TORCH} wheel (SHA-256 differs); delete {target}, see which index "
+                 "pip is set up for, and run again")
+    digest = hashlib.sha256()
+    for path in sorted(path for path in (target / HEADERS).rglob("*") if path.is_file()):
+        digest.update(path.relative_to(target).as_posix().encode() + b"\0" + bytes.fromhex(sha256(path)))
+    if digest.hexdigest() != PINNED_HEADERS:
+        fail(f"{HEADERS} is not that of the official {TORCH} wheel (SHA-256 differs); delete {target} and run again")
+
+
 def fetch_cpu(target):
     for requirement in WANTED:
         try:
@@ -236,6 +266,7 @@ def fetch_cpu(target):
         except (OSError, zipfile.BadZipFile, KeyError, IndexError) as error:
             say(f"{requirement}: reading parts of the wheel failed ({error})")
             fetch_whole(requirement, target)
+    verify(target)
     library = target / "torch" / "lib"
     for name in ("libcudart.so.13", "libcupti.so.13"):
         shutil.copyfile(target / "nvidia/cu13/lib" / name, library / name)

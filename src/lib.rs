@@ -38,6 +38,7 @@ pub mod datasets;
 pub mod evaluation;
 pub mod generators;
 pub mod import;
+#[expect(unsafe_code, reason = "the module says why; there is none elsewhere")]
 pub mod kernels;
 pub mod network;
 pub mod report;

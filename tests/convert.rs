@@ -24,7 +24,7 @@ fn assert_converts(task: &str, from: &Path, to: &Path, more: &[&str]) {
 
 fn assert_refused(output: &Output, parts: &[&str]) {
     let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert_eq!(output.status.code(), Some(2), "{stderr}");
     assert_eq!(stderr.lines().count(), 1, "{stderr}");
     for part in parts {
         assert!(stderr.contains(part), "{part:?} is not in {stderr:?}");

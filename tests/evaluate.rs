@@ -121,7 +121,7 @@ fn a_run_is_scored_and_rolled_out() {
         predict(&["--file", "no/such.npz"]),
         tool(env!("CARGO_BIN_EXE_evaluate"), folder.path(), &[]),
     ] {
-        assert_eq!(refused.status.code(), Some(1), "{}", text(&refused));
+        assert_eq!(refused.status.code(), Some(2), "{}", text(&refused));
         let said = String::from_utf8(refused.stderr).unwrap();
         assert!(said.starts_with("error: ") && said.lines().count() == 1, "{said}");
     }

@@ -429,7 +429,7 @@ fn the_program_says_what_it_made() {
 #[track_caller]
 fn said(program: &mut Command) -> String {
     let output = program.output().unwrap();
-    assert_eq!(output.status.code(), Some(1), "{}", text(&output));
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output));
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(said.starts_with("error: ") && said.trim_end().lines().count() == 1, "{said}");
     said

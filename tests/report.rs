@@ -364,7 +364,7 @@ fn a_folder_without_runs_is_refused() {
     let out = folder.path().join("report");
     for place in [folder.path().to_path_buf(), folder.path().join("none")] {
         let refused = report(&[place], &out);
-        assert_eq!(refused.status.code(), Some(1));
+        assert_eq!(refused.status.code(), Some(2));
         let said = String::from_utf8(refused.stderr).unwrap();
         assert!(said.starts_with("error: ") && said.lines().count() == 1, "{said}");
     }

@@ -65,9 +65,10 @@ impl OfTask<'_> {
         let system = &self.task.system;
         let similar = |at: &FrameSpread| at.ssim;
         let wrong = |at: &FrameSpread| at.squared_error;
-        let chart = |title: &str, score: fn(&FrameSpread) -> Spread, log, legend| Chart {
+        let chart = |title: &'static str, score: fn(&FrameSpread) -> Spread, log, legend| Chart {
             title: format!("{}: {title} of the predicted frames", self.task.name),
             axis: "frame",
+            values: title,
             spans: viz::frame_spans(system, self.task.test_frames),
             lines: self.models().flat_map(|(label, colour, rows)| self.lines(label, colour, &rows, score)).collect(),
             level: None,
@@ -117,8 +118,9 @@ impl OfTask<'_> {
         }
         let spans = vec![Span { name: String::new(), first: 0.0, last }];
         let title = format!("{}: squared error of all predicted frames of validation clips", self.task.name);
-        let (level, legend) = (None, SeriesLabelPosition::UpperRight);
-        chart::write(path, HEIGHT, vec![Chart { title, axis: "step", spans, lines, level, log: Some(true), legend }])
+        let (axis, values) = ("step", "squared error");
+        let (level, log, legend) = (None, Some(true), SeriesLabelPosition::UpperRight);
+        chart::write(path, HEIGHT, vec![Chart { title, axis, values, spans, lines, level, log, legend }])
     }
 
     /// The course of each physical parameter, a line for each run.
@@ -142,6 +144,7 @@ impl OfTask<'_> {
             charts.push(Chart {
                 title: format!("{}: {}, every run", self.task.name, parameter.name),
                 axis: "step",
+                values: "value",
                 spans: vec![Span { name: String::new(), first: 0.0, last }],
                 lines,
                 level: self.task.truth_of(parameter.name).map(|truth| ("true value", GREEN, truth)),

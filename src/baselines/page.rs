@@ -41,7 +41,7 @@ impl Report<'_> {
     pub fn write(&self, out: &Path) -> Result<()> {
         let pictures = out.join(PICTURES);
         fs::create_dir_all(&pictures).with_context(|| format!("cannot create {}", pictures.display()))?;
-        let json = |name: &str, write: &dyn Fn(&mut std::io::BufWriter<fs::File>) -> serde_json::Result<()>| {
+        let json = |name: &str, write: &dyn Fn(&mut atomic::Writer) -> serde_json::Result<()>| {
             atomic::write_file(&out.join(name), |file| Ok(write(file)?))
         };
         json(RESULTS, &|file| serde_json::to_writer_pretty(file, &self.rows))?;

@@ -20,7 +20,8 @@ use crate::network::System;
 use crate::runs::metrics::{self, Record};
 use crate::runs::names::METRICS;
 use crate::runs::scores::Scores;
-use crate::support::atomic;
+use crate::runs::weights;
+use crate::support::{atomic, storage};
 use crate::training::base::Outcome;
 use crate::training::optimizers::{Optimizer, OptimizerKind};
 use crate::viz;
@@ -205,7 +206,8 @@ impl<'a> Running<'a> {
         let path = folder.join(CHECKPOINT);
         let mut progress = Progress { step: 0, seconds: 0.0 };
         if path.exists() {
-            let saved = Tensor::read_safetensors(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            let bytes = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            let saved = weights::parse(&bytes).with_context(|| path.display().to_string())?.tensors;
             progress = restore(saved, &variables, &mut optimizer)
                 .with_context(|| format!("checkpoint {} does not fit the model", path.display()))?;
         }
@@ -285,8 +287,7 @@ impl<'a> Running<'a> {
         let slots = self.optimizer.slots().into_iter().map(|(name, slot)| (format!("{SLOT}{name}"), slot));
         let all = self.variables.iter().map(|(name, variable)| (name.clone(), variable.detach())).chain(slots);
         let all: Vec<_> = all.chain([(PROGRESS.to_string(), progress)]).collect();
-        let contiguous: Vec<_> = all.iter().map(|(name, tensor)| (name.as_str(), tensor.contiguous())).collect();
-        atomic::write_path(&self.folder.join(CHECKPOINT), |path| Ok(Tensor::write_safetensors(&contiguous, path)?))
+        weights::write(&self.folder.join(CHECKPOINT), &all)
     }
 }
 

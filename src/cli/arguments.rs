@@ -23,6 +23,9 @@ pub struct ScoredRun {
     /// Dataset file [default: the run's test file]
     #[arg(long)]
     file: Option<PathBuf>,
+    /// Folder of the datasets [default: as the run had it]
+    #[arg(long, value_name = "DIR", conflicts_with = "file")]
+    data: Option<PathBuf>,
     /// Part of the file
     #[arg(long, default_value = "test", value_parser = Split::ALL.map(Split::name))]
     split: String,
@@ -72,8 +75,9 @@ impl ScoredRun {
     pub fn open(&self) -> Result<ClipsOfRun> {
         environment::set();
         let device = device::parse(&self.device)?;
-        device::set_threads(self.threads);
-        let (config, model) = load_model(&self.run, self.checkpoint.into(), device)?;
+        device::set_threads(self.threads)?;
+        let (mut config, model) = load_model(&self.run, self.checkpoint.into(), device)?;
+        config.data.folder = self.data.clone().unwrap_or(config.data.folder);
         let own = || config.data.test_path();
         let file = self.file.clone().unwrap_or_else(own);
         let split = Split::ALL.into_iter().find(|split| split.name() == self.split).context("unknown split")?;
@@ -81,10 +85,13 @@ impl ScoredRun {
     }
 }
 
+/// Most runs of a sweep, and so most seeds.
+pub const MOST_RUNS: usize = 100_000;
+
 /// Seeds as people write them: `0-9`, `1,4,7-8`.
 ///
 /// # Errors
-/// Anything else, or a range that runs backwards.
+/// Anything else, a range that runs backwards, more than [`MOST_RUNS`].
 pub fn parse_seeds(text: &str) -> Result<Vec<u64>> {
     let number = |text: &str| {
         let number = text.trim().parse::<u64>().ok();
@@ -97,7 +104,12 @@ pub fn parse_seeds(text: &str) -> Result<Vec<u64>> {
             None => seeds.push(number(part)?),
             Some((first, last)) => {
                 let (first, last) = (number(first)?, number(last)?);
-                ensure!(first <= last, "seeds: {part:?} runs backwards");
+                ensure!(first <= last, "--seeds: {part:?} runs backwards");
+                let more = usize::try_from(last - first).unwrap_or(usize::MAX);
+                ensure!(
+                    more < MOST_RUNS - seeds.len().min(MOST_RUNS),
+                    "--seeds {text:?}: more than {MOST_RUNS} seeds; give a part of them"
+                );
                 seeds.extend(first..=last);
             }
         }

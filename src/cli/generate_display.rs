@@ -3,6 +3,7 @@
 use std::io::IsTerminal;
 use std::sync::{Mutex, PoisonError};
 
+use super::ending::begin_work;
 use super::progress::Progress;
 use crate::generators::{Counts, GeneratorEvent};
 use crate::say;
@@ -22,6 +23,7 @@ impl Display {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
             GeneratorEvent::Begins { frames, total } => {
+                begin_work();
                 *progress = Some(Progress::new(&format!("{frames} frames"), total as u64, 0));
             }
             GeneratorEvent::Ready { clips, total } => {

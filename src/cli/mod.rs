@@ -1,6 +1,7 @@
 //! What the programs share: arguments, lines on the screen, signals.
 
 pub mod arguments;
+pub mod ending;
 pub mod environment;
 pub mod generate_display;
 pub mod interrupt;

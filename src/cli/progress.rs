@@ -99,7 +99,10 @@ impl Screen {
 impl Observer for Screen {
     fn observe(&mut self, event: &Event) -> Result<()> {
         match event {
-            Event::Resumed { steps, checkpoint } => say!("resuming after step {steps} ({checkpoint})"),
+            Event::Resumed { steps, checkpoint, damaged } => {
+                damaged.iter().for_each(|what| say!("warning: {what}; the checkpoint before it is taken"));
+                say!("resuming after step {steps} ({checkpoint})");
+            }
             Event::PhaseBegins { phase, done, of } => {
                 self.progress = (*of > 0).then(|| Progress::new(phase, *of, *done));
             }

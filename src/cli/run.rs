@@ -10,9 +10,10 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, Parser};
 use tch::Device;
 
+use super::ending::{begin_work, exit_code};
 use super::progress::Screen;
 use super::table::{print_frames_and_states, print_results};
-use super::{environment, interrupt, progress};
+use super::{environment, interrupt};
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::States;
@@ -31,9 +32,6 @@ use crate::training::saved::load_model;
 use crate::training::trainer::Trainer;
 use crate::training::verdict::judge;
 use crate::{say, tasks, viz};
-
-/// Exit code of a run that was asked to stop, as shells have it for SIGINT.
-const INTERRUPTED: u8 = 130;
 
 /// Learns objects, positions and physical parameters from unlabelled video: trains, scores, writes pictures.
 #[derive(Debug, Parser)]
@@ -106,29 +104,15 @@ struct RunArgs {
 
 /// Entry of `run_physics`.
 pub fn any_task() -> ExitCode {
-    let AnyTask { task, run } = AnyTask::parse();
-    exit_code(run.execute(task))
+    exit_code(|| {
+        let AnyTask { task, run } = AnyTask::parse();
+        run.execute(task)
+    })
 }
 
 /// Entry of a task's own runner.
 pub fn one_task(key: &str) -> ExitCode {
-    exit_code(OneTask::parse().run.execute(Some(key.to_string())))
-}
-
-/// Prints an error with its causes on one line; where it marks a place in a text, with the lines that show it. Output that
-/// could not be written is one.
-pub fn exit_code(result: Result<ExitCode>) -> ExitCode {
-    result.and_then(|code| progress::ensure_written().map(|()| code)).unwrap_or_else(|error| {
-        let chain = format!("{error:#}");
-        let marks = |line: &str| line.contains('^') && line.chars().all(|c| c == '^' || c.is_whitespace());
-        if chain.lines().any(marks) {
-            eprintln!("error: {}", chain.trim_end());
-        } else {
-            let lines: Vec<_> = chain.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-            eprintln!("error: {}", lines.join(" "));
-        }
-        ExitCode::FAILURE
-    })
+    exit_code(|| OneTask::parse().run.execute(Some(key.to_string())))
 }
 
 impl RunArgs {
@@ -142,7 +126,7 @@ impl RunArgs {
         }
         let (opened, config) = self.open(task)?;
         let device = device::parse(&config.device)?;
-        let threads = device::set_threads(config.threads);
+        let threads = device::set_threads(config.threads)?;
         let data = if self.test_mode { None } else { Some(TrainingData::load(&config, device)?) };
         // What can fail at once has been tried: a folder is taken only by a run that begins.
         let folder = match opened {
@@ -151,6 +135,7 @@ impl RunArgs {
         };
         say!("{}", environment::banner(device, threads));
         say!("run folder {}", folder.path().display());
+        begin_work();
         match data {
             Some(data) => train(&config, &folder, &data, device, threads),
             None => score(&config, &folder, device),
@@ -242,10 +227,14 @@ impl TrainingData {
         training.check_motion(&path)?;
         check_settings(&path, config)?;
         let path = config.data.test_path();
-        DatasetFile::read(&path, &ClipShape::test(&config.task))?;
+        let test = DatasetFile::read(&path, &ClipShape::test(&config.task))?;
         check_settings(&path, config)?;
+        States::read(&path, &test).context("the run could not be scored at its end")?;
+        drop(test);
         let clips = |split| Clips::new(training.split(split), training.actions(split), device);
-        Ok(TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) })
+        let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
+        config.check_clips(&data.train)?;
+        Ok(data)
     }
 }
 
@@ -257,7 +246,7 @@ fn check_settings(path: &Path, config: &Config) -> Result<()> {
             settings.check(&config.task.system).with_context(context)
         }
         Ok(None) => Ok(()),
-        // A training needs nothing of that file.
+        // A training needs nothing of that file; of the test file it is read as a whole.
         Err(error) => {
             say!("note: {error:#}; how {} was made is not known", path.display());
             Ok(())
@@ -270,8 +259,8 @@ fn score(config: &Config, folder: &RunFolder, device: Device) -> Result<ExitCode
     let (_, model) = load_model(folder.path(), SavedWeights::Last, device)?;
     let test = ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device)?;
     let scores = evaluation::evaluate(&model, &test)?;
-    print_results(&config.task, &model, &test, &scores.losses);
     print_frames_and_states(&config.task.system, &scores);
+    print_results(&config.task, &model, &test, &scores.losses);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -287,9 +276,10 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
         .stop_when(interrupt::asked);
     if trainer.run()? == Outcome::Interrupted {
         say!("stopped after step {}; go on with --resume --out {}", trainer.state().steps, folder.path().display());
-        return Ok(ExitCode::from(INTERRUPTED));
+        return Ok(interrupt::exit_code());
     }
     let state = trainer.state().clone();
+    say!("checking what was learned on held-out clips, scoring the test clips, drawing pictures");
     let verdict = judge(config, &model, &data.train, &data.valid)?;
     // The true states lie beside the test file: nothing has learned from them before.
     let test = ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device).with_context(|| {
@@ -299,8 +289,9 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
         )
     })?;
     let scores = evaluation::evaluate(&model, &test)?;
-    print_results(&config.task, &model, &test, &scores.losses);
+    ensure!(scores.losses.is_finite(), "the losses on the test clips are not finite; nothing was scored");
     print_frames_and_states(&config.task.system, &scores);
+    print_results(&config.task, &model, &test, &scores.losses);
     let parameters = model.parameter_values().into_iter();
     let summary = Summary {
         format: summary::FORMAT,
@@ -326,9 +317,18 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
     summary.write(folder.path())?;
     viz::write_artifacts(folder.path(), &model, &test.clips, config.output.examples)?;
     viz::write_curves(folder.path(), &config.task, &test.truth)?;
-    say!("finished after {} steps, {:.0} s; results in {}", state.steps, state.seconds, folder.path().display());
+    print_end(&state, folder.path());
     say!("{verdict}");
     Ok(ExitCode::SUCCESS)
+}
+
+/// Prints what each phase took, and what to do next.
+fn print_end(state: &RunState, folder: &Path) {
+    let seconds = |(name, seconds): &(String, f64)| format!("{name} {seconds:.0} s");
+    let phases: Vec<_> = state.phase_seconds.iter().map(seconds).collect();
+    let folder = folder.display();
+    say!("finished after {} steps, {:.0} s ({}); results in {folder}", state.steps, state.seconds, phases.join(", "));
+    say!("look at {folder}/losses.png and {folder}/example0.png; next: predict {folder} --frames 60");
 }
 
 /// What trained the run, and what scored it where that was another build.

@@ -43,6 +43,7 @@ impl SweepDisplay {
                 self.ended(folder, &format!("finished after {:.0} s", after.as_secs_f64()));
             }
             SweepEvent::Stopped(folder) => self.ended(folder, "stopped"),
+            SweepEvent::InUse(folder) => self.ended(folder, "under way in another process, left to it"),
             SweepEvent::Failed(folder, error) => self.ended(folder, &format!("FAILED: {error:#}")),
             SweepEvent::Waiting => self.refresh(),
         }

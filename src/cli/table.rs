@@ -9,6 +9,10 @@ use crate::say;
 use crate::tasks::Task;
 use crate::tasks::published::published;
 
+/// Parameters whose symbol says less than it seems: equation, symbol, meaning.
+const MEANINGS: [(&str, &str, &str); 2] =
+    [("spring", "l", "half the rest length, pixels"), ("damped_spring", "l", "half the rest length, pixels")];
+
 /// Prints the learned parameters beside the truth, and the losses beside the paper's.
 pub fn print_results(task: &Task, model: &PhysicsNet, test: &ScoredClips, losses: &MeanLosses) {
     say!("\n{:<28}{:>12}{:>12}{:>10}", task.name, "learned", "true", "error");
@@ -19,6 +23,11 @@ pub fn print_results(task: &Task, model: &PhysicsNet, test: &ScoredClips, losses
                 say!("{name:<28}{learned:>12.4}{truth:>12.4}{error:>9.2}%");
             }
             None => say!("{name:<28}{learned:>12.4}"),
+        }
+    }
+    for (cell, name, meaning) in MEANINGS {
+        if task.system.cell.name == cell {
+            say!("{name} is {meaning}");
         }
     }
     test.notes.iter().for_each(|note| say!("note: {note}"));

@@ -7,7 +7,7 @@ use anyhow::Result;
 use clap::Parser;
 use tch::Device;
 
-use super::run::exit_code;
+use super::ending::exit_code;
 use super::{environment, interrupt};
 use crate::baselines::training::{self, WholeConfig, WholeData, WholeModel, WholeScores};
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
@@ -51,20 +51,20 @@ struct Arguments {
 
 /// Entry of a model's runner; `name` is that of its folder.
 pub fn main(model: WholeModel, name: &str) -> ExitCode {
-    exit_code(run(model, name, Arguments::parse()))
+    exit_code(|| run(model, name, Arguments::parse()))
 }
 
 fn run(model: WholeModel, name: &str, arguments: Arguments) -> Result<ExitCode> {
     environment::set();
     let Arguments { task, data, out, seed, learning_rate, batch, steps, checkpoint_every, threads } = arguments;
     let config = WholeConfig { model, task, data, seed, learning_rate, batch, steps, checkpoint_every };
-    device::set_threads(threads);
+    device::set_threads(threads)?;
     interrupt::catch()?;
     let of_task = tasks::find(&config.task)?.name;
     let folder = out.unwrap_or_else(|| Path::new("runs").join(of_task).join(name).join(format!("seed={seed}")));
     if train(&config, &folder, &interrupt::asked)? == Outcome::Interrupted {
         say!("stopped; the same command goes on");
-        return Ok(ExitCode::from(130));
+        return Ok(interrupt::exit_code());
     }
     if let Some(done) = WholeScores::read(&folder)? {
         let losses = done.scores.losses;

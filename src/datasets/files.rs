@@ -121,7 +121,8 @@ impl DatasetFile {
     /// frame size, number of channels or clip length than `expected`, a needed split without clips, or actions that are
     /// not finite. Each message says what to do.
     pub fn read(path: &Path, expected: &ClipShape) -> Result<Self> {
-        if !path.exists() {
+        let there = path.try_exists().with_context(|| format!("the dataset file {path:?} cannot be reached"))?;
+        if !there {
             let or = if tasks::builtin(&expected.task).is_some() { "the authors' file" } else { "your own file" };
             bail!("there is no dataset file {path:?}; make it with {}, or put {or} there", expected.command());
         }

@@ -1,29 +1,34 @@
 //! Reading and writing npz files with messages that name the file and the array.
 
-use std::fs::{self, File};
-use std::io::{BufReader, Cursor, Write};
+use std::io::{BufReader, Cursor, Read, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use ndarray::ArrayD;
 use ndarray_npy::{NpzReader, NpzWriter, ReadNpyError, ReadNpzError, ReadableElement};
 
-use crate::support::atomic;
+use crate::support::storage::{self, Input, storage};
+use crate::support::{atomic, memory};
 
 /// A compressed npz under construction, in memory.
 pub(crate) type Writer = NpzWriter<Cursor<Vec<u8>>>;
 
+/// Bytes that one byte of a deflated file can unpack to.
+const MOST_PACKED: u64 = 1032;
+/// Bytes in which the header of an array must lie.
+const MOST_HEADER: u64 = 4096;
+
 /// An npz file open for reading.
 pub(crate) struct Archive {
     path: PathBuf,
-    reader: NpzReader<BufReader<File>>,
+    reader: NpzReader<BufReader<Box<dyn Input>>>,
     names: Vec<String>,
 }
 
 impl Archive {
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).with_context(|| format!("cannot open {path:?}"))?;
         ensure!(!path.is_dir(), "{path:?} is a folder, not an npz file");
+        let file = storage::open(path).with_context(|| format!("cannot open {path:?}"))?;
         let unreadable =
             || format!("{path:?} is not a readable npz file: truncated, or something else; delete it and get it again");
         let mut reader = NpzReader::new(BufReader::new(file)).with_context(unreadable)?;
@@ -44,6 +49,7 @@ impl Archive {
         if !self.has(name) {
             bail!("{:?} has no array {name:?}; its arrays are {:?}", self.path, self.names);
         }
+        self.check_size::<T>(name)?;
         let array: ArrayD<T> = self.reader.by_name(name).map_err(|error| match error {
             ReadNpzError::Npy(ReadNpyError::WrongDescriptor(found)) => {
                 anyhow!(
@@ -60,6 +66,27 @@ impl Archive {
         Ok(if array.is_standard_layout() { array } else { array.as_standard_layout().into_owned() })
     }
 
+    /// Room is made for as many numbers as an array's header claims, so the claim must be that of the archive, too, and fit
+    /// into memory.
+    fn check_size<T>(&self, name: &str) -> Result<()> {
+        let mut archive = zip::ZipArchive::new(BufReader::new(storage::open(&self.path)?))?;
+        let named = [format!("{name}.npy"), name.to_string()];
+        let entry = named.iter().find_map(|name| archive.index_for_name(name));
+        let entry = archive.by_index(entry.with_context(|| format!("{:?} has no array {name:?}", self.path))?)?;
+        let (held, packed) = (entry.size(), entry.compressed_size());
+        let damaged = || format!("array {name:?} of {:?}: the file is damaged; delete it and get it again", self.path);
+        ensure!(
+            held <= packed.saturating_mul(MOST_PACKED).saturating_add(MOST_HEADER),
+            "{}: it claims {held} bytes, which {packed} cannot be unpacked to",
+            damaged()
+        );
+        let claimed = claimed_elements(entry).with_context(damaged)?;
+        let claimed = claimed.checked_mul(size_of::<T>() as u64).filter(|bytes| *bytes <= held);
+        let bytes = claimed.with_context(|| format!("{}: its header claims more numbers than it holds", damaged()))?;
+        // The array, and its copy in row-major order.
+        memory::ensure_free(bytes.saturating_mul(2)).with_context(|| format!("array {name:?} of {:?}", self.path))
+    }
+
     /// The same for numbers of either float type, as float32.
     pub(crate) fn floats(&mut self, name: &str) -> Result<ArrayD<f32>> {
         match self.array::<f64>(name, "float64") {
@@ -67,6 +94,20 @@ impl Archive {
             Err(_) => self.array(name, "float32 or float64"),
         }
     }
+}
+
+/// The number of elements that the header of an npy file claims.
+fn claimed_elements(file: impl Read) -> Result<u64> {
+    let mut header = Vec::new();
+    file.take(MOST_HEADER).read_to_end(&mut header)?;
+    ensure!(header.starts_with(b"\x93NUMPY"), "it is no npy array");
+    let text = String::from_utf8_lossy(&header);
+    let shape = text.split_once("'shape'").and_then(|(_, rest)| rest.split_once('(')?.1.split_once(')'));
+    let (shape, _) = shape.context("its header has no shape")?;
+    let numbers = shape.split(',').map(str::trim).filter(|number| !number.is_empty());
+    let mut numbers = numbers.map(|number| number.trim_end_matches('L').parse::<u64>().ok());
+    let product = numbers.try_fold(1u64, |product, number| product.checked_mul(number?));
+    product.with_context(|| format!("its header claims the shape ({shape})"))
 }
 
 /// Collects arrays into a compressed npz and puts it at `path` in one step.
@@ -84,7 +125,7 @@ pub(crate) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<(
 /// Makes the folders in which a file is to lie where missing.
 pub(crate) fn make_folder(path: &Path) -> Result<()> {
     let Some(folder) = path.parent() else { return Ok(()) };
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {folder:?}"))
+    storage().create_folder(folder).with_context(|| format!("cannot make the folder {folder:?}"))
 }
 
 /// Writes a file in one step, and the folders it lies in where missing.

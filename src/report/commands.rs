@@ -2,13 +2,15 @@
 
 use anyhow::Result;
 
-use super::groups::{Group, choices_of};
+use toml::Value;
+
+use super::groups::{DATA_FOLDER, Group, choices_of, without_place};
 use crate::generators::{Counts, plain_test_settings};
 use crate::runs::run::{Run, RunData};
 use crate::support::command_line::CommandOptions;
 
-/// Where data lie if the config says nothing else, in TOML's notation.
-const DATA_FOLDER: &str = "\"data/datasets\"";
+/// Where data lie if the config says nothing else.
+const USUAL_DATA: &str = "data/datasets";
 
 /// All commands of a group in a shell's notation, one a line: the data, all runs at once, and each run by itself.
 pub(super) fn commands(group: &Group) -> Result<Vec<String>> {
@@ -29,9 +31,8 @@ pub(super) fn commands(group: &Group) -> Result<Vec<String>> {
 /// The data of a run, and where that is not all, what is known besides.
 fn generate(run: &Run) -> Result<Vec<String>> {
     let task = &run.config.task;
-    let folder = run.config.choices.get("data.folder").filter(|folder| *folder != DATA_FOLDER);
     let options = CommandOptions::default().with("task", &task.name);
-    let options = options.with_each("out", folder.map(|folder| folder.trim_matches('"')));
+    let options = options.with_each("out", data_folder(run));
     let unknown = "# no run says how these data were made:";
     let Some(RunData { clips: [train, valid, test], made_with }) = &run.data else {
         return Ok(vec![unknown.into(), options.shell("generate")?]);
@@ -57,7 +58,10 @@ fn seed(made_with: &str) -> Option<u64> {
 /// The command for all runs of a group; none where `--set` cannot say what differs, or the runs' machines differ.
 fn sweep(group: &Group) -> Option<CommandOptions> {
     let first = &group.runs[0];
-    let alike = |run: &Run| threads(run) == threads(first) && run.config.device == first.config.device;
+    let alike = |run: &Run| {
+        let machine = |run: &Run| (threads(run), run.config.device.clone(), data_folder(run));
+        machine(run) == machine(first)
+    };
     if !group.runs.iter().all(alike) || !said_by_changes(first, group) {
         return None;
     }
@@ -67,7 +71,7 @@ fn sweep(group: &Group) -> Option<CommandOptions> {
     let options = task_and_recipe(group).with("seeds", seeds.join(",")).with_each("set", &group.changes);
     let options = options.with_each("name", (!group.changes.is_empty()).then(|| name(group)));
     let options = options.with_each("threads-per-run", threads.map(|threads| threads.to_string()));
-    Some(options.with("device", &first.config.device))
+    Some(options.with("device", &first.config.device).with_each("data", data_folder(first)))
 }
 
 /// The command for one run. With its own config file where `--set` cannot say what differs; what is changed goes to a
@@ -75,7 +79,7 @@ fn sweep(group: &Group) -> Option<CommandOptions> {
 fn one(run: &Run, group: &Group) -> CommandOptions {
     let options = task_and_recipe(group);
     let options = if said_by_changes(run, group) {
-        options.with_each("set", &group.changes)
+        options.with_each("set", &group.changes).with_each("data", data_folder(run))
     } else {
         options.with("config", run.folder.join("config.toml"))
     };
@@ -87,7 +91,14 @@ fn one(run: &Run, group: &Group) -> CommandOptions {
 
 /// Whether task, recipe and changes say all that the run's config does.
 fn said_by_changes(run: &Run, group: &Group) -> bool {
-    choices_of(&run.config, &group.changes).as_ref() == Some(&run.config.choices)
+    let said = choices_of(&run.config, &group.changes);
+    said.is_some_and(|said| without_place(&said) == without_place(&run.config.choices))
+}
+
+/// Where the data of a run lie, if not in the usual place.
+fn data_folder(run: &Run) -> Option<String> {
+    let folder = run.config.choices.get(DATA_FOLDER)?.parse::<Value>().ok()?;
+    folder.as_str().filter(|folder| *folder != USUAL_DATA).map(String::from)
 }
 
 fn task_and_recipe(group: &Group) -> CommandOptions {

@@ -153,8 +153,7 @@ pub(super) fn original_unit(task: &Task, parameter: &PhysicalParameter) -> f64 {
 pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for run in runs {
-        let what = |config: &RunConfig| (config.task.name.clone(), config.recipe.clone(), config.choices.clone());
-        if let Some(group) = groups.iter_mut().find(|group| what(&group.runs[0].config) == what(&run.config)) {
+        if let Some(group) = groups.iter_mut().find(|group| alike(&group.runs[0], &run)) {
             group.runs.push(run);
             continue;
         }
@@ -173,6 +172,23 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
         .sort_by_cached_key(|group| (place(group), group.task.name.clone(), group.recipe.clone(), group.label.clone()));
     groups.iter_mut().for_each(|group| group.runs.sort_by_cached_key(|run| (run.config.seed, run.folder.clone())));
     groups
+}
+
+/// Whether two runs differ in nothing that decides what is learned. Where the data lie is not that: what they are is.
+fn alike(a: &Run, b: &Run) -> bool {
+    let what =
+        |run: &Run| (run.config.task.name.clone(), run.config.recipe.clone(), without_place(&run.config.choices));
+    let made = |run: &Run| run.data.as_ref().and_then(|data| data.made_with.clone());
+    let place = |run: &Run| run.config.choices.get(DATA_FOLDER).cloned();
+    what(a) == what(b) && made(a) == made(b) && (made(a).is_some() || place(a) == place(b))
+}
+
+/// The key that says where the data lie.
+pub(super) const DATA_FOLDER: &str = "data.folder";
+
+/// Choices without where the data lie.
+pub(super) fn without_place(choices: &BTreeMap<String, String>) -> BTreeMap<String, String> {
+    choices.iter().filter(|(key, _)| *key != DATA_FOLDER).map(|(key, value)| (key.clone(), value.clone())).collect()
 }
 
 /// The name, or its first numbered version that is still free.
@@ -195,7 +211,8 @@ fn label(group: &Group) -> String {
 fn changes(config: &RunConfig) -> Vec<String> {
     // A recipe of another version may be unknown here: then everything is stated.
     let recipe = choices_of(config, &[]).unwrap_or_default();
-    let changed = config.choices.iter().filter(|(key, value)| recipe.get(*key) != Some(value));
+    let choices = without_place(&config.choices);
+    let changed = choices.iter().filter(|(key, value)| recipe.get(*key) != Some(value));
     changed.map(|(key, value)| format!("{key}={value}")).collect()
 }
 

@@ -1,6 +1,5 @@
 //! report.html: report.md rendered, the pictures within it.
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
@@ -9,6 +8,8 @@ use base64::engine::general_purpose::STANDARD;
 use pulldown_cmark::{CowStr, Event, Options, Parser, Tag};
 
 use super::template::TITLE;
+
+use crate::support::storage;
 
 const HEAD: &str = "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
     <meta name=\"viewport\" content=\"width=device-width\">\n<title>";
@@ -34,6 +35,6 @@ pub(super) fn render(markdown: &str, folder: &Path) -> Result<String> {
 
 /// A PNG as a data address.
 fn inline(path: &Path) -> Result<String> {
-    let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
 }

@@ -27,6 +27,7 @@ use anyhow::{Context, Result, ensure};
 use self::groups::Group;
 use self::results::Results;
 use crate::support::atomic;
+use crate::support::storage::storage;
 
 /// How many runs were found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +44,7 @@ pub struct RunCounts {
 /// A folder that cannot be listed or that the report would replace, no run at all, an output folder that cannot be
 /// written. A run that is damaged is no error: the report says so.
 pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
+    put_in_place(out)?;
     let found = records::find(folders, out)?;
     let places: Vec<_> = folders.iter().map(|folder| folder.display().to_string()).collect();
     ensure!(
@@ -53,14 +55,41 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
     let finished = found.runs.iter().filter(|run| run.summary.is_some()).count();
     let unfinished = found.runs.len() - finished;
     let groups = groups::group(found.runs);
-    fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
-    // Made aside: whatever goes wrong, the earlier report and its records stay as they are.
-    let new = tempfile::Builder::new().prefix(".new-").tempdir_in(out);
-    let new = new.with_context(|| format!("cannot write into {}", out.display()))?;
-    fill(new.path(), &groups, &found.unreadable, &places)?;
-    clear(out)?;
-    move_into(new.path(), out)?;
+    storage().create_folder(out).with_context(|| format!("cannot create {}", out.display()))?;
+    // Made aside, whole or not at all: whatever goes wrong, the earlier report and its records stay as they are.
+    let new = out.join(NEW);
+    atomic::write_folder(&new, |new| fill(new, &groups, &found.unreadable, &places))?;
+    put_in_place(out)?;
     Ok(RunCounts { finished, unfinished, unreadable: found.unreadable.len() })
+}
+
+/// A whole report that is not in its place yet.
+const NEW: &str = ".new";
+const PAGE: &str = "report.md";
+const HTML: &str = "report.html";
+
+/// Puts a new report in the place of the earlier one; also one that was cut off here. What an earlier report left in its
+/// folders goes; folders of these names beside which no report lies stay, and the new files go among theirs. The page comes
+/// last: it says whose the folders are.
+fn put_in_place(out: &Path) -> Result<()> {
+    let new = out.join(NEW);
+    if !new.exists() {
+        return Ok(());
+    }
+    let before = fs::read_to_string(out.join(PAGE)).unwrap_or_default();
+    let ours = before.starts_with(&format!("# {}", template::TITLE));
+    for folder in [records::FOLDER, pictures::FOLDER].iter().filter(|folder| new.join(folder).exists()) {
+        let (from, to) = (new.join(folder), out.join(folder));
+        if ours && to.exists() {
+            storage().remove_folder(&to).with_context(|| format!("cannot replace {}", to.display()))?;
+        }
+        move_to(&from, &to)?;
+    }
+    for name in [records::RESULTS, HTML, PAGE].iter().filter(|name| new.join(name).exists()) {
+        move_to(&new.join(name), &out.join(name))?;
+    }
+    storage().sync(out).with_context(|| format!("cannot write into {}", out.display()))?;
+    storage().remove_folder(&new).with_context(|| format!("cannot remove {}", new.display()))
 }
 
 /// Writes all of a report into an empty folder.
@@ -70,36 +99,19 @@ fn fill(out: &Path, groups: &[Group], unreadable: &[(PathBuf, anyhow::Error)], p
     let markdown = page::page(groups, unreadable, &pictures, places)?;
     let results = Results::of(groups);
     atomic::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
-    atomic::write_file(&out.join("report.md"), |file| Ok(file.write_all(markdown.as_bytes())?))?;
+    atomic::write_file(&out.join(PAGE), |file| Ok(file.write_all(markdown.as_bytes())?))?;
     let html = html::render(&markdown, out)?;
-    atomic::write_file(&out.join("report.html"), |file| Ok(file.write_all(html.as_bytes())?))
+    atomic::write_file(&out.join(HTML), |file| Ok(file.write_all(html.as_bytes())?))
 }
 
-/// Moves what is in a folder into another one of the same file system, among what is there.
-fn move_into(from: &Path, to: &Path) -> Result<()> {
+/// Moves a file or a folder to its place on the same file system; what is in a folder goes among what is there.
+fn move_to(from: &Path, to: &Path) -> Result<()> {
+    if !(from.is_dir() && to.is_dir()) {
+        return storage().rename(from, to).with_context(|| format!("cannot write {}", to.display()));
+    }
     for entry in fs::read_dir(from).with_context(|| format!("cannot list {}", from.display()))? {
         let entry = entry?;
-        let (from, to) = (from.join(entry.file_name()), to.join(entry.file_name()));
-        if from.is_dir() && to.is_dir() {
-            move_into(&from, &to)?;
-        } else {
-            fs::rename(&from, &to).with_context(|| format!("cannot write {}", to.display()))?;
-        }
-    }
-    Ok(())
-}
-
-/// Removes what an earlier report would leave among the files of the new one. Folders of these names beside which no
-/// report lies stay.
-fn clear(out: &Path) -> Result<()> {
-    let report = fs::read_to_string(out.join("report.md")).unwrap_or_default();
-    if !report.starts_with(&format!("# {}", template::TITLE)) {
-        return Ok(());
-    }
-    for folder in [records::FOLDER, pictures::FOLDER].map(|name| out.join(name)) {
-        if folder.exists() {
-            fs::remove_dir_all(&folder).with_context(|| format!("cannot replace {}", folder.display()))?;
-        }
+        move_to(&entry.path(), &to.join(entry.file_name()))?;
     }
     Ok(())
 }

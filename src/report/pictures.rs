@@ -1,6 +1,5 @@
 //! The report's pictures: plots over all seeds, and those that single runs made.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -11,6 +10,7 @@ use super::groups::{Group, Role};
 use super::plots;
 use super::records;
 use crate::runs::run::Run;
+use crate::support::storage::storage;
 use crate::viz::{self, CHART_HEIGHT, chart};
 
 /// The folder of what is drawn here, in that of the report.
@@ -37,7 +37,7 @@ pub(super) struct GroupPictures {
 /// Draws the pictures of each group into their folder in `out` and copies those of single runs to their records (`places`).
 pub(super) fn write(out: &Path, groups: &[Group], places: &[Vec<PathBuf>]) -> Result<Vec<GroupPictures>> {
     let folder = out.join(FOLDER);
-    fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let groups = groups.iter().zip(places).enumerate();
     groups.map(|(number, (group, places))| of_group(out, number, group, places)).collect()
 }

@@ -25,6 +25,7 @@ pub(super) fn losses(group: &Group) -> Vec<Chart> {
     let chart = |loss: Loss| Chart {
         title: format!("{task}: validation {}, every seed", loss.symbol()),
         level: published().paper_loss(task, loss).map(|paper| ("paper (test)", RED, paper)),
+        values: "squared error of a frame",
         log: Some(true),
         legend: SeriesLabelPosition::UpperRight,
         ..courses(group, Some(Kind::Valid), loss.key())
@@ -57,6 +58,7 @@ fn courses(group: &Group, kind: Option<Kind>, name: &str) -> Chart {
     Chart {
         title: String::new(),
         axis: "step",
+        values: "",
         // Phases end at another step for each seed: one block for all.
         spans: vec![Span { name: String::new(), first: 0.0, last: last.max(1.0) }],
         lines: STATUSES.map(line).into(),

@@ -12,6 +12,7 @@ use super::groups::{Group, numbered};
 use crate::runs::find::{FoundRuns, find_runs};
 use crate::runs::names::RECORDS;
 use crate::support::atomic;
+use crate::support::storage::{self, storage};
 
 /// The folder of all records, in that of a report.
 pub(super) const FOLDER: &str = "records";
@@ -31,7 +32,10 @@ pub(super) fn find(folders: &[PathBuf], out: &Path) -> Result<FoundRuns> {
         let inside = replaced.is_some_and(|(records, searched)| searched.starts_with(records));
         ensure!(!inside, "{} would be replaced by the new report; choose another folder with --out", folder.display());
     }
-    find_runs(&searched, &|folder| folder.ends_with(FOLDER) && folder.with_file_name(RESULTS).exists())
+    let half_written = |folder: &Path| folder.file_name().is_some_and(atomic::is_partial);
+    find_runs(&searched, &|folder| {
+        half_written(folder) || folder.ends_with(FOLDER) && folder.with_file_name(RESULTS).exists()
+    })
 }
 
 /// Copies the records of all runs into `out/records`, in the folders that `sweep` would give them: one for each run, in
@@ -48,7 +52,7 @@ pub(super) fn write(out: &Path, groups: &[Group]) -> Result<Vec<Vec<PathBuf>>> {
     }
     for (run, place) in groups.iter().flat_map(|group| &group.runs).zip(places.iter().flatten()) {
         let folder = out.join(place);
-        fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
         for name in RECORDS {
             copy(&run.folder.join(name), &folder.join(name))?;
         }
@@ -61,7 +65,7 @@ pub(super) fn copy(from: &Path, to: &Path) -> Result<bool> {
     if !from.exists() {
         return Ok(false);
     }
-    let bytes = fs::read(from).with_context(|| format!("cannot read {}", from.display()))?;
+    let bytes = storage::read(from).with_context(|| format!("cannot read {}", from.display()))?;
     atomic::write_file(to, |file| Ok(file.write_all(&bytes)?))?;
     Ok(true)
 }

@@ -1,23 +1,30 @@
 //! Checkpoints: everything a run needs to go on to the same bits as if it had never stopped.
 //!
-//! `checkpoints/step_<n>/` holds `weights.safetensors`, `slots.safetensors` (the optimizer's) and `state.json`;
-//! `checkpoints/index.json` says which is the last. Folders and index each appear in one step, so a run killed at any
-//! moment finds a complete checkpoint. `checkpoints/best.safetensors` holds the weights with the best validation score of
-//! the last phase.
+//! `checkpoints/step_<n>/` holds `weights.safetensors`, `slots.safetensors` (the optimizer's) and `state.json`, each with a
+//! checksum. The last two are kept: where the last one is damaged, the one before it is taken.
+//! `checkpoints/index.json` says for people and scripts which is the last. Folders and index each appear in one step, so a
+//! run killed at any moment finds a complete checkpoint. `checkpoints/best.safetensors` holds the weights with the best
+//! validation score of the last phase.
 
 use std::fs;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use tch::{Kind, Tensor};
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
 
 use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
-use crate::network::physics_models::{PhysicsNet, VariableGroup};
+use super::weights::{self, Named, is_finite};
+use crate::network::physics_models::PhysicsNet;
 use crate::support::atomic;
+use crate::support::random::fnv1a;
+use crate::support::storage::{self, storage};
 
 /// Version of the form of `state.json` and `index.json`. Files of before it have none.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
+/// The first form with checksums.
+const FORMAT_WITH_CHECKSUMS: u32 = 2;
 
 /// Where a run stands between two steps. What an earlier version wrote besides is not read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -43,6 +50,12 @@ pub struct RunState {
     /// Lengths of log.txt and metrics.jsonl at this moment, bytes: what came later is cut off on resuming.
     pub log_bytes: u64,
     pub metrics_bytes: u64,
+    /// Checksum of the config.toml that the run was begun with; empty in those of earlier versions.
+    #[serde(default)]
+    pub config: String,
+    /// Of all the rest; empty in those of earlier versions.
+    #[serde(default)]
+    checksum: String,
 }
 
 impl RunState {
@@ -60,16 +73,40 @@ impl RunState {
             commits: Vec::new(),
             log_bytes: 0,
             metrics_bytes: 0,
+            config: String::new(),
+            checksum: String::new(),
         }
+    }
+
+    /// The text of state.json, with its checksum.
+    fn to_json(&self) -> Result<Vec<u8>> {
+        let checksum = self.sum()?;
+        Ok(serde_json::to_vec_pretty(&RunState { checksum, ..self.clone() })?)
+    }
+
+    fn sum(&self) -> Result<String> {
+        let bare = RunState { checksum: String::new(), ..self.clone() };
+        Ok(format!("{:016x}", fnv1a(&serde_json::to_vec(&bare)?)))
+    }
+
+    fn from_json(text: &[u8]) -> Result<Self> {
+        let state: Self = serde_json::from_slice(text)?;
+        ensure!(
+            state.format <= FORMAT,
+            "it has form {}; this program knows forms up to {FORMAT}: use a newer one",
+            state.format
+        );
+        let checked = state.format >= FORMAT_WITH_CHECKSUMS || !state.checksum.is_empty();
+        ensure!(!checked || state.checksum == state.sum()?, "it was changed or damaged: its checksum does not fit");
+        Ok(state)
     }
 }
 
 /// Which folder is the last checkpoint.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Index {
-    #[serde(default)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+struct Index {
     format: u32,
-    pub last: String,
+    last: String,
 }
 
 /// Which of a run's weights.
@@ -82,16 +119,16 @@ pub enum SavedWeights {
     Best,
 }
 
-/// The optimizer's values by variable and slot.
-pub type Slots = Vec<(String, Tensor)>;
-
 /// What a checkpoint holds besides the weights.
 #[derive(Debug)]
 pub struct Loaded {
     /// The checkpoint's folder.
     pub name: String,
     pub state: RunState,
-    pub slots: Slots,
+    /// The optimizer's values by variable and slot.
+    pub slots: Named,
+    /// Later checkpoints that are damaged, and how.
+    pub damaged: Option<String>,
 }
 
 /// The checkpoints of a run folder.
@@ -100,7 +137,7 @@ pub struct Store {
     run: PathBuf,
 }
 
-/// What to do about a checkpoint that cannot be read: there is no other one.
+/// What to do about a checkpoint that cannot be read where there is no other one.
 const ADVICE: &str = "put it back from a copy, or begin the run again in another folder";
 
 const INDEX: &str = "index.json";
@@ -108,6 +145,17 @@ const WEIGHTS: &str = "weights.safetensors";
 const SLOTS: &str = "slots.safetensors";
 const STATE: &str = "state.json";
 const BEST: &str = "best.safetensors";
+/// The name of a checkpoint's folder begins with it; their order is that of their steps.
+const STEP: &str = "step_";
+/// Checkpoints that are kept.
+const KEPT: usize = 2;
+
+/// The parts of one checkpoint.
+struct Parts {
+    state: RunState,
+    weights: Named,
+    slots: Named,
+}
 
 impl Store {
     /// Of the run in this folder.
@@ -119,28 +167,41 @@ impl Store {
         self.run.join(CHECKPOINTS)
     }
 
-    /// Saves a checkpoint and removes the one before it. The lengths of the logs are written into the state.
+    /// Checksum of the run's config.toml; empty where there is none.
     ///
     /// # Errors
-    /// A full disk; the earlier checkpoint stays as it is. A variable that is not finite.
+    /// A config that cannot be read.
+    pub fn config_checksum(&self) -> Result<String> {
+        let path = self.run.join(CONFIG);
+        if !path.exists() {
+            return Ok(String::new());
+        }
+        let text = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        Ok(format!("{:016x}", fnv1a(&text)))
+    }
+
+    /// Saves a checkpoint and removes those before the one before it. The lengths of the logs are written into the state.
+    ///
+    /// # Errors
+    /// A full disk; the earlier checkpoints stay as they are. A variable that is not finite.
     pub fn save(&self, model: &PhysicsNet, slots: &[(String, Tensor)], state: &mut RunState) -> Result<()> {
         let _guard = tch::no_grad_guard();
         [state.log_bytes, state.metrics_bytes] = [self.synced_length(LOG)?, self.synced_length(METRICS)?];
         state.format = FORMAT;
         let weights = finite_weights(model, state.steps)?;
         let folder = self.folder();
-        let last = format!("step_{:08}_phase_{}", state.steps, state.phase);
+        let last = format!("{STEP}{:08}_phase_{}", state.steps, state.phase);
         let path = folder.join(&last);
-        fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        // Of a run that was killed between the two steps below.
+        make_folder(&folder)?;
+        // A damaged one that the run went back behind.
         if path.exists() {
-            fs::remove_dir_all(&path).with_context(|| format!("cannot replace {}", path.display()))?;
+            storage().remove_folder(&path).with_context(|| format!("cannot replace {}", path.display()))?;
         }
+        let text = state.to_json()?;
         atomic::write_folder(&path, |folder| {
-            write_tensors(&weights, &folder.join(WEIGHTS))?;
-            write_tensors(slots, &folder.join(SLOTS))?;
-            fs::write(folder.join(STATE), serde_json::to_vec_pretty(state)?)?;
-            Ok(())
+            weights::write(&folder.join(WEIGHTS), &weights)?;
+            weights::write(&folder.join(SLOTS), slots)?;
+            atomic::write_file(&folder.join(STATE), |file| Ok(file.write_all(&text)?))
         })?;
         let index = Index { format: FORMAT, last };
         atomic::write_file(&folder.join(INDEX), |file| Ok(serde_json::to_writer_pretty(file, &index)?))?;
@@ -154,45 +215,82 @@ impl Store {
     pub fn save_best(&self, model: &PhysicsNet, steps: u64) -> Result<()> {
         let _guard = tch::no_grad_guard();
         let folder = self.folder();
-        fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        let weights = finite_weights(model, steps)?;
-        atomic::write_path(&folder.join(BEST), |path| write_tensors(&weights, path))
+        make_folder(&folder)?;
+        weights::write(&folder.join(BEST), &finite_weights(model, steps)?)
     }
 
-    /// Loads the last checkpoint, if there is one, and cuts off what was logged after it.
+    /// Loads the last checkpoint that is whole, if there is any, and cuts off what was logged after it.
     ///
     /// # Errors
-    /// A missing or damaged file, a checkpoint of another task, a name, shape or type that differs from the model's.
+    /// Checkpoints that are all damaged; one of another task or of a config that was changed since, or whose variables
+    /// differ from the model's in name, shape or type; files that cannot be read.
     pub fn load(&self, model: &PhysicsNet, task: &str) -> Result<Option<Loaded>> {
         let folder = self.folder();
-        let Some(index) = read_index(&folder)? else {
+        let names = names(&folder)?;
+        if names.is_empty() {
+            let index = folder.join(INDEX);
+            ensure!(!index.exists(), "{} names a checkpoint that is not there; {ADVICE}", index.display());
             self.shorten([(LOG, 0), (METRICS, 0)])?;
             return Ok(None);
-        };
-        let path = folder.join(&index.last);
-        let state: RunState = read_json(&path.join(STATE))?;
+        }
+        let mut damage = Vec::new();
+        for name in names {
+            let path = folder.join(&name);
+            let Parts { state, weights, slots } = match read_parts(&path)? {
+                Ok(parts) => parts,
+                Err(error) => {
+                    damage.push(format!("checkpoint {}: {error:#}", path.display()));
+                    continue;
+                }
+            };
+            ensure!(state.task == task, "checkpoint {} is of task {}, not of {task}", path.display(), state.task);
+            self.check_config(&state)?;
+            weights::fill(model, &weights).with_context(|| path.join(WEIGHTS).display().to_string())?;
+            self.check_metrics(&state)?;
+            self.shorten([(LOG, state.log_bytes), (METRICS, state.metrics_bytes)])?;
+            let damaged = (!damage.is_empty()).then(|| damage.join("; "));
+            return Ok(Some(Loaded { name, state, slots, damaged }));
+        }
+        bail!("{}; {ADVICE}", damage.join("; "))
+    }
+
+    /// A run goes on with what it was begun with.
+    fn check_config(&self, state: &RunState) -> Result<()> {
         ensure!(
-            state.format <= FORMAT,
-            "checkpoint {} has form {}; this program knows forms up to {FORMAT}: use a newer one",
-            path.display(),
-            state.format
+            state.config.is_empty() || state.config == self.config_checksum()?,
+            "{} was edited after the run had begun, and is not what the checkpoints were made with; put it back as it was, \
+             or begin another run in another folder",
+            self.run.join(CONFIG).display()
         );
-        ensure!(state.task == task, "checkpoint {} is of task {}, not of {task}", path.display(), state.task);
-        load_weights(&path.join(WEIGHTS), model)?;
-        let slots = read_tensors(&path.join(SLOTS))?;
-        self.shorten([(LOG, state.log_bytes), (METRICS, state.metrics_bytes)])?;
-        Ok(Some(Loaded { name: index.last, state, slots }))
+        Ok(())
+    }
+
+    /// What was recorded until the checkpoint will be read at the end of the run.
+    fn check_metrics(&self, state: &RunState) -> Result<()> {
+        let path = self.run.join(METRICS);
+        if !path.exists() {
+            return Ok(());
+        }
+        super::metrics::read(&path)
+            .map(drop)
+            .or_else(|error| {
+                // What comes after the checkpoint is cut off.
+                let bytes = storage::read(&path)?;
+                let kept = bytes.get(..state.metrics_bytes as usize).unwrap_or(&bytes);
+                super::metrics::parse(kept).map(drop).map_err(|_| error)
+            })
+            .context("the run cannot go on: its plots and reports are made of that file; put it back from a copy, or remove it")
     }
 
     /// Length of a log in bytes, once on the disk.
     fn synced_length(&self, name: &str) -> Result<u64> {
         let path = self.run.join(name);
-        let length = || match fs::File::open(&path) {
+        let length = || match fs::metadata(&path) {
             Ok(file) => {
-                file.sync_data()?;
-                Ok(file.metadata()?.len())
+                storage().sync(&path)?;
+                Ok(file.len())
             }
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(0),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(0),
             Err(error) => Err(error),
         };
         length().with_context(|| format!("cannot write {}", path.display()))
@@ -202,19 +300,19 @@ impl Store {
     fn shorten(&self, lengths: [(&str, u64); 2]) -> Result<()> {
         for (name, length) in lengths {
             let path = self.run.join(name);
-            let shorten = || match fs::OpenOptions::new().write(true).open(&path) {
-                Ok(file) => file.set_len(length.min(file.metadata()?.len())),
-                Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
-                Err(error) => Err(error),
-            };
-            shorten().with_context(|| format!("cannot shorten {}", path.display()))?;
+            match storage().shorten(&path, length) {
+                Err(error) if error.kind() != ErrorKind::NotFound => {
+                    return Err(error).with_context(|| format!("cannot shorten {}", path.display()));
+                }
+                _ => {}
+            }
         }
         Ok(())
     }
 }
 
 /// The model's variables, if all are finite.
-fn finite_weights(model: &PhysicsNet, steps: u64) -> Result<Vec<(String, Tensor)>> {
+fn finite_weights(model: &PhysicsNet, steps: u64) -> Result<Named> {
     let weights = model.named_variables();
     for (name, weight) in &weights {
         ensure!(is_finite(weight), "variable {name} is not finite after step {steps}; nothing was saved");
@@ -222,62 +320,54 @@ fn finite_weights(model: &PhysicsNet, steps: u64) -> Result<Vec<(String, Tensor)
     Ok(weights)
 }
 
-/// The index of a checkpoint folder, if it holds any checkpoint.
-///
-/// # Errors
-/// An index that cannot be read.
-pub fn read_index(folder: &Path) -> Result<Option<Index>> {
-    let path = folder.join(INDEX);
-    if path.exists() { read_json(&path).map(Some) } else { Ok(None) }
+fn make_folder(folder: &Path) -> Result<()> {
+    storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))
 }
 
-/// Loads a weights file into a model, strictly: the same names, shapes and types.
-///
-/// # Errors
-/// A missing or damaged file, a name, shape or type that differs from the model's.
-pub fn load_weights(path: &Path, model: &PhysicsNet) -> Result<()> {
-    let _guard = tch::no_grad_guard();
-    let saved = read_tensors(path)?;
-    let variables = model.named_variables();
-    for (name, _) in &saved {
-        ensure!(
-            variables.iter().any(|(known, _)| known == name),
-            "{}: variable {name} is unknown to a model of this task (or fixed there, see model.fixed)",
-            path.display()
-        );
+/// The checkpoints of a folder, the last one first; none where the folder is not there.
+fn names(folder: &Path) -> Result<Vec<String>> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.with_context(|| format!("cannot list {}", folder.display()))?,
+    };
+    let mut names = Vec::new();
+    for entry in entries {
+        let name = entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name();
+        if !atomic::is_partial(&name) {
+            names.extend(name.into_string().ok().filter(|name| name.starts_with(STEP)));
+        }
     }
-    copy(&saved, variables, path)
+    names.sort_by(|a, b| b.cmp(a));
+    Ok(names)
 }
 
-/// Loads encoder and decoder alone, from the weights of a model whose other parts may be different ones.
+/// A checkpoint, or what is damaged in it.
 ///
 /// # Errors
-/// A missing or damaged file, a variable of encoder or decoder that is missing or of another shape.
-pub fn load_vision(path: &Path, model: &PhysicsNet) -> Result<()> {
-    let _guard = tch::no_grad_guard();
-    let sees = |name: &str| matches!(model.group(name), VariableGroup::Encoder | VariableGroup::Decoder);
-    let variables = model.named_variables().into_iter().filter(|(name, _)| sees(name)).collect();
-    copy(&read_tensors(path)?, variables, path)
-}
-
-/// Sets variables to the saved values of their names.
-fn copy(saved: &[(String, Tensor)], variables: Vec<(String, Tensor)>, path: &Path) -> Result<()> {
-    for (name, variable) in variables {
-        let (_, value) = saved.iter().find(|(saved, _)| *saved == name).with_context(|| {
-            format!("{}: variable {name} is missing (a model of this task needs it)", path.display())
-        })?;
-        ensure!(
-            value.size() == variable.size() && value.kind() == variable.kind(),
-            "{}: variable {name}: found {:?} {:?}, expected {:?} {:?}",
-            path.display(),
-            value.kind(),
-            value.size(),
-            variable.kind(),
-            variable.size()
-        );
-        variable.shallow_clone().copy_(value);
+/// A file that is there and cannot be read, too little memory.
+fn read_parts(path: &Path) -> Result<Result<Parts>> {
+    let mut files = Vec::new();
+    for name in [STATE, WEIGHTS, SLOTS] {
+        match storage::read(&path.join(name)) {
+            Ok(bytes) => files.push(bytes),
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Err(anyhow!("{name} is missing"))),
+            Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.join(name).display())),
+        }
     }
-    Ok(())
+    let parts = || {
+        let state = RunState::from_json(&files[0]).context(STATE)?;
+        let tensors = |bytes: &[u8]| {
+            let saved = weights::parse(bytes)?;
+            ensure!(
+                saved.checked || state.format < FORMAT_WITH_CHECKSUMS,
+                "it is not what was saved there: it has no checksum"
+            );
+            Ok(saved.tensors)
+        };
+        let (weights, slots) = (tensors(&files[1]).context(WEIGHTS)?, tensors(&files[2]).context(SLOTS)?);
+        Ok(Parts { state, weights, slots })
+    };
+    Ok(parts())
 }
 
 /// The weights file of a run folder, of a checkpoint folder, or the file itself.
@@ -297,8 +387,8 @@ pub fn find_weights(path: &Path, which: SavedWeights) -> Result<PathBuf> {
         if folder.join(WEIGHTS).exists() {
             return Ok(folder.join(WEIGHTS));
         }
-        if let Some(index) = read_index(&folder)? {
-            return Ok(folder.join(index.last).join(WEIGHTS));
+        if let Some(last) = names(&folder)?.first() {
+            return Ok(folder.join(last).join(WEIGHTS));
         }
     }
     ensure!(
@@ -309,40 +399,13 @@ pub fn find_weights(path: &Path, which: SavedWeights) -> Result<PathBuf> {
     bail!("{}: neither a run folder, nor a checkpoint, nor a weights file", path.display())
 }
 
-fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
-    let text = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    serde_json::from_slice(&text).with_context(|| format!("{} is damaged; {ADVICE}", path.display()))
-}
-
-fn write_tensors(tensors: &[(String, Tensor)], path: &Path) -> Result<()> {
-    let contiguous: Vec<_> = tensors
-        .iter()
-        .map(|(name, tensor)| (name.as_str(), tensor.detach().to_device(tch::Device::Cpu).contiguous()))
-        .collect();
-    Tensor::write_safetensors(&contiguous, path).with_context(|| format!("cannot write {}", path.display()))
-}
-
-/// Named tensors, sorted by name.
-fn read_tensors(path: &Path) -> Result<Vec<(String, Tensor)>> {
-    let mut tensors = Tensor::read_safetensors(path).with_context(|| {
-        format!("cannot read {} (missing, cut short or no safetensors file); {ADVICE}", path.display())
-    })?;
-    tensors.sort_by(|a, b| a.0.cmp(&b.0));
-    Ok(tensors)
-}
-
+/// Removes all checkpoints but the last ones, and those that a run went back behind.
 fn remove_others(folder: &Path, index: &Index) -> Result<()> {
-    for entry in fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))? {
-        let entry = entry?;
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if name != index.last && name.starts_with("step_") {
-            fs::remove_dir_all(entry.path()).with_context(|| format!("cannot remove {}", entry.path().display()))?;
-        }
+    let names = names(folder)?;
+    let (later, kept): (Vec<_>, Vec<_>) = names.into_iter().partition(|name| *name > index.last);
+    for name in later.iter().chain(kept.iter().skip(KEPT)) {
+        let path = folder.join(name);
+        storage().remove_folder(&path).with_context(|| format!("cannot remove {}", path.display()))?;
     }
     Ok(())
-}
-
-/// Whether every element is a number.
-pub fn is_finite(tensor: &Tensor) -> bool {
-    tensor.to_kind(Kind::Double).sum(Kind::Double).isfinite().int64_value(&[]) == 1
 }

@@ -12,18 +12,17 @@
 //! the choices of [`ModelOptions`] with which a model was trained have to be made again by whoever computes with it.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{Cursor, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use ndarray::{ArrayD, IxDyn};
-use ndarray_npy::{NpzReader, NpzWriter};
-use safetensors::Dtype;
-use safetensors::tensor::{TensorView, serialize};
+use ndarray_npy::NpzWriter;
 use tch::{Device, Tensor};
 
 use super::checkpoint::{self, SavedWeights};
+use super::weights::{self, is_finite};
+use crate::datasets::npz;
 use crate::network::System;
 use crate::network::physics_models::{ModelOptions, PhysicsNet};
 use crate::network::variable_names::{from_tensorflow, layout_from_tensorflow, layout_to_tensorflow, to_tensorflow};
@@ -62,15 +61,15 @@ pub fn convert(system: &System, options: &ModelOptions, from: &Path, to: &Path) 
     ensure!(!to.is_dir(), "{} is a folder; a file is written", to.display());
     let model = PhysicsNet::new(system, options, Device::Cpu, 0)?;
     match Form::of(from)? {
-        Form::Safetensors => checkpoint::load_weights(&checkpoint::find_weights(from, SavedWeights::Last)?, &model)?,
+        Form::Safetensors => weights::load(&checkpoint::find_weights(from, SavedWeights::Last)?, &model)?,
         Form::Npz => load_npz(from, &model).with_context(|| from.display().to_string())?,
     }
     let variables = model.named_variables();
     for (name, variable) in &variables {
-        ensure!(checkpoint::is_finite(variable), "{}: variable {name} holds a NaN or an infinity", from.display());
+        ensure!(is_finite(variable), "{}: variable {name} holds a NaN or an infinity", from.display());
     }
     match target {
-        Form::Safetensors => save_safetensors(to, &variables)?,
+        Form::Safetensors => weights::write(to, &variables)?,
         Form::Npz => save_npz(to, &variables)?,
     }
     Ok(variables.len())
@@ -79,17 +78,14 @@ pub fn convert(system: &System, options: &ModelOptions, from: &Path, to: &Path) 
 /// Fills a model from TensorFlow's named variables.
 fn load_npz(path: &Path, model: &PhysicsNet) -> Result<()> {
     let _guard = tch::no_grad_guard();
-    let file = File::open(path).context("cannot be opened")?;
-    let mut archive = NpzReader::new(file).context("not a whole .npz archive (cut short?)")?;
+    let mut archive = npz::Archive::open(path)?;
     let mut variables: BTreeMap<String, Tensor> = model.named_variables().into_iter().collect();
-    for original_name in archive.names().context("the archive's directory is damaged")? {
+    for original_name in archive.names().to_vec() {
         let name = from_tensorflow(&original_name)?;
         let variable = variables
             .remove(&name)
             .with_context(|| format!("variable {original_name} is unknown to a model of this task, or twice there"))?;
-        let array: ArrayD<f32> = archive
-            .by_name(&original_name)
-            .with_context(|| format!("variable {original_name} is no whole array of float32"))?;
+        let array = archive.array::<f32>(&original_name, "float32")?;
         let shape: Vec<i64> = array.shape().iter().map(|&n| n as i64).collect();
         let expected = layout_to_tensorflow(&name, &variable)?.size();
         ensure!(shape == expected, "variable {original_name}: found shape {shape:?}, expected {expected:?}");
@@ -103,19 +99,6 @@ fn load_npz(path: &Path, model: &PhysicsNet) -> Result<()> {
         }
         None => Ok(()),
     }
-}
-
-fn save_safetensors(path: &Path, variables: &[(String, Tensor)]) -> Result<()> {
-    let arrays = variables.iter().map(|(name, variable)| {
-        let (shape, values) = shape_and_values(&variable.detach())?;
-        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-        Ok((name.as_str(), shape, bytes))
-    });
-    let arrays: Vec<_> = arrays.collect::<Result<_>>()?;
-    let views =
-        arrays.iter().map(|(name, shape, bytes)| Ok((*name, TensorView::new(Dtype::F32, shape.clone(), bytes)?)));
-    let bytes = serialize(views.collect::<Result<Vec<_>>>()?, None)?;
-    atomic::write_file(path, |file| Ok(file.write_all(&bytes)?))
 }
 
 fn save_npz(path: &Path, variables: &[(String, Tensor)]) -> Result<()> {

@@ -27,6 +27,11 @@ impl Course {
         self.records.last().map_or(0, |record| record.step)
     }
 
+    /// The phase of the last record.
+    pub fn phase(&self) -> Option<&str> {
+        self.records.last().map(|record| record.phase.as_str())
+    }
+
     /// Seconds of training until the last record that states them.
     pub fn seconds(&self) -> Option<f64> {
         self.records.iter().rev().find_map(|record| record.value("seconds"))

@@ -5,40 +5,50 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::names::{CONFIG, METRICS};
+use super::names::{CHECKPOINTS, CONFIG, LOCK, METRICS, SUMMARY};
 use super::run::Run;
 
 /// All run folders that were found.
 #[derive(Debug, Default)]
 pub struct FoundRuns {
     pub runs: Vec<Run>,
-    /// Folders whose config or summary is damaged, and how.
+    /// Folders that cannot be listed, or whose config or summary is missing or damaged, and how.
     pub unreadable: Vec<(PathBuf, anyhow::Error)>,
 }
+
+/// What a run's folder holds. Two of these make a folder one, whatever else is missing: no run is passed over.
+const MARKS: [&str; 5] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS, LOCK];
 
 /// The runs in and under some folders, in the order of their names. What `skip` names is not entered.
 ///
 /// # Errors
-/// A folder that cannot be listed.
+/// One of the folders themselves cannot be listed.
 pub fn find_runs(folders: &[PathBuf], skip: &dyn Fn(&Path) -> bool) -> Result<FoundRuns> {
     let mut places = Vec::new();
-    folders.iter().try_for_each(|folder| search(folder, skip, &mut places))?;
     let mut found = FoundRuns::default();
+    for folder in folders {
+        search(folder, skip, &mut places, &mut found.unreadable)?;
+    }
     for (folder, _) in places {
         match Run::read(&folder) {
             Ok(run) => found.runs.push(run),
             Err(error) => found.unreadable.push((folder, error)),
         }
     }
-    found.runs = without_copies(found.runs)?;
+    found.runs = without_copies(found.runs);
     share_data(&mut found.runs);
     Ok(found)
 }
 
-/// `places`: run folders as they were reached, and their true paths.
-fn search(folder: &Path, skip: &dyn Fn(&Path) -> bool, places: &mut Vec<(PathBuf, PathBuf)>) -> Result<()> {
+/// `places`: run folders as they were reached, and their true paths; `unreadable`: those below that cannot be listed.
+fn search(
+    folder: &Path,
+    skip: &dyn Fn(&Path) -> bool,
+    places: &mut Vec<(PathBuf, PathBuf)>,
+    unreadable: &mut Vec<(PathBuf, anyhow::Error)>,
+) -> Result<()> {
     let context = || format!("cannot list {}", folder.display());
-    if folder.join(CONFIG).exists() && folder.join(METRICS).exists() {
+    if MARKS.iter().filter(|mark| folder.join(mark).exists()).count() >= 2 {
         let canonical = fs::canonicalize(folder).with_context(context)?;
         if places.iter().all(|(_, known)| *known != canonical) {
             places.push((folder.into(), canonical));
@@ -54,19 +64,26 @@ fn search(folder: &Path, skip: &dyn Fn(&Path) -> bool, places: &mut Vec<(PathBuf
         }
     }
     below.sort();
-    below.iter().try_for_each(|folder| search(folder, skip, places))
+    for folder in below {
+        if let Err(error) = search(&folder, skip, places, unreadable) {
+            unreadable.push((folder, error));
+        }
+    }
+    Ok(())
 }
 
 /// Of runs that are one and the same the one that went furthest: a run and its record in an earlier report, which may
 /// have been made before the run went on. Their configs are equal, and the course of one begins with that of the other.
-fn without_copies(runs: Vec<Run>) -> Result<Vec<Run>> {
+fn without_copies(runs: Vec<Run>) -> Vec<Run> {
     let mut kept: Vec<(Run, [Vec<u8>; 2])> = Vec::new();
     let further = |run: &Run, course: &[u8]| (course.len(), run.summary.is_some());
     for run in runs {
-        let files = run.config_and_course()?;
+        let files = run.config_and_course();
         let [config, course] = &files;
         let same = kept.iter_mut().find(|(_, [other_config, other])| {
-            other_config == config && (other.starts_with(course) || course.starts_with(other))
+            // Of runs without a course nothing says that they are one.
+            let begun = !course.is_empty() && !other.is_empty();
+            other_config == config && begun && (other.starts_with(course) || course.starts_with(other))
         });
         match same {
             Some(other) if further(&run, course) > further(&other.0, &other.1[1]) => *other = (run, files),
@@ -74,7 +91,7 @@ fn without_copies(runs: Vec<Run>) -> Result<Vec<Run>> {
             None => kept.push((run, files)),
         }
     }
-    Ok(kept.into_iter().map(|(run, _)| run).collect())
+    kept.into_iter().map(|(run, _)| run).collect()
 }
 
 /// A run that has not finished learned from what other runs on the same files say.

@@ -1,15 +1,17 @@
 //! A run's folder: its lock, its config, its logs.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
-use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
+use super::names::{CHECKPOINTS, CONFIG, DONE, LOCK, LOG, METRICS, OUTPUT};
 use crate::support::atomic;
+use crate::support::storage::{Output, storage};
 
-const LOCK: &str = ".lock";
+/// What a folder may hold before a run begins in it: what `sweep` writes, and what a run that was killed at its start left.
+const BEFORE: [&str; 3] = [LOCK, OUTPUT, DONE];
 
 /// An opened and locked run folder.
 #[derive(Debug)]
@@ -23,17 +25,17 @@ impl RunFolder {
     /// Opens a folder for a new run with this config.
     ///
     /// # Errors
-    /// A folder that holds a run already, or that another process runs in.
+    /// A folder that holds a run or anything else already, or that another process runs in.
     pub fn create(path: &Path, config: &str) -> Result<Self> {
         Self::ensure_free(path)?;
-        fs::create_dir_all(path).with_context(|| format!("cannot create the run folder {}", path.display()))?;
+        storage().create_folder(path).with_context(|| format!("cannot create the run folder {}", path.display()))?;
         let folder = Self::open(path)?;
         atomic::write_file(&path.join(CONFIG), |file| Ok(file.write_all(config.as_bytes())?))?;
         Ok(folder)
     }
 
     /// # Errors
-    /// A folder that holds a run already.
+    /// A folder that holds a run or files of someone else already.
     pub fn ensure_free(path: &Path) -> Result<()> {
         // Checkpoints alone are of a run whose config was deleted: a new run must not go on from them.
         ensure!(
@@ -41,7 +43,26 @@ impl RunFolder {
             "{} holds a run already; continue it with --resume, or choose another folder with --out",
             path.display()
         );
+        let entries = match fs::read_dir(path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+            entries => entries.with_context(|| format!("cannot begin a run in {}", path.display()))?,
+        };
+        for entry in entries {
+            let name = entry.with_context(|| format!("cannot list {}", path.display()))?.file_name();
+            let ours = BEFORE.iter().any(|known| name == *known) || atomic::is_partial(&name);
+            ensure!(
+                ours,
+                "{} holds {name:?}, which is of no run, and a run would write among it; choose a new folder with --out",
+                path.display()
+            );
+        }
         Ok(())
+    }
+
+    /// Whether a program runs in a folder now.
+    pub fn is_in_use(path: &Path) -> bool {
+        let lock = File::open(path.join(LOCK));
+        lock.is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
     }
 
     /// Opens the folder of an earlier run.
@@ -54,7 +75,9 @@ impl RunFolder {
     }
 
     fn open(path: &Path) -> Result<Self> {
-        let lock = append(path, LOCK)?;
+        let place = path.join(LOCK);
+        let lock = OpenOptions::new().create(true).append(true).open(&place);
+        let lock = lock.with_context(|| format!("cannot open {}", place.display()))?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => bail!("another run is using {}", path.display()),
@@ -62,6 +85,8 @@ impl RunFolder {
                 return Err(error).with_context(|| format!("cannot lock {}", path.display()));
             }
         }
+        // Nobody else writes here now.
+        [path.to_path_buf(), path.join(CHECKPOINTS)].iter().for_each(|folder| atomic::remove_partials(folder));
         Ok(RunFolder { path: path.to_path_buf(), _lock: lock })
     }
 
@@ -73,7 +98,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// A file that cannot be opened.
-    pub fn log(&self) -> Result<File> {
+    pub fn log(&self) -> Result<Box<dyn Output>> {
         append(&self.path, LOG)
     }
 
@@ -81,14 +106,13 @@ impl RunFolder {
     ///
     /// # Errors
     /// A file that cannot be opened.
-    pub fn metrics(&self) -> Result<File> {
+    pub fn metrics(&self) -> Result<Box<dyn Output>> {
         append(&self.path, METRICS)
     }
 }
 
 /// A file of the folder, made if it is not there, to be appended to.
-fn append(folder: &Path, name: &str) -> Result<File> {
+fn append(folder: &Path, name: &str) -> Result<Box<dyn Output>> {
     let path = folder.join(name);
-    let file = OpenOptions::new().create(true).read(true).append(true).open(&path);
-    file.with_context(|| format!("cannot open {}", path.display()))
+    storage().append(&path).with_context(|| format!("cannot open {}", path.display()))
 }

@@ -1,7 +1,6 @@
 //! metrics.jsonl: the course of a training, one record a line. The one writer and the one reader of that file.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::io::Write;
 use std::path::Path;
 
@@ -9,6 +8,7 @@ use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::names::METRICS;
+use crate::support::storage;
 
 /// Version of the file's form, in its first record; to be raised when a reader of today could misread it. Files of before
 /// it have none.
@@ -122,8 +122,9 @@ impl Record {
     /// # Errors
     /// A full disk.
     pub fn write(&self, file: &mut impl Write) -> Result<()> {
-        let line = serde_json::to_string(self)?;
-        writeln!(file, "{line}").with_context(|| format!("cannot write {METRICS}"))
+        // In one piece: a run that is killed leaves a whole line or none.
+        let line = serde_json::to_string(self)? + "\n";
+        file.write_all(line.as_bytes()).with_context(|| format!("cannot write {METRICS}"))
     }
 }
 
@@ -133,23 +134,26 @@ impl Record {
 /// # Errors
 /// A missing file, the number of a line that is no record, a newer form.
 pub fn read(path: &Path) -> Result<Vec<Record>> {
-    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    parse(&bytes).with_context(|| path.display().to_string())
+}
+
+/// The same of the bytes of a file.
+///
+/// # Errors
+/// The number of a line that is no record, a newer form.
+pub fn parse(bytes: &[u8]) -> Result<Vec<Record>> {
     let mut records: Vec<Record> = Vec::new();
-    for (number, line) in text.split_inclusive('\n').enumerate().filter(|(_, line)| !line.trim().is_empty()) {
-        match serde_json::from_str(line) {
+    let lines = bytes.split_inclusive(|byte| *byte == b'\n').enumerate();
+    for (number, line) in lines.filter(|(_, line)| !line.trim_ascii().is_empty()) {
+        match serde_json::from_slice(line) {
             Ok(record) => records.push(record),
-            Err(_) if !line.ends_with('\n') => {}
-            Err(error) => {
-                return Err(error).with_context(|| format!("{}: line {} is damaged", path.display(), number + 1));
-            }
+            Err(_) if !line.ends_with(b"\n") => {}
+            Err(error) => return Err(error).with_context(|| format!("line {} is damaged", number + 1)),
         }
     }
     let format = records.first().and_then(|record| record.format).unwrap_or_default();
-    ensure!(
-        format <= FORMAT,
-        "{} has form {format}; this program knows forms up to {FORMAT}: use a newer one",
-        path.display()
-    );
+    ensure!(format <= FORMAT, "it has form {format}; this program knows forms up to {FORMAT}: use a newer one");
     records.retain(|record| record.kind != Kind::Begin);
     Ok(records)
 }
@@ -191,6 +195,8 @@ pub fn stretches(records: &[Record]) -> Vec<Stretch> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

@@ -13,3 +13,4 @@ pub mod run_config;
 pub mod scores;
 pub mod summary;
 pub mod verdict;
+pub mod weights;

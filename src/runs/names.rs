@@ -12,3 +12,9 @@ pub const SUMMARY: &str = "summary.json";
 pub const CHECKPOINTS: &str = "checkpoints";
 /// What says all of a run in few bytes.
 pub const RECORDS: [&str; 3] = [CONFIG, METRICS, SUMMARY];
+/// What a run printed under `sweep`.
+pub const OUTPUT: &str = "output.log";
+/// Marks a run that has finished under `sweep`.
+pub const DONE: &str = "DONE";
+/// Held while a program runs in the folder.
+pub const LOCK: &str = ".lock";

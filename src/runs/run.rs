@@ -1,14 +1,14 @@
 //! A run as its folder tells it, finished or not.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Result, ensure};
 
 use super::course::Course;
 use super::names::{CONFIG, METRICS};
 use super::run_config::RunConfig;
 use super::summary::Summary;
+use crate::support::storage;
 
 /// One run folder.
 #[derive(Debug)]
@@ -36,9 +36,17 @@ impl Run {
     /// Reads a run folder.
     ///
     /// # Errors
-    /// A config or a summary that is missing or damaged.
+    /// A config that is missing or damaged, a summary that is damaged or of another run than the config.
     pub fn read(folder: &Path) -> Result<Self> {
         let (config, summary) = (RunConfig::read(&folder.join(CONFIG))?, Summary::read(folder)?);
+        if let Some(summary) = &summary {
+            let of_config = (config.task.name.as_str(), config.recipe.as_str(), config.seed);
+            let of_summary = (summary.task.as_str(), summary.recipe.as_str(), summary.seed);
+            ensure!(
+                of_config == of_summary,
+                "config and summary are of different runs: task, recipe and seed are {of_config:?} and {of_summary:?}"
+            );
+        }
         let data = summary.as_ref().and_then(|summary| {
             let clips = [summary.training_clips?, summary.validation_clips?, summary.test.scores.clips];
             Some(RunData { clips, made_with: summary.test.made_with.clone() })
@@ -72,12 +80,9 @@ impl Run {
         }
     }
 
-    /// The bytes of the config and of the course: the first tells runs apart, the second grows while a run goes on.
-    pub(super) fn config_and_course(&self) -> Result<[Vec<u8>; 2]> {
-        let read = |name: &str| {
-            let path = self.folder.join(name);
-            fs::read(&path).with_context(|| format!("cannot read {}", path.display()))
-        };
-        Ok([read(CONFIG)?, read(METRICS)?])
+    /// The bytes of the config and of the course: the first tells runs apart, the second grows while a run goes on. Empty
+    /// where they cannot be read.
+    pub(super) fn config_and_course(&self) -> [Vec<u8>; 2] {
+        [CONFIG, METRICS].map(|name| storage::read(&self.folder.join(name)).unwrap_or_default())
     }
 }

@@ -9,6 +9,7 @@ use toml::{Table, Value};
 
 use super::config_file;
 use crate::network::cells::PhysicalParameter;
+use crate::support::storage;
 use crate::support::toml_values::leaves;
 use crate::tasks::{self, Task};
 
@@ -41,7 +42,7 @@ impl RunConfig {
     /// A file that cannot be read or lacks a key that every config has, an unknown task.
     pub fn read(path: &Path) -> Result<Self> {
         let parse = || {
-            let table = config_file::parse(&std::fs::read_to_string(path)?)?;
+            let table = config_file::parse(&storage::read_to_string(path)?)?;
             let choices = choices(&table);
             let Circumstances { task, recipe, seed, threads, device } = table.try_into()?;
             let task = match task {

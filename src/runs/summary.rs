@@ -1,7 +1,6 @@
 //! summary.json: what a finished run says of itself. The one writer and the one reader of that file.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -10,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::names::SUMMARY;
 use super::scores::Scores;
 use super::verdict::Verdict;
-use crate::support::atomic;
+use crate::support::{atomic, storage};
 
 /// Version of the file's form; to be raised when a reader of today could misread it. Files of before it have none.
 pub const FORMAT: u32 = 1;
@@ -91,7 +90,7 @@ impl Summary {
         if !path.exists() {
             return Ok(None);
         }
-        let text = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let text = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
         let summary: Self = serde_json::from_slice(&text).with_context(|| format!("{} is damaged", path.display()))?;
         ensure!(
             summary.format <= FORMAT,

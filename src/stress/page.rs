@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
@@ -14,6 +13,7 @@ use super::matrix::Outcome;
 use crate::network::physics_models::losses::Loss;
 use crate::runs::run::Run;
 use crate::support::atomic;
+use crate::support::storage::storage;
 
 /// The report's files.
 const RESULTS: &str = "results.json";
@@ -29,7 +29,7 @@ const SCALE: f64 = 0.4;
 /// A folder that cannot be written.
 pub fn write(out: &Path, list: &StressList, outcomes: &[Outcome], pictured: &BTreeMap<String, Run>) -> Result<()> {
     let pictures = out.join(PICTURES);
-    fs::create_dir_all(&pictures).with_context(|| format!("cannot create {}", pictures.display()))?;
+    storage().create_folder(&pictures).with_context(|| format!("cannot create {}", pictures.display()))?;
     for (scene, run) in pictured {
         picture(&run.folder.join("example0.png"), &pictures.join(format!("{scene}.png")))?;
     }

@@ -1,61 +1,78 @@
 //! Files and folders that appear whole or not at all: written beside their place, synced, then renamed.
+//!
+//! Where a path is a link, the file it leads to is replaced. A device or a pipe is written to as it is.
 
-use std::fs::{self, File};
+use std::ffi::OsStr;
+use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
+use super::storage::{Output, storage};
+
+/// What a file is filled through.
+pub type Writer = BufWriter<Box<dyn Output>>;
+
+/// Bytes that are written at a time.
+const CHUNK: usize = 1 << 18;
+/// Links behind links.
+const MOST_LINKS: usize = 40;
+const PARTIAL: &str = "partial";
+
 /// Writes a file in one step; what stood there before stays until the new one is complete.
 ///
 /// # Errors
-/// A full disk or a missing folder; nothing is left behind then.
-pub fn write_file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> Result<()>) -> Result<()> {
-    write_path(path, |partial| {
-        let mut file = BufWriter::new(File::create(partial)?);
-        write(&mut file)?;
-        Ok(file.flush()?)
-    })
-}
-
-/// Writes a file in one step by something that takes a path.
-///
-/// # Errors
-/// As for [`write_file`].
-pub fn write_path(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-    let partial = partial_name(path);
-    let attempt = || -> Result<()> {
-        write(&partial)?;
-        File::open(&partial)?.sync_all()?;
-        fs::rename(&partial, path)?;
-        sync_folder(path)
+/// A full disk, a missing folder, a folder in the file's place; nothing is left behind then.
+pub fn write_file(path: &Path, write: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+    let write = |place: &Path| -> Result<()> {
+        let mut file = BufWriter::with_capacity(CHUNK, storage().create(place)?);
+        let written = write(&mut file).and_then(|()| Ok(file.flush()?));
+        // What is left in the buffer after an error must not be tried again.
+        drop(file.into_parts());
+        written
     };
-    attempt()
-        .inspect_err(|_| drop(fs::remove_file(&partial)))
-        .with_context(|| format!("cannot write {}", path.display()))
+    let attempt = || -> Result<()> {
+        let target = target(path)?;
+        if is_stream(&target) {
+            return write(&target);
+        }
+        ensure!(!target.is_dir(), "a folder is there");
+        let partial = partial_name(&target);
+        let replace = || -> Result<()> {
+            write(&partial)?;
+            storage().sync(&partial)?;
+            storage().rename(&partial, &target)?;
+            sync_folder(&target)
+        };
+        remove_leftovers(&target);
+        replace().inspect_err(|_| drop(storage().remove_file(&partial)))
+    };
+    attempt().with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Fills a new folder in one step. A folder of that name must not exist yet.
+/// Fills a new folder in one step. A folder of that name must not exist yet, or be empty.
 ///
 /// # Errors
 /// As for [`write_file`].
 pub fn write_folder(path: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     let partial = partial_name(path);
     let attempt = || -> Result<()> {
+        remove_leftovers(path);
         if partial.exists() {
-            fs::remove_dir_all(&partial)?;
+            storage().remove_folder(&partial)?;
         }
-        fs::create_dir_all(&partial)?;
+        storage().create_folder(&partial)?;
         fill(&partial)?;
         for entry in fs::read_dir(&partial)? {
-            File::open(entry?.path())?.sync_all()?;
+            storage().sync(&entry?.path())?;
         }
-        File::open(&partial)?.sync_all()?;
-        fs::rename(&partial, path)?;
+        storage().sync(&partial)?;
+        storage().rename(&partial, path)?;
         sync_folder(path)
     };
     attempt()
-        .inspect_err(|_| drop(fs::remove_dir_all(&partial)))
+        .inspect_err(|_| drop(storage().remove_folder(&partial)))
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
@@ -65,24 +82,127 @@ pub fn write_folder(path: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Resu
 /// A missing folder or one that cannot be written, a folder in the file's place.
 pub fn check_place(path: &Path) -> Result<()> {
     let attempt = || -> Result<()> {
-        ensure!(!path.is_dir(), "a folder is there");
-        let partial = partial_name(path);
-        File::create(&partial)?;
-        Ok(fs::remove_file(&partial)?)
+        let target = target(path)?;
+        ensure!(!target.is_dir(), "a folder is there");
+        if is_stream(&target) {
+            return Ok(());
+        }
+        let partial = partial_name(&target);
+        storage().create(&partial)?;
+        Ok(storage().remove_file(&partial)?)
     };
     attempt().with_context(|| format!("cannot write {}", path.display()))
 }
 
+/// Removes what processes that are gone left half-written in a folder.
+pub fn remove_partials(folder: &Path) {
+    remove_abandoned(folder, |_| true);
+}
+
+/// Whether a name is that of something half-written.
+pub fn is_partial(name: &OsStr) -> bool {
+    Path::new(name).extension().is_some_and(|extension| extension == PARTIAL)
+}
+
+fn remove_leftovers(path: &Path) {
+    let (folder, name) = (path.parent().unwrap_or(Path::new("")), path.file_name().unwrap_or_default());
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    remove_abandoned(folder, |file| file == name);
+}
+
+/// Removes half-written files and folders whose process is gone, of the final names that are meant. What cannot be
+/// listed or removed is in nobody's way.
+fn remove_abandoned(folder: &Path, meant: impl Fn(&OsStr) -> bool) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let (name, path) = (entry.file_name(), entry.path());
+        let Some((file, process)) = name.to_str().and_then(split_partial) else { continue };
+        if !meant(OsStr::new(file)) || Path::new("/proc").join(process.to_string()).exists() {
+            continue;
+        }
+        let _ = if path.is_dir() { storage().remove_folder(&path) } else { storage().remove_file(&path) };
+    }
+}
+
+/// The final name and the process of `NAME.PROCESS.partial`.
+fn split_partial(name: &str) -> Option<(&str, u32)> {
+    let (file, process) = name.strip_suffix(PARTIAL)?.strip_suffix('.')?.rsplit_once('.')?;
+    Some((file, process.parse().ok()?))
+}
+
 fn partial_name(path: &Path) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(format!(".{}.partial", std::process::id()));
+    name.push(format!(".{}.{PARTIAL}", std::process::id()));
     path.with_file_name(name)
+}
+
+/// Where a path leads, through links, also to what is not there yet.
+fn target(path: &Path) -> Result<PathBuf> {
+    let mut target = path.to_path_buf();
+    for _ in 0..MOST_LINKS {
+        match fs::read_link(&target) {
+            Ok(next) => target = target.parent().unwrap_or(Path::new("")).join(next),
+            Err(_) => return Ok(target),
+        }
+    }
+    anyhow::bail!("its links lead in a circle")
+}
+
+/// Whether something is there that is neither a file nor a folder: a device, a pipe.
+pub fn is_stream(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|kind| !kind.is_file() && !kind.is_dir())
 }
 
 /// Makes a rename last through a power cut.
 fn sync_folder(path: &Path) -> Result<()> {
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        File::open(folder)?.sync_all()?;
+        storage().sync(folder)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    fn write(path: &Path, text: &str) -> Result<()> {
+        write_file(path, |file| Ok(file.write_all(text.as_bytes())?))
+    }
+
+    #[test]
+    fn links_are_followed_and_devices_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let [file, link, new, device] = ["file", "link", "new", "device"].map(|name| folder.path().join(name));
+        fs::write(&file, "before").unwrap();
+        symlink("file", &link).unwrap();
+        write(&link, "after").unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(fs::read_to_string(&file).unwrap(), "after");
+        fs::remove_file(&file).unwrap();
+        write(&link, "again").unwrap();
+        assert_eq!(fs::read_to_string(&file).unwrap(), "again");
+        symlink("/dev/full", &device).unwrap();
+        assert!(format!("{:#}", write(&device, "much").unwrap_err()).contains("No space left"));
+        assert!(device.is_symlink() && !fs::metadata("/dev/full").unwrap().is_file());
+        symlink("new", &new).unwrap();
+        assert!(format!("{:#}", write(&new, "").unwrap_err()).contains("circle"));
+        assert!(format!("{:#}", write(folder.path(), "").unwrap_err()).contains("a folder is there"));
+    }
+
+    #[test]
+    fn what_a_dead_process_left_goes_and_what_a_living_one_writes_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        // No process has a number as large as the kernel's limit of them (4194304).
+        let (dead, other, living) = ("a.4194305.partial", "b.4194305.partial", format!("a.{}.partial", 1));
+        for name in [dead, other, &living] {
+            fs::write(folder.path().join(name), "half").unwrap();
+        }
+        write(&folder.path().join("a"), "whole").unwrap();
+        let there = |name: &str| folder.path().join(name).exists();
+        assert_eq!([there("a"), there(dead), there(other), there(&living)], [true, false, true, true]);
+        remove_partials(folder.path());
+        assert_eq!([there(other), there(&living)], [false, true]);
+        assert!(is_partial(OsStr::new(dead)) && !is_partial(OsStr::new("a")));
+    }
 }

@@ -30,14 +30,28 @@ pub fn parse(text: &str) -> Result<Device> {
     Ok(device)
 }
 
+/// Threads for each core, and in all, that may be asked for: more of them only wait for each other.
+const MOST_PER_CORE: usize = 8;
+const MOST_ON_FEW_CORES: usize = 64;
+
+/// The number of threads that is meant: 0 is one for each core.
+///
+/// # Errors
+/// Many more than there are cores: such a run would stand for minutes before its first step.
+pub fn threads(asked: usize) -> Result<usize> {
+    let most = (MOST_PER_CORE * cores()).max(MOST_ON_FEW_CORES);
+    ensure!(asked <= most, "{asked} threads: at most {most} on the {} cores of this machine", cores());
+    Ok(if asked == 0 { cores() } else { asked })
+}
+
 /// Sets the number of threads libtorch computes with; 0 takes one for each core. Returns the number.
-pub fn set_threads(threads: usize) -> usize {
-    let threads = match threads {
-        0 => cores(),
-        given => given,
-    };
+///
+/// # Errors
+/// As for [`threads`].
+pub fn set_threads(asked: usize) -> Result<usize> {
+    let threads = threads(asked)?;
     tch::set_num_threads(threads as i32);
-    threads
+    Ok(threads)
 }
 
 /// The processor, as the kernel names it.

@@ -5,6 +5,9 @@
 
 mod plan;
 mod processes;
+mod status;
 
-pub use plan::{DONE, Job, OUTPUT, SweepPlan};
+pub use crate::runs::names::{DONE, OUTPUT};
+pub use plan::{Job, SweepPlan};
 pub use processes::{SweepEvent, SweepSummary, last_line, run};
+pub use status::{RunState, RunStatus, status};

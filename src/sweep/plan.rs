@@ -4,14 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 
+use crate::runs::names::{CONFIG, DONE};
 use crate::support::command_line::CommandOptions;
 use crate::training::config::Config;
 use crate::training::layers::Overrides;
-
-/// File that marks the folder of a run that has finished.
-pub const DONE: &str = "DONE";
-/// What a run printed, in its folder.
-pub const OUTPUT: &str = "output.log";
 
 /// What is to be run.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -66,10 +62,10 @@ impl SweepPlan {
         let variant = match &self.name {
             None => self.recipe.clone(),
             Some(name) => {
-                let sound = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+                let sound = |c: char| c.is_ascii_alphanumeric() || "._-=".contains(c);
                 ensure!(
                     !name.is_empty() && name.chars().all(sound),
-                    "--name {name:?}: only letters, digits, '.', '_' and '-' can stand in a folder's name"
+                    "--name {name:?}: only letters, digits, '.', '_', '-' and '=' can stand in a folder's name"
                 );
                 format!("{}-{name}", self.recipe)
             }
@@ -85,15 +81,16 @@ impl SweepPlan {
     }
 
     /// A shell command for each run, for schedulers: a sweep of that run alone, so that it is skipped, resumed and
-    /// marked in the same way. `program` is the sweep program.
+    /// marked in the same way. `program` is the sweep program. The threads are said only where they were asked for: the
+    /// machine that will run it may have other cores than this one.
     ///
     /// # Errors
     /// A path that cannot be quoted.
-    pub fn commands(&self, program: &Path) -> Result<Vec<String>> {
+    pub fn commands(&self, program: &Path, threads: Option<usize>) -> Result<Vec<String>> {
         let command = |(task, seed): (&String, u64)| {
             self.shared_options(task)
                 .with("seeds", seed.to_string())
-                .with("threads-per-run", self.threads.to_string())
+                .with_each("threads-per-run", threads.map(|threads| threads.to_string()))
                 .with("out", &self.out)
                 .with_each("name", &self.name)
                 .shell(program)
@@ -132,7 +129,7 @@ impl SweepPlan {
 
 impl Job {
     pub(super) fn stage(&self) -> Result<Stage> {
-        let path = self.folder.join("config.toml");
+        let path = self.folder.join(CONFIG);
         if !path.exists() {
             return Ok(Stage::New);
         }

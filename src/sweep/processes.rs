@@ -11,13 +11,18 @@ use anyhow::{Context, Result, anyhow};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use super::plan::{DONE, Job, OUTPUT, Stage};
+use super::plan::{Job, Stage};
+use crate::runs::folder::RunFolder;
+use crate::runs::names::{DONE, OUTPUT};
 use crate::support::atomic;
+use crate::support::storage::storage;
 
 /// How often the processes are looked at.
 const TICK: Duration = Duration::from_millis(100);
 /// Bytes in which a last line is looked for.
 const TAIL: u64 = 600;
+/// Bytes of what a run printed in which its error is looked for.
+const MOST_PRINTED: u64 = 1 << 24;
 
 /// How a sweep ended.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -27,6 +32,8 @@ pub struct SweepSummary {
     pub skipped: usize,
     /// Asked to stop, or not begun because of that.
     pub stopped: usize,
+    /// Left alone: another process runs them.
+    pub in_use: usize,
     /// What each failed run printed, with the reason in its last lines.
     pub failed: Vec<PathBuf>,
 }
@@ -41,6 +48,8 @@ pub enum SweepEvent<'a> {
     Finished(&'a Path, Duration),
     /// It was asked to stop, and saved.
     Stopped(&'a Path),
+    /// Another process runs it, on this machine or another one.
+    InUse(&'a Path),
     Failed(&'a Path, &'a anyhow::Error),
     /// Runs are under way; comes some times a second.
     Waiting,
@@ -51,6 +60,8 @@ struct Running<'a> {
     job: &'a Job,
     child: Child,
     since: Instant,
+    /// Where what it prints begins in the output, bytes.
+    from: u64,
 }
 
 /// Runs the jobs with the training program, `at_once` at a time, in their order. One that fails stops no other one.
@@ -72,6 +83,7 @@ pub fn run(
             SweepEvent::Skipped(_) => summary.skipped += 1,
             SweepEvent::Finished(..) => summary.finished += 1,
             SweepEvent::Stopped(_) => summary.stopped += 1,
+            SweepEvent::InUse(_) => summary.in_use += 1,
             SweepEvent::Failed(folder, error) => summary.failed.push(note_failure(folder, error)),
             SweepEvent::Started(_) | SweepEvent::Resumed(_) | SweepEvent::Waiting => {}
         }
@@ -83,7 +95,7 @@ pub fn run(
     loop {
         while running.len() < at_once && !stop() {
             let Some(job) = waiting.next() else { break };
-            running.extend(start(program, job, &mut tell).map(|child| Running { job, child, since: Instant::now() }));
+            running.extend(start(program, job, &mut tell));
         }
         if running.is_empty() {
             break;
@@ -106,8 +118,10 @@ pub fn run(
                     Err(error) => tell(SweepEvent::Failed(folder, &error)),
                 },
                 Some(_) if stopping => tell(SweepEvent::Stopped(folder)),
+                // One that another process began in the same moment.
+                Some(_) if RunFolder::is_in_use(folder) => tell(SweepEvent::InUse(folder)),
                 Some(status) => {
-                    let reason = last_line(&folder.join(OUTPUT)).unwrap_or_default();
+                    let reason = reason(&folder.join(OUTPUT), one.from).unwrap_or_default();
                     tell(SweepEvent::Failed(folder, &anyhow!("the run ended with {status}: {reason}")));
                 }
             }
@@ -120,8 +134,13 @@ pub fn run(
 }
 
 /// Starts or continues a run; none if it has finished before or cannot be started.
-fn start(program: &Path, job: &Job, tell: &mut dyn FnMut(SweepEvent)) -> Option<Child> {
+fn start<'a>(program: &Path, job: &'a Job, tell: &mut dyn FnMut(SweepEvent)) -> Option<Running<'a>> {
     let folder = &job.folder;
+    if RunFolder::is_in_use(folder) {
+        tell(SweepEvent::InUse(folder));
+        return None;
+    }
+    let from = fs::metadata(folder.join(OUTPUT)).map_or(0, |output| output.len());
     let (event, child) = match job.stage().and_then(|stage| Ok((stage, spawn(program, job, stage)?))) {
         Ok((Stage::New, child)) => (SweepEvent::Started(folder), child),
         Ok((Stage::CutOff, child)) => (SweepEvent::Resumed(folder), child),
@@ -132,7 +151,7 @@ fn start(program: &Path, job: &Job, tell: &mut dyn FnMut(SweepEvent)) -> Option<
         }
     };
     tell(event);
-    child
+    child.map(|child| Running { job, child, since: Instant::now(), from })
 }
 
 /// The process of a run that is not finished.
@@ -151,9 +170,21 @@ fn spawn(program: &Path, job: &Job, stage: Stage) -> Result<Option<Child>> {
 }
 
 fn open_output(folder: &Path) -> Result<File> {
-    fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let path = folder.join(OUTPUT);
     OpenOptions::new().create(true).append(true).open(&path).with_context(|| format!("cannot open {}", path.display()))
+}
+
+/// Why a run failed: the last error in what it printed, else its last line.
+fn reason(path: &Path, from: u64) -> std::io::Result<String> {
+    let mut file = File::open(path)?;
+    file.seek(SeekFrom::Start(from))?;
+    let mut printed = Vec::new();
+    file.take(MOST_PRINTED).read_to_end(&mut printed)?;
+    let printed = String::from_utf8_lossy(&printed);
+    let lines = || printed.lines().filter(|line| !line.trim().is_empty());
+    let error = lines().rfind(|line| line.starts_with("error: ")).or(lines().last());
+    Ok(error.unwrap_or_default().trim().to_string())
 }
 
 /// Notes a failure in what the run printed; returns where that is.

@@ -15,8 +15,9 @@ use super::optimizers::{Optimizer, OptimizerKind};
 use crate::datasets::iterators::Clips;
 use crate::evaluation;
 use crate::network::physics_models::PhysicsNet;
-use crate::runs::checkpoint::{self, RunState, Slots, Store};
+use crate::runs::checkpoint::{RunState, Store};
 use crate::runs::metrics::{Kind, Record};
+use crate::runs::weights::{Named, is_finite};
 
 /// How a training or a phase ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,7 +60,7 @@ pub struct Session<'a> {
     pub(super) observers: Vec<&'a mut dyn Observer>,
     pub(super) stop: Box<dyn Fn() -> bool + 'a>,
     /// Of the optimizer at the checkpoint that the training goes on from.
-    pub(super) slots: Option<Slots>,
+    pub(super) slots: Option<Named>,
     /// Start of the time that is not yet in `state.seconds`.
     pub(super) clock: Instant,
 }
@@ -74,10 +75,14 @@ impl Session<'_> {
     /// Restores the last checkpoint, if there is any.
     pub(super) fn load_last(&mut self) -> Result<()> {
         let Some(store) = &self.store else { return Ok(()) };
-        let Some(loaded) = store.load(self.model, &self.state.task)? else { return Ok(()) };
+        let Some(loaded) = store.load(self.model, &self.state.task)? else {
+            self.state.config = store.config_checksum()?;
+            return Ok(());
+        };
         self.state = loaded.state;
         self.slots = (!loaded.slots.is_empty()).then_some(loaded.slots);
-        self.tell(&Event::Resumed { steps: self.state.steps, checkpoint: &loaded.name })
+        let damaged = loaded.damaged.as_deref();
+        self.tell(&Event::Resumed { steps: self.state.steps, checkpoint: &loaded.name, damaged })
     }
 
     /// Tells all observers.
@@ -195,9 +200,9 @@ impl Session<'_> {
 
     /// Says which tensor first went wrong.
     fn not_finite(&self, loss: &StepLoss, variables: &[(String, Tensor)]) -> String {
-        let variable = variables.iter().find(|(_, variable)| !checkpoint::is_finite(variable));
+        let variable = variables.iter().find(|(_, variable)| !is_finite(variable));
         let parts = [("recons_loss", loss.reconstruction.as_ref()), ("pred_loss", loss.prediction.as_ref())];
-        let part = parts.into_iter().find(|(_, part)| part.is_some_and(|part| !checkpoint::is_finite(part)));
+        let part = parts.into_iter().find(|(_, part)| part.is_some_and(|part| !is_finite(part)));
         let culprit = match (variable, part) {
             (Some((name, _)), _) => format!("variable {name}"),
             (None, Some((name, _))) => name.to_string(),

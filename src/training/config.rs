@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -16,14 +16,20 @@ use super::layers::{self, ConfigLayers, Overrides};
 use super::phase::Phase;
 use super::pretrain::Pretrain;
 use super::ranges::at_least_one;
+use crate::datasets::iterators::Clips;
 use crate::network::dynamics::DynamicsKind;
 use crate::network::physics_models::ModelOptions;
 use crate::runs::config_file;
+use crate::support::storage;
 use crate::support::toml_values::leaves;
 use crate::tasks::{self, Task};
 
 /// Version of the file's form. Files of before it have none, and name their task instead of holding it.
 const FORMAT: u32 = 1;
+/// Steps of Gauss and Newton on the first state; a handful converge.
+const MOST_REFINEMENT_STEPS: usize = 100;
+/// Frames that a batch may have of however few clips: they are drawn with repetition.
+const LEAST_FRAMES: usize = 1000;
 
 /// A complete run: what, how, where.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -103,7 +109,7 @@ impl Config {
     /// A file that is missing or is not a complete config, a value out of range, a newer form.
     pub fn read(path: &Path) -> Result<Config> {
         let read = || {
-            let mut table = config_file::parse(&std::fs::read_to_string(path)?)?;
+            let mut table = config_file::parse(&storage::read_to_string(path)?)?;
             // A run of an earlier version names its task.
             if let Some(Value::String(name)) = table.get("task") {
                 table.insert("task".into(), Value::Table(tasks::find(name)?.to_table()));
@@ -188,11 +194,30 @@ impl Config {
         {
             at_least_one(key, count)?;
         }
+        let steps = self.model.refinement_steps;
+        ensure!(
+            steps <= MOST_REFINEMENT_STEPS,
+            "config: model.refinement_steps = {steps}: at most {MOST_REFINEMENT_STEPS}, each rolls the system out once more"
+        );
         self.check_parameters()?;
         self.join.check()?;
         self.discover.as_ref().map_or(Ok(()), Discover::check)?;
         self.pretrain.as_ref().map_or(Ok(()), Pretrain::check)?;
         self.identify.as_ref().map_or(Ok(()), |identify| identify.check(self.task.train_frames))
+    }
+
+    /// Whether so many clips suffice.
+    ///
+    /// # Errors
+    /// A batch of more frames than there are.
+    pub fn check_clips(&self, train: &Clips) -> Result<()> {
+        let frames = train.len() * train.time();
+        match &self.discover {
+            Some(discover) if discover.frames > frames.max(LEAST_FRAMES) => {
+                bail!("config: discover.frames = {}: the training clips have {frames} frames in all", discover.frames)
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The parameters that are fixed or start elsewhere.

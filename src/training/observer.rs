@@ -8,8 +8,8 @@ use crate::runs::metrics::Record;
 /// Something that happened in a training.
 #[derive(Debug)]
 pub enum Event<'a> {
-    /// It goes on from a checkpoint after this many steps.
-    Resumed { steps: u64, checkpoint: &'a str },
+    /// It goes on from a checkpoint after this many steps; later ones were damaged, as told.
+    Resumed { steps: u64, checkpoint: &'a str, damaged: Option<&'a str> },
     /// A phase begins or goes on: the steps that it has taken, and those that it takes at most; 0 where it takes none.
     PhaseBegins { phase: &'static str, done: u64, of: u64 },
     /// A step was taken, with this loss.

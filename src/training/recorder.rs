@@ -1,20 +1,18 @@
 //! Writes what happens in a training into the run's folder: log.txt, with the original's lines, and metrics.jsonl.
 
-use std::fs::File;
-use std::io::Write;
-
 use anyhow::{Context, Result};
 
 use super::observer::{Event, Observer};
 use crate::runs::folder::RunFolder;
 use crate::runs::metrics::{Kind, Record};
 use crate::runs::names::LOG;
+use crate::support::storage::Output;
 
 /// The run folder's logs.
 #[derive(Debug)]
 pub struct Recorder {
-    log: File,
-    metrics: File,
+    log: Box<dyn Output>,
+    metrics: Box<dyn Output>,
 }
 
 impl Recorder {
@@ -25,7 +23,7 @@ impl Recorder {
     }
 
     fn log(&mut self, line: &str) -> Result<()> {
-        writeln!(self.log, "{line}").with_context(|| format!("cannot write {LOG}"))
+        self.log.write_all(format!("{line}\n").as_bytes()).with_context(|| format!("cannot write {LOG}"))
     }
 }
 
@@ -53,7 +51,7 @@ impl Observer for Recorder {
     fn observe(&mut self, event: &Event) -> Result<()> {
         match event {
             Event::Recorded(record) => {
-                if self.metrics.metadata()?.len() == 0 {
+                if self.metrics.length()? == 0 {
                     Record::begin().write(&mut self.metrics)?;
                 }
                 line(record).map_or(Ok(()), |line| self.log(&line))?;

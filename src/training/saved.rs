@@ -9,6 +9,7 @@ use super::config::Config;
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{self, SavedWeights};
 use crate::runs::names::CONFIG;
+use crate::runs::weights;
 
 /// A run's config and its model with the weights that it saved.
 ///
@@ -19,6 +20,6 @@ pub fn load_model(folder: &Path, which: SavedWeights, device: Device) -> Result<
     ensure!(path.exists(), "{} is not a run folder: there is no {CONFIG} in it", folder.display());
     let config = Config::read(&path)?;
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
-    checkpoint::load_weights(&checkpoint::find_weights(folder, which)?, &model)?;
+    weights::load(&checkpoint::find_weights(folder, which)?, &model)?;
     Ok((config, model))
 }

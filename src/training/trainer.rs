@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 use super::base::{Intervals, Outcome, Session, Validation};
 use super::config::Config;
 use super::observer::Observer;
 use crate::datasets::iterators::Clips;
+use crate::evaluation;
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{RunState, Store};
 use crate::support::device::COMMIT;
@@ -78,6 +79,9 @@ impl<'a> Trainer<'a> {
     pub fn run(&mut self) -> Result<Outcome> {
         let session = &mut self.session;
         session.load_last()?;
+        if session.state.steps == 0 {
+            check_start(self.config, session)?;
+        }
         let phases = self.config.phases();
         for phase in phases.iter().skip(session.state.phase) {
             if session.state.commits.last().is_none_or(|last| last != COMMIT) {
@@ -97,4 +101,24 @@ impl<'a> Trainer<'a> {
         }
         Ok(Outcome::Finished)
     }
+}
+
+/// Refuses parameters with which the first prediction is not a number: `discover` would not notice for a whole phase.
+fn check_start(config: &Config, session: &Session) -> Result<()> {
+    if config.start.is_empty() && config.model.fixed.is_empty() {
+        return Ok(());
+    }
+    let losses = evaluation::mean_losses(session.model, session.valid, 1, 1)?;
+    ensure!(
+        losses.pred_loss.is_finite(),
+        "with the parameters at the start ({}) the prediction is not finite; choose others (start, model.fixed)",
+        session
+            .model
+            .parameter_values()
+            .into_iter()
+            .map(|(name, value)| format!("{name} = {value}"))
+            .collect::<Vec<_>>()
+            .join(", ")
+    );
+    Ok(())
 }

@@ -70,6 +70,8 @@ pub(crate) struct Chart {
     pub title: String,
     /// What is counted on the horizontal axis.
     pub axis: &'static str,
+    /// What the lines are, with its unit.
+    pub values: &'static str,
     /// Spans of the horizontal axis, up to its end.
     pub spans: Vec<Span>,
     /// What comes later lies on top.
@@ -158,7 +160,7 @@ impl Chart {
                 .margin(16)
                 .margin_right(40)
                 .x_label_area_size(66)
-                .y_label_area_size(96)
+                .y_label_area_size(124)
                 .build_cartesian_2d(0.0..self.end(), axis(values.clone())),
         )?;
         let with_steps = self.spans.iter().filter(|span| span.first < span.last);
@@ -169,6 +171,7 @@ impl Chart {
         drawn(
             plot.configure_mesh()
                 .x_desc(self.axis)
+                .y_desc(self.values)
                 .x_labels(11)
                 .y_labels(8)
                 .x_label_formatter(&|step| format!("{step:.0}"))

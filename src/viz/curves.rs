@@ -42,6 +42,7 @@ pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Resu
     let losses = Chart {
         title: format!("{}: losses", task.name),
         axis: "step",
+        values: "loss: squared error of a frame",
         spans: spans.clone(),
         lines: lines.into(),
         level: None,
@@ -57,6 +58,7 @@ pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Resu
         Some(Chart {
             title: format!("{}: {name} = {:.3}{stated}", task.name, learned.last()?.1),
             axis: "step",
+            values: "value, lengths in pixels",
             spans: spans.clone(),
             lines: vec![Line { label: "learned".into(), colour: BLUE, stroke: Stroke::Plain, pieces: vec![learned] }],
             level: truth.map(|truth| ("true value", RED, truth)),

@@ -31,6 +31,7 @@ pub(crate) fn frame_charts(task: &Task, frames: &[FrameSpread]) -> Vec<Chart> {
     let chart = |title, lines, legend| Chart {
         title: format!("{}: {title} of the predicted frames", task.name),
         axis: "frame",
+        values: "",
         spans: spans.clone(),
         lines,
         level: None,

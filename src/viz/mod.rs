@@ -20,7 +20,6 @@ mod rollout;
 mod sections;
 mod sprites;
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -28,6 +27,7 @@ use anyhow::{Context, Result, ensure};
 use crate::datasets::iterators::Clips;
 use crate::evaluation::outputs::Outputs;
 use crate::network::physics_models::PhysicsNet;
+use crate::support::storage::storage;
 
 pub use arrays::write_predictions;
 pub use curves::write_curves;
@@ -35,7 +35,7 @@ pub use film::write_film;
 pub use frame_scores::write_frame_scores;
 pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts, frame_spans};
 pub use gallery::write_gallery;
-pub use rollout::write_rollout;
+pub use rollout::{check_rollout_folder, write_rollout};
 
 /// Test clips whose arrays are saved, as in the original.
 pub const SAVED_CLIPS: usize = 100;
@@ -60,7 +60,7 @@ pub const SAVED_CLIPS: usize = 100;
 pub fn write_artifacts(folder: &Path, model: &PhysicsNet, test: &Clips, examples: usize) -> Result<()> {
     let _guard = tch::no_grad_guard();
     ensure!(!test.is_empty(), "there are no test clips to show");
-    fs::create_dir_all(folder).with_context(|| format!("cannot create the run folder {}", folder.display()))?;
+    storage().create_folder(folder).with_context(|| format!("cannot create the run folder {}", folder.display()))?;
     let outputs = Outputs::of(model, test, SAVED_CLIPS.max(examples))?;
     examples::write(folder, &model.system, &outputs, examples)?;
     animation::write(&folder.join("animation.gif"), &model.system, &outputs)?;

@@ -1,11 +1,11 @@
 //! One clip and its roll-out: as a strip of frames, in motion, and as numbers.
 
 use std::fs;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::ops::Range;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use image::RgbImage;
 use plotters::style::text_anchor::HPos;
 use tch::Tensor;
@@ -18,6 +18,7 @@ use crate::evaluation::rollout::Rollout;
 use crate::network::System;
 use crate::network::cells::Coordinates;
 use crate::support::atomic;
+use crate::support::storage::storage;
 
 /// Frames in one line of the strip.
 const PER_LINE: usize = 12;
@@ -38,7 +39,7 @@ const CAPTION: u32 = 150;
 /// # Errors
 /// A folder that cannot be written, frames with neither 1 nor 3 channels.
 pub fn write_rollout(folder: &Path, system: &System, rollout: &Rollout) -> Result<()> {
-    fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     write_strip(&folder.join("frames.png"), &Moments::new(system, rollout, 1)?)?;
     write_animation(&folder.join("animation.gif"), &Moments::new(system, rollout, 2)?)?;
     atomic::write_file(&folder.join("states.csv"), |file| Ok(file.write_all(states(system, rollout).as_bytes())?))?;
@@ -46,6 +47,29 @@ pub fn write_rollout(folder: &Path, system: &System, rollout: &Rollout) -> Resul
     let frames = arrays::channels_last(&rollout.frames);
     let all = [("positions", positions), ("velocities", velocities), ("frames", frames)];
     arrays::write(&folder.join("rollout.npz"), &all)
+}
+
+/// The files of a roll-out.
+const FILES: [&str; 4] = ["frames.png", "animation.gif", "states.csv", "rollout.npz"];
+
+/// Tries whether a roll-out may be written into a folder: an earlier one is replaced, nothing else.
+///
+/// # Errors
+/// A run's folder, or one that holds anything but a roll-out.
+pub fn check_rollout_folder(folder: &Path) -> Result<()> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        entries => entries.with_context(|| format!("cannot write into {}", folder.display()))?,
+    };
+    for entry in entries {
+        let name = entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name();
+        ensure!(
+            FILES.iter().any(|file| name == *file) || atomic::is_partial(&name),
+            "{} holds {name:?}, which is of no prediction, and a prediction would write among it; choose another folder",
+            folder.display()
+        );
+    }
+    Ok(())
 }
 
 /// What is shown: for each moment the clip's frame, if there is one, and the model's (the input, then the prediction).
@@ -69,9 +93,21 @@ impl Moments {
         Ok(Moments { clip: pictures(&rollout.clip, pixel)?, model, sections, line })
     }
 
-    /// Draws a line of frames: number, band, clip, model. The clip may have ended before.
-    fn draw(&self, canvas: &mut Canvas, line: &Grid, frames: Range<usize>) -> Result<()> {
-        for (row, (label, pictures)) in ROW_LABELS.into_iter().zip([&self.clip, &self.model]).enumerate() {
+    /// The rows of a line that begins at a frame: the clip may have ended before, and leaves no empty row then.
+    fn rows(&self, first: usize) -> Vec<(&'static str, &Vec<RgbImage>)> {
+        let rows = ROW_LABELS.into_iter().zip([&self.clip, &self.model]);
+        rows.filter(|(_, pictures)| pictures.len() > first).collect()
+    }
+
+    /// Draws a line of frames: number, band, and the rows.
+    fn draw(
+        &self,
+        canvas: &mut Canvas,
+        line: &Grid,
+        rows: &[(&str, &Vec<RgbImage>)],
+        frames: Range<usize>,
+    ) -> Result<()> {
+        for (row, (label, pictures)) in rows.iter().enumerate() {
             if pictures.len() > frames.start {
                 line.label(canvas, row, &[label])?;
             }
@@ -94,16 +130,19 @@ impl Moments {
 fn write_strip(path: &Path, moments: &Moments) -> Result<()> {
     let (frames, line) = (moments.model.len(), &moments.line);
     let head = NUMBER + line.margin;
-    let line_height = line.top + ROW_LABELS.len() as u32 * (line.cell + line.gap) + LINE_GAP;
+    let firsts = || (0..frames).step_by(PER_LINE);
+    let line_height = |first| line.top + moments.rows(first).len() as u32 * (line.cell + line.gap) + LINE_GAP;
     let width = line.left + frames.min(PER_LINE) as u32 * (line.cell + line.gap) + line.margin;
-    let mut canvas = Canvas::new(width, head + frames.div_ceil(PER_LINE) as u32 * line_height);
+    let mut canvas = Canvas::new(width, head + firsts().map(line_height).sum::<u32>());
     let shown = moments.sections.iter().filter(|section| section.first < frames);
     for (x, section) in (line.left..).step_by(CAPTION as usize).zip(shown) {
         canvas.text(section.name, (x, head / 2), line.font_size, HPos::Left, section.colour)?;
     }
-    for (number, first) in (0..).zip((0..frames).step_by(PER_LINE)) {
-        let line = Grid { top: head + number * line_height + line.top, ..line.clone() };
-        moments.draw(&mut canvas, &line, first..frames.min(first + PER_LINE))?;
+    let mut above = head;
+    for first in firsts() {
+        let place = Grid { top: above + line.top, ..line.clone() };
+        moments.draw(&mut canvas, &place, &moments.rows(first), first..frames.min(first + PER_LINE))?;
+        above += line_height(first);
     }
     canvas.write_png(path)
 }
@@ -113,7 +152,7 @@ fn write_animation(path: &Path, moments: &Moments) -> Result<()> {
     let (width, height) = moments.line.size();
     gif::write(path, moments.model.len(), |frame| {
         let mut canvas = Canvas::new(width, height + moments.line.gap);
-        moments.draw(&mut canvas, &moments.line, frame..frame + 1)?;
+        moments.draw(&mut canvas, &moments.line, &moments.rows(0), frame..frame + 1)?;
         Ok(canvas)
     })
 }

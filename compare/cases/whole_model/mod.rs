@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use paig::network::cells::{Actions, State};
 use paig::network::physics_models::losses::Losses;
 use paig::network::physics_models::{ForwardPass, ModelOptions, PhysicsNet};
-use paig::runs::checkpoint;
+use paig::runs::weights;
 use tch::{Device, Kind, Tensor};
 
 use crate::cases::optimizers;
@@ -90,7 +90,7 @@ fn fill_variables(case: &Case, meta: &Meta, model: &PhysicsNet) -> Result<Vec<Va
 fn load_weights(path: &Path, model: &PhysicsNet, options: &ModelOptions) -> Result<()> {
     let _guard = tch::no_grad_guard();
     let saved = PhysicsNet::new(&model.system, options, Device::Cpu, 0)?;
-    checkpoint::load_weights(path, &saved)?;
+    weights::load(path, &saved)?;
     for ((_, variable), (_, value)) in model.named_variables().iter().zip(saved.named_variables()) {
         variable.shallow_clone().copy_(&value);
     }

@@ -106,6 +106,11 @@ pub struct MeanLosses {
 }
 
 impl MeanLosses {
+    /// Whether all are numbers.
+    pub fn is_finite(&self) -> bool {
+        [Some(self.recons_loss), Some(self.pred_loss), self.extrap_loss].into_iter().flatten().all(f64::is_finite)
+    }
+
     /// One of them; none where it is not a number or the clips have no such frames.
     pub fn of(&self, loss: Loss) -> Option<f64> {
         let value = match loss {

@@ -28,6 +28,7 @@ use crate::network::cells::Coordinates;
 use crate::network::physics_models::losses::{MeanLosses, RunningMean, frame_error};
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
 use crate::runs::checkpoint::{self, SavedWeights};
+use crate::runs::weights;
 use crate::support::random::named_generator;
 
 /// Frames on which a validation is made.
@@ -108,7 +109,7 @@ impl Phase for Discover {
         let (model, seed) = (session.model, session.seed);
         if let Some(run) = &self.from {
             let weights = checkpoint::find_weights(run, SavedWeights::Last);
-            weights.and_then(|weights| checkpoint::load_vision(&weights, model)).context("config: discover.from")?;
+            weights.and_then(|weights| weights::load_vision(&weights, model)).context("config: discover.from")?;
             return Ok(Outcome::Finished);
         }
         let mut discovery = Discovery::new(self, model, session.train, session.valid, seed)?;

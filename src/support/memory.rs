@@ -1,0 +1,68 @@
+//! How much memory there is: what cannot fit is refused before it is asked for.
+
+use std::fs;
+
+use anyhow::{Result, ensure};
+
+const GIB: f64 = (1u64 << 30) as f64;
+
+/// Bytes that this process can still take: what the machine has free, its control group allows and its own limit of
+/// addresses (`ulimit -v`) leaves. None where the system does not say.
+pub fn available() -> Option<u64> {
+    [free_on_machine(), left_in_group(), left_of_addresses()].into_iter().flatten().min()
+}
+
+/// # Errors
+/// More bytes than are available.
+pub fn ensure_free(bytes: u64) -> Result<()> {
+    let Some(free) = available() else { return Ok(()) };
+    ensure!(
+        bytes <= free,
+        "it takes {:.1} GiB of memory, {:.1} GiB are free; free some, raise the limit (ulimit -v), or take less",
+        bytes as f64 / GIB,
+        free as f64 / GIB
+    );
+    Ok(())
+}
+
+/// The memory that this process holds now, bytes: all of it, and the most so far.
+pub fn resident() -> Option<(u64, u64)> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    Some((kilobytes(&status, "VmRSS:")?, kilobytes(&status, "VmHWM:")?))
+}
+
+fn free_on_machine() -> Option<u64> {
+    kilobytes(&fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:")
+}
+
+fn left_in_group() -> Option<u64> {
+    let number = |name: &str| fs::read_to_string(format!("/sys/fs/cgroup/{name}")).ok()?.trim().parse::<u64>().ok();
+    Some(number("memory.max")?.saturating_sub(number("memory.current")?))
+}
+
+fn left_of_addresses() -> Option<u64> {
+    let limits = fs::read_to_string("/proc/self/limits").ok()?;
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    let limit: u64 = line.split_whitespace().next()?.parse().ok()?;
+    let taken = kilobytes(&fs::read_to_string("/proc/self/status").ok()?, "VmSize:")?;
+    Some(limit.saturating_sub(taken))
+}
+
+/// The number behind a name, in bytes; the kernel counts in kB of 1024.
+fn kilobytes(text: &str, name: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    Some(line.split_whitespace().next()?.parse::<u64>().ok()? << 10)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_both_numbers() {
+        assert!(available().is_some_and(|bytes| bytes > 1 << 20));
+        ensure_free(1).unwrap();
+        let said = ensure_free(1 << 60).unwrap_err().to_string();
+        assert!(said.starts_with("it takes 1073741824.0 GiB of memory, "), "{said}");
+    }
+}

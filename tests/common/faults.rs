@@ -1,0 +1,246 @@
+//! A storage that fails, tears or stops at an operation of its choice.
+//!
+//! What had not been synced when it stops is lost in part, as after a power cut: files are cut to half of what was written
+//! since, and a rename whose folder was not synced is taken back.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use paig::support::storage::{FileSystem, Input, Output, Storage};
+
+/// What happens at the operation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// The disk is full, once.
+    NoSpace,
+    /// Half of what is to be written is, then nothing works any more.
+    Tear,
+    /// The machine stops before it, and what was not synced is lost.
+    PowerCut,
+}
+
+pub const FAULTS: [Fault; 3] = [Fault::NoSpace, Fault::Tear, Fault::PowerCut];
+
+/// Counts operations and fails at one of them.
+#[derive(Debug, Clone)]
+pub struct Faulty(Arc<Mutex<State>>);
+
+#[derive(Debug)]
+struct State {
+    fault: Fault,
+    /// The operation that fails, from 1 on; 0 for none.
+    at: u64,
+    done: u64,
+    stopped: bool,
+    /// Length of each file when it was last synced.
+    unsynced: BTreeMap<PathBuf, u64>,
+    /// Renames whose folder was not synced: from, to, and what stood there.
+    renames: Vec<(PathBuf, PathBuf, Option<Vec<u8>>)>,
+}
+
+impl Faulty {
+    pub fn new(fault: Fault, at: u64) -> Self {
+        let state = State { fault, at, done: 0, stopped: false, unsynced: BTreeMap::new(), renames: Vec::new() };
+        Faulty(Arc::new(Mutex::new(state)))
+    }
+
+    /// Whether the fault has come.
+    pub fn struck(&self) -> bool {
+        let state = self.0.lock().unwrap();
+        state.at > 0 && state.done >= state.at
+    }
+
+    /// Counts an operation; `tear` does half of it.
+    fn before(&self, tear: impl FnOnce()) -> io::Result<()> {
+        let mut state = self.0.lock().unwrap();
+        state.done += 1;
+        if state.stopped {
+            return Err(io::Error::other("the machine has stopped"));
+        }
+        if state.done != state.at {
+            return Ok(());
+        }
+        match state.fault {
+            Fault::NoSpace => return Err(ErrorKind::StorageFull.into()),
+            Fault::Tear => tear(),
+            Fault::PowerCut => state.lose(),
+        }
+        state.stopped = true;
+        Err(io::Error::other("the machine has stopped"))
+    }
+}
+
+impl State {
+    fn lose(&mut self) {
+        for (path, synced) in &self.unsynced {
+            if let Ok(file) = fs::OpenOptions::new().write(true).open(path) {
+                let length = file.metadata().unwrap().len();
+                file.set_len((*synced).max(synced + length.saturating_sub(*synced) / 2)).unwrap();
+            }
+        }
+        for (from, to, before) in self.renames.drain(..).rev() {
+            if fs::rename(&to, &from).is_ok()
+                && let Some(bytes) = before
+            {
+                fs::write(&to, bytes).unwrap();
+            }
+        }
+    }
+}
+
+#[derive(Debug)]
+struct File {
+    inner: Box<dyn Output>,
+    storage: Faulty,
+}
+
+impl Write for File {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let storage = self.storage.clone();
+        storage.before(|| drop(self.inner.write(&bytes[..bytes.len() / 2])))?;
+        self.inner.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
+}
+
+impl Seek for File {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.inner.seek(to)
+    }
+}
+
+impl Output for File {
+    fn length(&self) -> io::Result<u64> {
+        self.inner.length()
+    }
+}
+
+#[derive(Debug)]
+struct Source(Box<dyn Input>);
+
+impl Read for Source {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.0.read(bytes)
+    }
+}
+
+impl Seek for Source {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.0.seek(to)
+    }
+}
+
+impl Input for Source {}
+
+impl Storage for Faulty {
+    fn create(&self, path: &Path) -> io::Result<Box<dyn Output>> {
+        self.before(|| ())?;
+        self.0.lock().unwrap().unsynced.insert(path.into(), 0);
+        Ok(Box::new(File { inner: FileSystem.create(path)?, storage: self.clone() }))
+    }
+
+    fn append(&self, path: &Path) -> io::Result<Box<dyn Output>> {
+        self.before(|| ())?;
+        let inner = FileSystem.append(path)?;
+        let length = inner.length()?;
+        self.0.lock().unwrap().unsynced.entry(path.into()).or_insert(length);
+        Ok(Box::new(File { inner, storage: self.clone() }))
+    }
+
+    fn open(&self, path: &Path) -> io::Result<Box<dyn Input>> {
+        self.before(|| ())?;
+        Ok(Box::new(Source(FileSystem.open(path)?)))
+    }
+
+    fn sync(&self, path: &Path) -> io::Result<()> {
+        self.before(|| ())?;
+        let mut state = self.0.lock().unwrap();
+        if path.is_dir() {
+            state.renames.retain(|(_, to, _)| to.parent() != Some(path));
+        } else if let Some(length) = state.unsynced.get_mut(path) {
+            // What is appended later is not synced again by this.
+            *length = fs::metadata(path)?.len();
+        }
+        drop(state);
+        FileSystem.sync(path)
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        self.before(|| ())?;
+        let before = fs::read(to).ok();
+        FileSystem.rename(from, to)?;
+        let mut state = self.0.lock().unwrap();
+        state.unsynced = std::mem::take(&mut state.unsynced)
+            .into_iter()
+            .filter(|(path, _)| path != from && !path.starts_with(from))
+            .collect();
+        state.renames.push((from.into(), to.into(), before));
+        Ok(())
+    }
+
+    fn remove_file(&self, path: &Path) -> io::Result<()> {
+        self.before(|| ())?;
+        FileSystem.remove_file(path)
+    }
+
+    fn remove_folder(&self, path: &Path) -> io::Result<()> {
+        self.before(|| {
+            // Half of what is in it is gone.
+            let entries: Vec<_> = fs::read_dir(path).into_iter().flatten().flatten().collect();
+            for entry in entries.iter().take(entries.len().div_ceil(2)) {
+                drop(fs::remove_file(entry.path()));
+            }
+        })?;
+        FileSystem.remove_folder(path)
+    }
+
+    fn create_folder(&self, path: &Path) -> io::Result<()> {
+        self.before(|| ())?;
+        FileSystem.create_folder(path)
+    }
+
+    fn shorten(&self, path: &Path, length: u64) -> io::Result<()> {
+        self.before(|| ())?;
+        FileSystem.shorten(path, length)
+    }
+}
+
+/// What became of trying every operation.
+#[derive(Debug, Default)]
+pub struct Tried {
+    pub faults: u64,
+}
+
+/// Does something with a fault at its first operation, its second, and so on until it ends well, with each kind of fault.
+/// `prepare` makes what it starts from; `check` looks at what is left after the fault (whether the work said it failed).
+pub fn at_every_operation<T>(
+    stride: u64,
+    prepare: impl Fn() -> T,
+    work: impl Fn(&T) -> anyhow::Result<()>,
+    check: impl Fn(&T, Fault, u64),
+) -> Tried {
+    let tried = RefCell::new(Tried::default());
+    for fault in FAULTS {
+        let mut at = 1;
+        loop {
+            let place = prepare();
+            let storage = Faulty::new(fault, at);
+            let done = paig::support::storage::with(std::rc::Rc::new(storage.clone()), || work(&place));
+            if !storage.struck() {
+                done.unwrap_or_else(|error| panic!("without a fault it failed: {error:#}"));
+                break;
+            }
+            tried.borrow_mut().faults += 1;
+            check(&place, fault, at);
+            at += stride;
+        }
+    }
+    tried.into_inner()
+}

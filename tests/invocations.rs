@@ -1,0 +1,121 @@
+//! What each program says to a call that cannot be: the exact first line and the exit code of all calls in
+//! `tests/data/bad_invocations.txt`. 0 is done, 1 failed, 2 bad usage or input.
+//!
+//! `PAIG_BLESS=1` writes what the programs say now into that file: read the difference before it is committed.
+
+mod common;
+
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use common::{fresh, spring, text, write_config};
+use paig::support::device::cores;
+use rayon::prelude::*;
+
+const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/bad_invocations.txt");
+/// A run that takes a second.
+const TINY: &str = "[discover]\nframes = 4\nmax_steps = 2\n[identify]\nclips = 2\nhorizons = [3]\nmax_iterations = 1\n\
+    [join]\nbatch = 2\nmax_steps = 2\nvalidation_clips = 2\n[output]\nexamples = 0\n";
+/// A refusal comes before anything slow. Machines of tests are busy.
+const AT_ONCE: Duration = Duration::from_secs(60);
+
+fn program(name: &str) -> &'static str {
+    match name {
+        "run_physics" => env!("CARGO_BIN_EXE_run_physics"),
+        "pendulum" => env!("CARGO_BIN_EXE_pendulum"),
+        "generate" => env!("CARGO_BIN_EXE_generate"),
+        "import" => env!("CARGO_BIN_EXE_import"),
+        "sweep" => env!("CARGO_BIN_EXE_sweep"),
+        "stress" => env!("CARGO_BIN_EXE_stress"),
+        "evaluate" => env!("CARGO_BIN_EXE_evaluate"),
+        "predict" => env!("CARGO_BIN_EXE_predict"),
+        "control" => env!("CARGO_BIN_EXE_control"),
+        "convert" => env!("CARGO_BIN_EXE_convert"),
+        "report" => env!("CARGO_BIN_EXE_report"),
+        other => panic!("unknown program {other}"),
+    }
+}
+
+/// What the calls find: a dataset, a run, and things that are none.
+fn prepare(place: &Path) {
+    let out = place.join("run");
+    let config = write_config(place, TINY);
+    let done = fresh(&mut spring(&out)).arg("--config").arg(config).output().unwrap();
+    assert!(done.status.success(), "{}", text(&done));
+    std::os::unix::fs::symlink(common::dataset(), place.join("data")).unwrap();
+    fs::create_dir_all(place.join("strange")).unwrap();
+    fs::write(place.join("strange/diary.txt"), "dear diary").unwrap();
+    fs::create_dir_all(place.join("empty")).unwrap();
+    fs::write(place.join("text.txt"), "words").unwrap();
+    fs::write(place.join("text.npz"), "words").unwrap();
+    fs::write(place.join("text.toml"), "words").unwrap();
+    fs::write(place.join("other.toml"), "task = \"pendulum\"\n").unwrap();
+    assert!(Command::new("mkfifo").arg(place.join("pipe.npz")).status().unwrap().success());
+    let mut video = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/numbered.mp4")).unwrap();
+    fs::write(place.join("video.mp4"), &video).unwrap();
+    video.truncate(2000);
+    fs::write(place.join("cut.mp4"), video).unwrap();
+    fs::write(place.join("huge.npz"), huge_npz()).unwrap();
+}
+
+/// An npz of a few hundred bytes whose array claims 10^9 clips.
+fn huge_npz() -> Vec<u8> {
+    let bytes = std::io::Cursor::new(Vec::new());
+    let mut npz = ndarray_npy::NpzWriter::new(bytes);
+    npz.add_array("test_x", &ndarray::Array5::<u8>::zeros((1, 30, 4, 4, 3))).unwrap();
+    let mut bytes = npz.finish().unwrap().into_inner();
+    let claim = b"(1, 30, 4, 4, 3)";
+    let at = bytes.windows(claim.len()).position(|window| window == claim).unwrap();
+    bytes[at..at + claim.len()].copy_from_slice(b"(999999999,9999)");
+    bytes
+}
+
+/// The first line that a call prints to standard error, with its exit code.
+fn said(call: &str, place: &Path) -> String {
+    let words = shlex::split(call).unwrap();
+    let mut command = Command::new(program(&words[0]));
+    let start = Instant::now();
+    let output = command.args(&words[1..]).current_dir(place).stdin(Stdio::null()).output().unwrap();
+    assert!(start.elapsed() < AT_ONCE, "{call}: took {:?}", start.elapsed());
+    let error = String::from_utf8(output.stderr).unwrap();
+    let first = error.lines().next().unwrap_or_default().replace(&format!("{} cores", cores()), "N cores");
+    // Wrong options are explained with the usage; everything else is one line.
+    let usage = error.contains("For more information, try '--help'.");
+    assert!(usage || error.trim_end().lines().count() == 1, "{call}: more than one line: {error}");
+    let code = output.status.code().unwrap_or_else(|| panic!("{call}: {}", output.status));
+    format!("{code} {first}")
+}
+
+#[test]
+fn bad_invocations_are_refused_in_these_words() {
+    let folder = tempfile::tempdir().unwrap();
+    prepare(folder.path());
+    let table = fs::read_to_string(TABLE).unwrap();
+    let calls: Vec<&str> = table.lines().filter_map(|line| line.strip_prefix("$ ")).collect();
+    // Most of the time goes into loading libtorch, once for each call.
+    let answers: Vec<String> = calls.par_iter().map(|call| said(call, folder.path())).collect();
+    let (mut found, mut answers, calls) = (String::new(), answers.iter(), calls.len());
+    for line in table.lines() {
+        if line.starts_with("$ ") {
+            write!(found, "{line}\n{}\n", answers.next().unwrap()).unwrap();
+        } else if line.starts_with('#') || line.is_empty() {
+            writeln!(found, "{line}").unwrap();
+        }
+    }
+    println!("{calls} bad invocations");
+    assert!(calls >= 100, "{calls} calls");
+    if std::env::var_os("PAIG_BLESS").is_some() {
+        fs::write(TABLE, &found).unwrap();
+    }
+    for (expected, found) in table.lines().zip(found.lines()) {
+        assert_eq!(found, expected);
+    }
+    assert_eq!(table, found);
+    // Nothing was written among what was there.
+    let names = |place: &Path| fs::read_dir(place).unwrap().map(|entry| entry.unwrap().file_name()).collect::<Vec<_>>();
+    assert_eq!(names(&folder.path().join("strange")), ["diary.txt"]);
+    assert!(names(&folder.path().join("empty")).is_empty());
+}

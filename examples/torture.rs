@@ -44,7 +44,8 @@ fn main() -> Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let [kills, seconds] = &words[..] else { bail!("usage: torture KILLS SECONDS") };
     let folder = tempfile::tempdir()?;
-    let programs = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/release");
+    // target/release/examples/torture
+    let programs = std::env::current_exe()?.ancestors().nth(2).context("no folder of programs")?.to_path_buf();
     ensure!(programs.join("run_physics").exists(), "build the programs first: cargo build --release");
     let mut torture = Torture {
         place: folder.path().into(),

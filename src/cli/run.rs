@@ -131,7 +131,10 @@ impl RunArgs {
         // What can fail at once has been tried: a folder is taken only by a run that begins.
         let folder = match opened {
             Opened::Earlier(folder) => folder,
-            Opened::New(path) => RunFolder::create(&path, &config.to_toml())?,
+            Opened::New(path) => {
+                data.iter().try_for_each(|data| data.check_start(&config, device))?;
+                RunFolder::create(&path, &config.to_toml())?
+            }
         };
         say!("{}", environment::banner(device, threads));
         say!("run folder {}", folder.path().display());
@@ -235,6 +238,14 @@ impl TrainingData {
         let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
         config.check_clips(&data.train)?;
         Ok(data)
+    }
+}
+
+impl TrainingData {
+    /// Refuses parameters that the config gives and the equation cannot have.
+    fn check_start(&self, config: &Config, device: Device) -> Result<()> {
+        let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
+        Trainer::new(config, &model, &self.train, &self.valid)?.check_start()
     }
 }
 

@@ -37,8 +37,8 @@ use crate::datasets::npz;
 pub use crate::datasets::settings::Counts;
 use crate::datasets::settings::{self, GENERATOR_VERSION, Provenance, Settings};
 use crate::datasets::states::{SplitStates, States};
-use crate::support::atomic;
 use crate::support::random::fnv1a;
+use crate::support::{atomic, memory};
 use crate::tasks::Task;
 
 /// Clips in the training and validation arrays of a long test file; only its test array is used.
@@ -104,6 +104,7 @@ pub fn generate(job: &DatasetJob, watcher: Watcher) -> Result<()> {
             continue;
         }
         let start = Instant::now();
+        check_counts(&job.variant, frames, counts)?;
         npz::make_folder(&path)?;
         atomic::check_place(&path)?;
         let (dataset, states) = generate_clips(&job.variant, &job.images, frames, counts, watcher)
@@ -182,12 +183,7 @@ pub fn generate_clips(
     counts: Counts,
     watcher: Watcher,
 ) -> Result<(DatasetFile, States)> {
-    for split in Split::ALL {
-        let (name, clips) = (split.name(), of_split(counts, split));
-        ensure!(clips > 0, "--{name} must be at least 1");
-        let most = LARGEST_ARRAY / (frames * variant.frame_bytes());
-        ensure!(clips <= most, "--{name} {clips} makes an array of more than 4 GiB; at most {most} clips fit");
-    }
+    check_counts(variant, frames, counts)?;
     let renderer = Renderer::new(variant, images)?;
     let total = counts.train + counts.valid + counts.test;
     watcher(GeneratorEvent::Begins { frames, total });
@@ -201,6 +197,20 @@ pub fn generate_clips(
     let settings = Provenance::Settings(Box::new(settings));
     let truth = Some(variant.truth());
     Ok((dataset, States { train: train.states, valid: valid.states, test: test.states, truth, settings }))
+}
+
+/// Refuses what is empty or does not fit into an array or into memory, where it is held together with its frames'
+/// compressed form.
+fn check_counts(variant: &Variant, frames: usize, counts: Counts) -> Result<()> {
+    let clip_bytes = frames * variant.frame_bytes();
+    for split in Split::ALL {
+        let (name, clips) = (split.name(), of_split(counts, split));
+        ensure!(clips > 0, "--{name} must be at least 1");
+        let most = LARGEST_ARRAY / clip_bytes;
+        ensure!(clips <= most, "--{name} {clips} makes an array of more than 4 GiB; at most {most} clips fit");
+    }
+    let clips = counts.train + counts.valid + counts.test;
+    memory::ensure_free(2 * (clips * clip_bytes) as u64).with_context(|| format!("{clips} clips of {frames} frames"))
 }
 
 /// The clips of one split.

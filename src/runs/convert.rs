@@ -62,7 +62,7 @@ pub fn convert(system: &System, options: &ModelOptions, from: &Path, to: &Path) 
     let model = PhysicsNet::new(system, options, Device::Cpu, 0)?;
     match Form::of(from)? {
         Form::Safetensors => weights::load(&checkpoint::find_weights(from, SavedWeights::Last)?, &model)?,
-        Form::Npz => load_npz(from, &model).with_context(|| from.display().to_string())?,
+        Form::Npz => load_npz(from, &model)?,
     }
     let variables = model.named_variables();
     for (name, variable) in &variables {
@@ -77,8 +77,12 @@ pub fn convert(system: &System, options: &ModelOptions, from: &Path, to: &Path) 
 
 /// Fills a model from TensorFlow's named variables.
 fn load_npz(path: &Path, model: &PhysicsNet) -> Result<()> {
+    let archive = npz::Archive::open(path)?;
+    fill(archive, model).with_context(|| path.display().to_string())
+}
+
+fn fill(mut archive: npz::Archive, model: &PhysicsNet) -> Result<()> {
     let _guard = tch::no_grad_guard();
-    let mut archive = npz::Archive::open(path)?;
     let mut variables: BTreeMap<String, Tensor> = model.named_variables().into_iter().collect();
     for original_name in archive.names().to_vec() {
         let name = from_tensorflow(&original_name)?;

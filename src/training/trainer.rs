@@ -72,16 +72,35 @@ impl<'a> Trainer<'a> {
         &self.session.state
     }
 
+    /// Refuses parameters with which the first prediction is not a number: `discover` would not notice for a whole phase.
+    ///
+    /// # Errors
+    /// What `start` or `model.fixed` say is too large for the equation.
+    pub fn check_start(&self) -> Result<()> {
+        let given: Vec<_> = self.config.start.iter().chain(&self.config.model.fixed).collect();
+        if given.is_empty() {
+            return Ok(());
+        }
+        let losses = evaluation::mean_losses(self.session.model, self.session.valid, 1, 1)?;
+        let given: Vec<_> = given.iter().map(|(name, value)| format!("{name} = {value:?}")).collect();
+        ensure!(
+            losses.pred_loss.is_finite(),
+            "with {} the prediction is not finite before the first step; choose others (start, model.fixed)",
+            given.join(", ")
+        );
+        Ok(())
+    }
+
     /// Goes through the phases that are left, from the last checkpoint if there is one.
     ///
     /// # Errors
     /// A loss that is not a number, a full disk, a damaged checkpoint.
     pub fn run(&mut self) -> Result<Outcome> {
-        let session = &mut self.session;
-        session.load_last()?;
-        if session.state.steps == 0 {
-            check_start(self.config, session)?;
+        self.session.load_last()?;
+        if self.session.state.steps == 0 {
+            self.check_start()?;
         }
+        let session = &mut self.session;
         let phases = self.config.phases();
         for phase in phases.iter().skip(session.state.phase) {
             if session.state.commits.last().is_none_or(|last| last != COMMIT) {
@@ -101,24 +120,4 @@ impl<'a> Trainer<'a> {
         }
         Ok(Outcome::Finished)
     }
-}
-
-/// Refuses parameters with which the first prediction is not a number: `discover` would not notice for a whole phase.
-fn check_start(config: &Config, session: &Session) -> Result<()> {
-    if config.start.is_empty() && config.model.fixed.is_empty() {
-        return Ok(());
-    }
-    let losses = evaluation::mean_losses(session.model, session.valid, 1, 1)?;
-    ensure!(
-        losses.pred_loss.is_finite(),
-        "with the parameters at the start ({}) the prediction is not finite; choose others (start, model.fixed)",
-        session
-            .model
-            .parameter_values()
-            .into_iter()
-            .map(|(name, value)| format!("{name} = {value}"))
-            .collect::<Vec<_>>()
-            .join(", ")
-    );
-    Ok(())
 }

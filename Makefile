@@ -2,6 +2,7 @@
 # make test      set up, check format, lints and docs, run the tests
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
+# make control   a pendulum that is learned from few clips is swung up by what is seen (a few minutes)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
 # make compare-speed   a training step of each of the three beside the others
 # make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
@@ -15,7 +16,7 @@ SEED ?= 0
 JOBS ?= 2
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data stress compare compare-speed compare-defects clean
+.PHONY: demo test lint libtorch build data stress control compare compare-speed compare-defects clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -37,6 +38,16 @@ data: build
 
 stress: build
 	$(CARGO) run --release --quiet --bin stress -- --jobs $(JOBS)
+
+CONTROL := runs/control/clips=100
+
+control: build
+	$(CARGO) run --release --quiet --bin generate -- --task pendulum --train 100 --valid 20 --test 50 \
+		--out $(DATA)/control
+	@if [ -f $(CONTROL)/config.toml ]; then resume=--resume; else resume="--task pendulum \
+		--config configs/control/few_clips.toml"; fi; \
+	$(CARGO) run --release --quiet --bin run_physics -- $$resume --data $(DATA)/control --out $(CONTROL)
+	$(CARGO) run --release --quiet --bin control -- $(CONTROL) --planner learned,zero --episodes 20 --out $(CONTROL)/control
 
 libtorch:
 	@$(PYTHON) setup/fetch_libtorch.py $(if $(CUDA),--cuda)

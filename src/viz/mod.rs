@@ -10,9 +10,8 @@ pub(crate) mod canvas;
 pub(crate) mod chart;
 mod curves;
 pub mod examples;
-mod film;
 mod frame_scores;
-mod gif;
+pub(crate) mod gif;
 pub mod grid;
 mod masks;
 mod rollout;
@@ -29,7 +28,6 @@ use crate::evaluation::outputs::Outputs;
 use crate::network::physics_models::PhysicsNet;
 
 pub use curves::write_curves;
-pub use film::write_film;
 pub use frame_scores::write_frame_scores;
 pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts};
 pub use rollout::write_rollout;

@@ -4,6 +4,7 @@
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
 # make baselines  other dynamics, decoders and models beside the physics: runs, reports/baselines (days; goes on)
 # make torture   kills, faults, fuzzing and bad calls; reports/torture (an hour; KILLS=n, FUZZ=seconds)
+# make control   a pendulum that is learned from few clips is swung up by what is seen (a few minutes)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
 # make compare-speed   a training step of each of the three beside the others
 # make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
@@ -17,7 +18,7 @@ SEED ?= 0
 JOBS ?= 2
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data stress baselines torture compare compare-speed compare-defects clean
+.PHONY: demo test lint libtorch build data stress baselines torture control compare compare-speed compare-defects clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -54,6 +55,16 @@ torture: build
 	-$(CARGO) test --release --test invocations -- --nocapture > $(TORTURE)/invocations.txt
 	-$(CARGO) run --release --quiet --example fuzz -- $(FUZZ) > $(TORTURE)/fuzz.txt
 	$(CARGO) run --release --quiet --example torture -- $(KILLS) 3600
+
+CONTROL := runs/control/clips=100
+
+control: build
+	$(CARGO) run --release --quiet --bin generate -- --task pendulum --train 100 --valid 20 --test 50 \
+		--out $(DATA)/control
+	@if [ -f $(CONTROL)/config.toml ]; then resume=--resume; else resume="--task pendulum \
+		--config configs/control/few_clips.toml"; fi; \
+	$(CARGO) run --release --quiet --bin run_physics -- $$resume --data $(DATA)/control --out $(CONTROL)
+	$(CARGO) run --release --quiet --bin control -- $(CONTROL) --planner learned,zero --episodes 20 --out $(CONTROL)/control
 
 libtorch:
 	@$(PYTHON) setup/fetch_libtorch.py $(if $(CUDA),--cuda)

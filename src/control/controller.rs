@@ -1,4 +1,4 @@
-//! Who decides the torque: by sight, or, as bounds of what sight can reach, by the truth or without any.
+//! Who decides what acts: by sight, or, as bounds of what sight can reach, by the truth or without any.
 
 use std::fmt::{self, Debug, Formatter};
 
@@ -6,22 +6,37 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
-use super::environment::{Environment, MAX_TORQUE};
-use super::model::Model;
-use super::search::Planner;
+use super::environment::Environment;
+use super::eyes::{Eyes, Sight};
+use super::model::{self, Model};
+use super::relearning::Relearning;
+use super::search::{Outset, Planner};
+use super::state::ControlState;
 use super::vision::Vision;
 use crate::support::random::named_generator;
 
 /// A way to decide.
 pub enum Controller<'a> {
-    /// No torque at all.
+    /// Nothing acts.
     Zero,
-    /// Any torque within the limits, all as likely.
+    /// Anything within the limits, all as likely.
     Random(Box<ChaCha8Rng>),
     /// Plans from the true state; with the true equation as its model, the bound of what sight can reach.
     TrueState { model: Box<dyn Model + 'a>, planner: Box<dyn Planner> },
     /// Plans from what is seen.
-    Seeing { vision: Vision<'a>, model: Box<dyn Model + 'a>, planner: Box<dyn Planner> },
+    Seeing(Box<Seeing<'a>>),
+}
+
+/// A planner that sees.
+pub struct Seeing<'a> {
+    eyes: Eyes<'a>,
+    model: Box<dyn Model + 'a>,
+    planner: Box<dyn Planner>,
+    relearning: Option<Relearning>,
+    /// The model's parameters, raw, as they are when an episode begins; and from how many frames they have been learned
+    /// again since.
+    raw: Vec<f64>,
+    relearned: usize,
 }
 
 impl Debug for Controller<'_> {
@@ -30,26 +45,54 @@ impl Debug for Controller<'_> {
             Controller::Zero => "Zero",
             Controller::Random(_) => "Random",
             Controller::TrueState { .. } => "TrueState",
-            Controller::Seeing { .. } => "Seeing",
+            Controller::Seeing(_) => "Seeing",
         })
     }
 }
 
 /// What came of a decision.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Decision {
-    Torque(f64),
-    /// Too few frames were seen yet.
-    TooEarly,
-    /// The pendulum is not seen, or its state is no number.
+    Act {
+        action: f64,
+        /// The state that was planned from; none where nothing is planned.
+        from: Option<ControlState>,
+        note: Option<String>,
+    },
+    /// What is controlled is not seen, or its state is no number.
     Lost,
     /// The model foretells nothing.
     NoPlan,
 }
 
-impl Controller<'_> {
+impl<'a> Controller<'a> {
     pub fn random() -> Self {
         Controller::Random(Box::new(named_generator(0, "random torque")))
+    }
+
+    /// Plans from what is seen, on the model that was learned.
+    pub fn seeing(vision: Vision<'a>, planner: Box<dyn Planner>) -> Self {
+        let model = model::of_cell(vision.model.cell.as_ref(), vision.model.system.dt);
+        Self::seeing_with(vision, model, planner)
+    }
+
+    /// Plans from what is seen, on another model.
+    pub fn seeing_with(vision: Vision<'a>, model: Box<dyn Model + 'a>, planner: Box<dyn Planner>) -> Self {
+        let raw = vision.model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect();
+        let eyes = Eyes::new(vision);
+        Controller::Seeing(Box::new(Seeing { eyes, model, planner, relearning: None, raw, relearned: 0 }))
+    }
+
+    /// The same, which learns parameters again in each episode; those of no other controller.
+    ///
+    /// # Errors
+    /// See [`Relearning::check`].
+    pub fn relearning(mut self, relearning: Relearning) -> anyhow::Result<Self> {
+        if let Controller::Seeing(seeing) = &mut self {
+            relearning.check(seeing.eyes.vision.model)?;
+            seeing.relearning = Some(relearning);
+        }
+        Ok(self)
     }
 
     /// Begins an episode.
@@ -57,33 +100,115 @@ impl Controller<'_> {
         match self {
             Controller::Zero => {}
             Controller::Random(random) => **random = named_generator(seed, "random torque"),
-            Controller::TrueState { planner, .. } | Controller::Seeing { planner, .. } => planner.begin(seed),
+            Controller::TrueState { planner, .. } => planner.begin(seed),
+            Controller::Seeing(seeing) => seeing.begin(seed),
         }
     }
 
     /// Whether it looks at frames.
     pub fn sees(&self) -> bool {
-        matches!(self, Controller::Seeing { .. })
+        matches!(self, Controller::Seeing(_))
     }
 
-    /// Decides after these frames (`[channels, S, S]` each) of an episode and the torques between them.
-    pub fn decide(&mut self, environment: &dyn Environment, frames: &[Tensor], torques: &[f64]) -> Decision {
-        let plan =
-            |planned: Option<f64>| planned.filter(|it| it.is_finite()).map_or(Decision::NoPlan, Decision::Torque);
+    /// The decisions of the last plan, the one that acts now first; nothing of a controller that does not plan.
+    pub fn planned(&self) -> &[f32] {
         match self {
-            Controller::Zero => Decision::Torque(0.0),
-            Controller::Random(random) => Decision::Torque(MAX_TORQUE * (2.0 * random.random::<f64>() - 1.0)),
-            Controller::TrueState { model, planner } => {
-                plan(planner.plan(model.as_ref(), environment.true_state(), environment.reward()))
+            Controller::Zero | Controller::Random(_) => &[],
+            Controller::TrueState { planner, .. } => planner.planned(),
+            Controller::Seeing(seeing) => seeing.planner.planned(),
+        }
+    }
+
+    /// Where its model leads from a state under these actions, one for each step; nothing of a controller without a model
+    /// or where the model fails.
+    pub fn foretell(&mut self, from: &ControlState, actions: &[f32]) -> Vec<ControlState> {
+        match self {
+            Controller::Zero | Controller::Random(_) => Vec::new(),
+            Controller::TrueState { model, .. } => model.follow(from, actions).unwrap_or_default(),
+            Controller::Seeing(seeing) => seeing.model.follow(from, actions).unwrap_or_default(),
+        }
+    }
+
+    /// The model's drawing of states, `[states, channels, S, S]`; none of a controller that does not see.
+    pub fn drawn(&self, states: &[&ControlState]) -> Option<Tensor> {
+        match self {
+            Controller::Seeing(seeing) => Some(seeing.eyes.vision.drawn(states)),
+            _ => None,
+        }
+    }
+
+    /// Decides at a step of an episode, after these frames (`[channels, S, S]` each; those before the episode are the first)
+    /// and the actions between them.
+    pub fn decide(
+        &mut self,
+        environment: &dyn Environment,
+        step: usize,
+        frames: &[Option<Tensor>],
+        actions: &[f64],
+    ) -> Decision {
+        let rules = environment.rules();
+        match self {
+            Controller::Zero => Decision::Act { action: 0.0, from: None, note: None },
+            Controller::Random(random) => {
+                let action = rules.largest_action * (2.0 * random.random::<f64>() - 1.0);
+                Decision::Act { action, from: None, note: None }
             }
-            Controller::Seeing { vision, model, planner } => {
-                let input = vision.input_frames();
-                let Some(first) = frames.len().checked_sub(input) else { return Decision::TooEarly };
-                match vision.state(&Tensor::stack(&frames[first..], 0), &torques[first..]) {
-                    Some(state) => plan(planner.plan(model.as_ref(), state, environment.reward())),
-                    None => Decision::Lost,
-                }
+            Controller::TrueState { model, planner } => {
+                let state = environment.true_state();
+                let planned = planner.plan(model.as_mut(), Outset { state: &state, step, reward: &rules.reward });
+                acted(planned, state, None)
+            }
+            Controller::Seeing(seeing) => {
+                let relearned = seeing.relearn(frames, actions);
+                let (state, note) = match seeing.eyes.look(frames, actions, seeing.model.as_mut()) {
+                    Sight::Seen(state) => (state, relearned),
+                    Sight::Foretold(state, ago) => (state, Some(format!("not seen for {ago} steps: foretold"))),
+                    Sight::Lost => return Decision::Lost,
+                };
+                let outset = Outset { state: &state, step, reward: &rules.reward };
+                let planned = seeing.planner.plan(seeing.model.as_mut(), outset);
+                acted(planned, state, note)
             }
         }
+    }
+}
+
+fn acted(planned: Option<f64>, from: ControlState, note: Option<String>) -> Decision {
+    match planned.filter(|action| action.is_finite()) {
+        Some(action) => Decision::Act { action, from: Some(from), note },
+        None => Decision::NoPlan,
+    }
+}
+
+impl Seeing<'_> {
+    fn begin(&mut self, seed: u64) {
+        self.planner.begin(seed);
+        self.eyes.begin();
+        if self.relearned > 0 {
+            let model = self.eyes.vision.model;
+            model.parameters.iter().zip(&self.raw).for_each(|(parameter, raw)| model.set_raw(parameter, *raw));
+            self.rebuild();
+        }
+        self.relearned = 0;
+    }
+
+    /// The planned-with model with the parameters as they are now.
+    fn rebuild(&mut self) {
+        let net = self.eyes.vision.model;
+        self.model = model::of_cell(net.cell.as_ref(), net.system.dt);
+    }
+
+    /// Learns parameters again where there are frames enough; what went wrong.
+    fn relearn(&mut self, frames: &[Option<Tensor>], actions: &[f64]) -> Option<String> {
+        let relearning = self.relearning.as_ref()?;
+        let due = relearning.due(frames.len(), self.relearned)?;
+        self.relearned = due;
+        self.eyes.see(frames);
+        let Some((positions, mask)) = self.eyes.first(due) else {
+            return Some("nothing was learned again: some frames do not show what is controlled".into());
+        };
+        let result = relearning.learn(self.eyes.vision.model, &positions, mask, actions);
+        self.rebuild();
+        result.err().map(|error| format!("nothing was learned again: {error:#}"))
     }
 }

@@ -1,14 +1,16 @@
 //! One episode: see, decide, act, sum the rewards.
-//!
-//! A controller that sees acts from the first decision on at which there are L frames; until then the torque is 0. With
-//! L = 4 and torques that are held for two steps, that is for the first four steps.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tch::Tensor;
 
 use super::controller::{Controller, Decision};
 use super::environment::Environment;
+use super::state::ControlState;
+use crate::support::thread_time::thread_time;
+
+/// Decisions in a row without a plan after which the action is no longer held but 0.
+const MOST_HELD: usize = 3;
 
 /// What came of an episode.
 #[derive(Debug, Default)]
@@ -16,14 +18,29 @@ pub struct Episode {
     /// The rewards of all steps.
     pub total: f64,
     /// What acted in each step.
-    pub torques: Vec<f64>,
-    /// What was seen, `[channels, S, S]` each: one more than steps. Empty where nobody looked.
-    pub frames: Vec<Tensor>,
-    /// Decisions that were computed, and the time that they took together, drawing excluded.
+    pub actions: Vec<f64>,
+    /// The true states, one more than steps.
+    pub states: Vec<ControlState>,
+    /// What was seen, `[channels, S, S]` each: those before the episode, then one more than steps. Empty where nobody looked.
+    pub frames: Vec<Option<Tensor>>,
+    /// The plans that were made, in the order of their steps; empty where nothing is planned.
+    pub plans: Vec<Planned>,
+    /// Decisions that were computed, and the processor time that they took together, drawing excluded.
     pub decisions: usize,
     pub deciding: Duration,
-    /// Where the last torque was held for want of a plan, and why.
+    /// Where there was no sight or no plan, and what acted then.
     pub notes: Vec<String>,
+}
+
+/// A plan as it was made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planned {
+    /// The step of the episode from which it holds.
+    pub step: usize,
+    /// The state that it begins at, as far as the planner knew.
+    pub from: ControlState,
+    /// The actions of its decisions.
+    pub actions: Vec<f32>,
 }
 
 /// Plays an episode. Equal seeds give equal episodes, to the bit with as many threads. `film` keeps the frames even of a
@@ -32,38 +49,77 @@ pub fn play(environment: &mut dyn Environment, controller: &mut Controller, seed
     environment.reset(seed);
     controller.begin(seed);
     let looks = film || controller.sees();
-    let mut episode = Episode::default();
-    let mut torque = 0.0;
-    for step in 0..environment.steps() {
+    let mut player = Player { episode: Episode::default(), acted: Vec::new(), action: 0.0, without_plan: 0 };
+    if looks {
+        player.look_back(environment, seed);
+    }
+    for step in 0..environment.rules().steps {
         if looks {
-            episode.frames.push(environment.observe());
+            player.episode.frames.push(environment.observe());
         }
-        if step % environment.hold() == 0 {
-            torque = episode.decide(environment, controller, step, torque);
+        player.episode.states.push(environment.true_state());
+        if step % environment.rules().hold == 0 {
+            player.decide(environment, controller, step);
         }
-        episode.total += environment.step(torque);
-        episode.torques.push(torque);
+        player.episode.total += environment.step(player.action);
+        player.episode.actions.push(player.action);
+        player.acted.push(player.action);
     }
     if looks {
-        episode.frames.push(environment.observe());
+        player.episode.frames.push(environment.observe());
     }
-    episode
+    player.episode.states.push(environment.true_state());
+    player.episode
 }
 
-impl Episode {
-    /// The torque from this step on, after `last`.
-    fn decide(&mut self, environment: &dyn Environment, controller: &mut Controller, step: usize, last: f64) -> f64 {
-        let start = Instant::now();
-        let decision = controller.decide(environment, &self.frames, &self.torques);
+/// An episode on its way.
+struct Player {
+    episode: Episode,
+    /// What acted from each frame to the next.
+    acted: Vec<f64>,
+    /// What acts now.
+    action: f64,
+    /// Decisions in a row without a plan.
+    without_plan: usize,
+}
+
+impl Player {
+    /// The frames before the episode: back to the first of them, and then on to the episode's beginning.
+    fn look_back(&mut self, environment: &mut dyn Environment, seed: u64) {
+        let frames = environment.rules().frames_before;
+        environment.go_back(frames);
+        for _ in 0..frames {
+            self.episode.frames.push(environment.observe());
+            environment.step(0.0);
+            self.acted.push(0.0);
+        }
+        // The same beginning to the bit as of those that do not look.
+        environment.restart(seed);
+    }
+
+    /// What acts from this step on.
+    fn decide(&mut self, environment: &dyn Environment, controller: &mut Controller, step: usize) {
+        let episode = &mut self.episode;
+        let start = thread_time();
+        let decision = controller.decide(environment, step, &episode.frames, &self.acted);
+        episode.decisions += 1;
+        episode.deciding += thread_time() - start;
         let why = match decision {
-            Decision::TooEarly => return 0.0,
-            Decision::Torque(_) => None,
-            Decision::Lost => Some("the pendulum is not seen"),
-            Decision::NoPlan => Some("the model foretells no finite state"),
+            Decision::Act { action, from, note } => {
+                self.action = action;
+                self.without_plan = 0;
+                episode.notes.extend(note.map(|note| format!("step {step}: {note}")));
+                let actions = controller.planned().to_vec();
+                episode.plans.extend(from.map(|from| Planned { step, from, actions }));
+                return;
+            }
+            Decision::Lost => "what is controlled is not seen",
+            Decision::NoPlan => "the model foretells no finite state",
         };
-        self.decisions += 1;
-        self.deciding += start.elapsed();
-        self.notes.extend(why.map(|why| format!("step {step}: {why}; the torque stays {last}")));
-        if let Decision::Torque(torque) = decision { torque } else { last }
+        self.without_plan += 1;
+        if self.without_plan > MOST_HELD {
+            self.action = 0.0;
+        }
+        episode.notes.push(format!("step {step}: {why}; {} acts on", self.action));
     }
 }

@@ -1,18 +1,25 @@
-//! Vision-based control: a pendulum that is seen in pictures is swung to a goal by planning with the learned physics.
+//! Vision-based control: what is seen in pictures is brought to a goal by planning with the learned physics.
 //!
-//! Paper: section 4.3; the authors' code for it was never released. In the order in which the data flow: an
-//! [`environment`] draws what it does, a [`controller`] turns the last frames into a state and asks a planner
-//! ([`planner`], [`mppi`]) for a torque, the planner tries plans on a [`model`] of the pendulum, and an [`episode`] sums
-//! the rewards. Nothing but the controllers that are meant as bounds reads a true state.
+//! Paper: section 4.3 (a pendulum is swung up); the authors' code for it was never released. In the order in which the
+//! data flow: an [`environment`] ([`pendulum`], or any [`scene`] on which something acts) draws what it does, a
+//! [`controller`] turns the frames into a state ([`vision`], [`eyes`]) and asks a planner ([`planner`], [`mppi`]) for an
+//! action, the planner tries plans on a [`model`] of the world and scores them by a [`reward`], and an [`episode`] sums the
+//! rewards; [`figures`] show it. Nothing but the controllers that are meant as bounds reads a true state.
 
 pub mod controller;
 pub mod environment;
 pub mod episode;
+pub mod eyes;
+pub mod faults;
+pub mod figures;
 pub mod model;
 pub mod mppi;
-pub mod pendulum_model;
+pub mod pendulum;
 pub mod planner;
+pub mod relearning;
 pub mod results;
 pub mod reward;
+pub mod scene;
 pub mod search;
+pub mod state;
 pub mod vision;

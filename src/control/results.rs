@@ -1,9 +1,10 @@
 //! `results.json`: what each planner reached.
 
+use std::fs;
 use std::io::Write;
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context, Result, ensure};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +12,7 @@ use crate::support::atomic;
 use crate::support::random::named_generator;
 
 /// Number of the file's form.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 /// Samples drawn for an interval.
 const RESAMPLES: usize = 2000;
 
@@ -27,15 +28,18 @@ pub struct Results {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Row {
+    pub task: String,
     pub planner: String,
     /// The run whose model sees; none of planners without one.
     pub model: Option<String>,
     /// Clips that the run was trained on, if known.
     pub clips: Option<usize>,
-    /// Degrees from upright, clockwise; none of Gymnasium's cost.
+    /// Degrees from upright, clockwise, or pixels from the left; none of Gymnasium's cost.
     pub goal: Option<f64>,
-    /// The environment's.
-    pub gravity: f64,
+    /// The environment's, of a pendulum.
+    pub gravity: Option<f64>,
+    /// What else is not as usual.
+    pub setting: String,
     pub episodes: usize,
     pub return_mean: f64,
     /// 95 % interval of the mean over episodes, by the bootstrap.
@@ -43,6 +47,7 @@ pub struct Row {
     pub return_high: f64,
     /// Mean return of the planner that knows state and equation, in the same episodes.
     pub upper_bound: f64,
+    /// Processor time, drawing excluded.
     pub ms_per_decision: f64,
 }
 
@@ -65,6 +70,17 @@ pub fn mean_and_interval(returns: &[f64], seed: u64) -> Option<[f64; 3]> {
 }
 
 impl Results {
+    /// Reads the file.
+    ///
+    /// # Errors
+    /// A file that is missing, damaged or of another form.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let results: Self = serde_json::from_slice(&text).with_context(|| format!("{}", path.display()))?;
+        ensure!(results.format == FORMAT, "{}: format {}, not {FORMAT}", path.display(), results.format);
+        Ok(results)
+    }
+
     /// Writes the file in one step.
     ///
     /// # Errors

@@ -2,10 +2,10 @@
 
 use rand_chacha::ChaCha8Rng;
 
-use super::environment::MAX_TORQUE;
-use super::model::{Model, Plans};
-use super::reward::{PendulumState, Reward};
-use crate::support::random::{named_generator, normal};
+use super::model::{Model, Plans, Trajectories};
+use super::reward::Reward;
+use super::state::ControlState;
+use crate::support::random::{fill_normal, named_generator};
 
 /// How wide and how far a planner looks.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,87 +17,107 @@ pub struct SearchSettings {
     pub decisions: usize,
     /// Steps for which each is held.
     pub hold: usize,
+    /// The largest action, to either side.
+    pub largest: f64,
 }
 
 impl Default for SearchSettings {
     fn default() -> Self {
-        SearchSettings { candidates: 1000, iterations: 10, decisions: 12, hold: 2 }
+        SearchSettings { candidates: 1000, iterations: 10, decisions: 12, hold: 2, largest: 2.0 }
     }
 }
 
-/// A planner that looks for the torques of the next decisions.
+/// Where a plan begins.
+#[derive(Debug, Clone, Copy)]
+pub struct Outset<'a> {
+    pub state: &'a ControlState,
+    /// The step of the episode that comes next.
+    pub step: usize,
+    pub reward: &'a Reward,
+}
+
+/// A planner that looks for the actions of the next decisions.
 pub trait Planner {
     /// Forgets the last plan, and draws from this seed from now on.
     fn begin(&mut self, seed: u64);
 
-    /// The torque to hold now, within the limits. None where the model foretells no plan a finite return; the next call
+    /// The action to hold now, within the limits. None where the model foretells no plan a finite return; the next call
     /// then begins without a plan.
-    fn plan(&mut self, model: &dyn Model, start: PendulumState, reward: Reward) -> Option<f64>;
+    fn plan(&mut self, model: &mut dyn Model, outset: Outset) -> Option<f64>;
+
+    /// The decisions that the last plan made, the one to hold now first; `[decisions]`.
+    fn planned(&self) -> &[f32];
 }
 
-/// Some plans and what each is worth.
-#[derive(Debug, Default)]
-pub(super) struct Candidates {
-    /// `[candidates, decisions]`
-    pub torques: Vec<f32>,
-    /// `[candidates]`; minus infinity where there is no finite number.
-    pub returns: Vec<f64>,
-}
-
-/// A search on its way.
+/// A search on its way. All room is kept from one decision to the next.
 #[derive(Debug)]
 pub(super) struct Search {
     pub settings: SearchSettings,
-    /// The plan that candidates are drawn around, `[decisions]`.
-    pub mean: Vec<f64>,
+    /// The plan that candidates are drawn around, and how widely, `[decisions]`.
+    pub mean: Vec<f32>,
+    pub spread: Vec<f32>,
+    /// `[decisions, candidates]`
+    pub actions: Vec<f32>,
+    /// `[candidates]`; minus infinity where there is no finite number.
+    pub returns: Vec<f32>,
+    /// The last plan.
+    pub planned: Vec<f32>,
+    trajectories: Trajectories,
     random: ChaCha8Rng,
 }
 
 impl Search {
     pub fn new(settings: SearchSettings) -> Self {
-        Search { settings, mean: vec![0.0; settings.decisions], random: named_generator(0, "plans") }
+        let SearchSettings { candidates, decisions, .. } = settings;
+        Search {
+            settings,
+            mean: vec![0.0; decisions],
+            spread: vec![0.0; decisions],
+            actions: vec![0.0; decisions * candidates],
+            returns: vec![0.0; candidates],
+            planned: vec![0.0; decisions],
+            trajectories: Trajectories::default(),
+            random: named_generator(0, "plans"),
+        }
     }
 
     pub fn begin(&mut self, seed: u64) {
         self.mean.fill(0.0);
+        self.planned.fill(0.0);
         self.random = named_generator(seed, "plans");
     }
 
-    /// Draws candidates around the mean plan with a spread for each decision, and tries them. The first is the mean
-    /// itself. None if not one has a finite return.
-    pub fn draw(
-        &mut self,
-        spread: &[f64],
-        model: &dyn Model,
-        start: PendulumState,
-        reward: Reward,
-    ) -> Option<Candidates> {
-        let SearchSettings { candidates, decisions, hold, .. } = self.settings;
-        let mut torques = Vec::with_capacity(candidates * decisions);
-        torques.extend(self.mean.iter().map(|mean| *mean as f32));
-        for _ in 1..candidates {
-            for (mean, spread) in self.mean.iter().zip(spread) {
-                let torque = mean + spread * normal(&mut self.random);
-                torques.push(torque.clamp(-MAX_TORQUE, MAX_TORQUE) as f32);
-            }
+    /// Draws candidates around the mean plan, and tries them. The first is the mean itself. False if not one has a finite
+    /// return.
+    pub fn draw(&mut self, model: &mut dyn Model, outset: Outset) -> bool {
+        let SearchSettings { candidates, hold, largest, .. } = self.settings;
+        let largest = largest as f32;
+        for ((actions, mean), spread) in self.actions.chunks_exact_mut(candidates).zip(&self.mean).zip(&self.spread) {
+            fill_normal(&mut self.random, &mut actions[1..]);
+            actions[0] = 0.0;
+            actions.iter_mut().for_each(|action| *action = (mean + spread * *action).clamp(-largest, largest));
         }
-        let plans = Plans { torques: &torques, decisions, hold };
-        let trajectories = model.roll_out(start, &plans).ok()?;
-        let mut returns = trajectories.returns(start, &plans, reward);
-        returns.iter_mut().filter(|worth| !worth.is_finite()).for_each(|worth| *worth = f64::NEG_INFINITY);
-        returns.iter().any(|worth| worth.is_finite()).then_some(Candidates { torques, returns })
+        let plans = Plans { actions: &self.actions, candidates, hold };
+        if model.roll_out(outset.state, &plans, &mut self.trajectories).is_err() {
+            return false;
+        }
+        outset.reward.returns(outset.step, outset.state, &plans, &self.trajectories, &mut self.returns);
+        self.returns.iter_mut().filter(|worth| !worth.is_finite()).for_each(|worth| *worth = f32::NEG_INFINITY);
+        self.returns.iter().any(|worth| worth.is_finite())
     }
 
-    /// The torque to hold now; what is left of the plan is where the next search begins.
+    /// The action to hold now; what is left of the plan is where the next search begins.
     pub fn decide(&mut self) -> f64 {
-        let now = self.mean.remove(0);
-        self.mean.push(0.0);
-        now
+        self.planned.copy_from_slice(&self.mean);
+        self.mean.rotate_left(1);
+        self.mean.last_mut().into_iter().for_each(|last| *last = 0.0);
+        f64::from(self.planned[0])
     }
 
     /// What is said where there is no plan.
     pub fn give_up(&mut self) -> Option<f64> {
         self.mean.fill(0.0);
+        self.planned.fill(0.0);
         None
     }
 }

@@ -9,7 +9,7 @@ use crate::tasks::scene::{Begin, Motion};
 
 impl World {
     /// One draw of the initial state, before any rule of [`World::clip`] is applied.
-    pub(super) fn draw_initial(&self, rng: &mut impl Rng) -> SceneState {
+    pub fn draw_initial(&self, rng: &mut impl Rng) -> SceneState {
         match self.motion {
             Motion::Bouncing {} => self.draw_free_balls(rng),
             Motion::Equation {} => match self.law.as_ref().and_then(|law| law.begin.as_ref()) {
@@ -27,13 +27,15 @@ impl World {
         }
     }
 
-    /// What acts from outside from one frame to the next: a pendulum's torque. A float32, as the file will hold it, so
-    /// that the file says exactly what acted.
+    /// What acts from outside from one frame to the next: a pendulum's torque, a push. A float32, as the file will hold it,
+    /// so that the file says exactly what acted.
     pub(super) fn draw_action(&self, rng: &mut impl Rng) -> f64 {
-        match self.motion {
-            Motion::Pendulum { torque, .. } => f64::from(either_side(torque, rng) as f32),
-            _ => 0.0,
-        }
+        let largest = match (self.motion, &self.law) {
+            (Motion::Pendulum { torque, .. }, _) => torque,
+            (_, Some(law)) if law.push > 0.0 => law.push,
+            _ => return 0.0,
+        };
+        f64::from(either_side(largest, rng) as f32)
     }
 
     /// Balls anywhere off the walls, each in its own direction. The authors released no generator for these; their

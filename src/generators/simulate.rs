@@ -47,6 +47,8 @@ pub struct Law {
     pub equation: &'static CellKind,
     /// The raw number of each of its parameters.
     pub raw: Vec<f64>,
+    /// How much acts from outside at most, to either side.
+    pub push: f64,
     pub begin: Option<Begin>,
 }
 
@@ -57,7 +59,8 @@ impl Law {
         let raw: Vec<_> = self.raw.iter().map(|raw| Tensor::from(*raw)).collect();
         let row = |numbers: &[f64]| Tensor::from_slice(numbers).unsqueeze(0);
         let now = State { pos: row(&state.positions), vel: row(&state.velocities) };
-        let next = self.equation.cell(&raw, walls).substep(&now, None, h);
+        let action = self.equation.actions.then(|| Tensor::from_slice(&[state.action]).unsqueeze(0));
+        let next = self.equation.cell(&raw, walls).substep(&now, action.as_ref(), h);
         let numbers = |x: Tensor| Vec::try_from(x.select(0, 0)).expect("a float64 vector");
         (state.positions, state.velocities) = (numbers(next.pos), numbers(next.vel));
     }

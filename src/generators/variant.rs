@@ -186,6 +186,7 @@ impl Variant {
         (scene.motion == Motion::Equation {}).then(|| Law {
             equation: precise.unwrap_or(cell),
             raw: cell.parameters.iter().map(raw).collect(),
+            push: scene.push,
             begin: scene.begin.clone(),
         })
     }

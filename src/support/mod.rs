@@ -1,12 +1,14 @@
-//! What every other folder may use: the best assignment, files that appear whole or not at all, command lines, the device, memory, random numbers,
-//! medians, the values of TOML files.
+//! What every other folder may use: the best assignment, files that appear whole or not at all, command lines, the device,
+//! memory, random numbers, medians, fast arithmetic, processor time, the values of TOML files.
 
 pub mod assignment;
 pub mod atomic;
 pub mod command_line;
 pub mod device;
+pub mod fast_math;
 pub mod memory;
 pub mod random;
 pub mod statistics;
 pub mod storage;
+pub mod thread_time;
 pub mod toml_values;

@@ -25,6 +25,10 @@ const COLOURS: [[f64; 3]; 6] =
 /// Time between two frames that the authors' file names leave out.
 const UNNAMED_DT: f64 = 0.3;
 
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
+}
+
 /// How the objects of a scene move.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "law", rename_all = "snake_case", deny_unknown_fields)]
@@ -196,6 +200,10 @@ pub struct Scene {
     #[serde(default)]
     pub radius: f64,
     pub look: Look,
+    /// The action u of an [equation](Motion::Equation) is drawn anew for each frame, uniformly from up to this to either
+    /// side; for an equation without u 0.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub push: f64,
     /// Where the objects begin, if their motion is the system's equation; anywhere off the walls where nothing is said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub begin: Option<Begin>,
@@ -214,9 +222,12 @@ pub struct Scene {
 /// A plain scene's is written into the files of its clips, so nothing is said of what a plain scene does not have.
 impl fmt::Debug for Scene {
     fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
-        let Scene { motion, speed, radius, look, begin, objects, background, distractors, camera } = self;
+        let Scene { motion, speed, radius, look, push, begin, objects, background, distractors, camera } = self;
         let mut text = formatter.debug_struct("Scene");
         text.field("motion", motion).field("speed", speed).field("radius", radius).field("look", look);
+        if *push != 0.0 {
+            text.field("push", push);
+        }
         if let Some(begin) = begin {
             text.field("begin", begin);
         }
@@ -296,6 +307,14 @@ impl Scene {
         name
     }
 
+    /// How much acts from outside at most, to either side: a pendulum's torque, or the push.
+    pub fn largest_action(&self) -> f64 {
+        match self.motion {
+            Motion::Pendulum { torque, .. } => torque,
+            _ => self.push,
+        }
+    }
+
     /// The value of an equation's parameter in these clips, if they follow that equation.
     pub fn truth(&self, equation: &CellKind, symbol: &str) -> Option<f64> {
         let mut motion = self.motion;
@@ -318,10 +337,17 @@ impl Scene {
                 Coordinates::Angle => "an angle",
             }
         );
+        let acts = self.largest_action() != 0.0 || matches!(self.motion, Motion::Pendulum { .. });
         ensure!(
-            cell.actions == matches!(self.motion, Motion::Pendulum { .. }),
-            "the equation {:?} and this motion differ in whether something acts from outside",
+            cell.actions == acts,
+            "the equation {:?} and this motion differ in whether something acts from outside; of an equation with u, \
+             scene.push says how much at most",
             cell.name
+        );
+        ensure!(
+            self.push == 0.0 || (self.push.is_finite() && self.push > 0.0 && self.motion == Motion::Equation {}),
+            "push = {}: is how much acts at most on what follows the equation, a positive number",
+            self.push
         );
         ensure!(
             self.radius.is_finite() && self.radius >= 0.0 && self.speed.iter().all(|v| v.is_finite() && *v >= 0.0),

@@ -32,6 +32,7 @@ pub(crate) fn font(size: u32) -> FontDesc<'static> {
 }
 
 /// An RGB picture, white at the start. Places are (x, y) of a top left corner in pixels.
+#[derive(Clone)]
 pub(crate) struct Canvas {
     pixels: RgbImage,
 }

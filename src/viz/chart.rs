@@ -50,6 +50,7 @@ pub(crate) enum Stroke {
 /// A line of a chart; points are (step, value).
 #[derive(Debug)]
 pub(crate) struct Line {
+    /// In the legend; an empty one does not stand there.
     pub label: String,
     pub colour: RGBColor,
     pub stroke: Stroke,
@@ -226,7 +227,7 @@ impl Line {
                 Stroke::Dashed => drawn(plot.draw_series(DashedLineSeries::new(points, DASH, DASH, style)))?,
                 _ => drawn(plot.draw_series(LineSeries::new(points, style)))?,
             };
-            if place == 0 {
+            if place == 0 && !self.label.is_empty() {
                 series.label(self.label.clone()).legend(move |(x, y)| {
                     let (end, half) = (x + 3 * DASH as i32, DASH as i32 / 2);
                     let ends = [(x, y), (end, y)];

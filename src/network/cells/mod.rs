@@ -14,6 +14,7 @@ mod falling;
 mod gravity;
 mod parameter;
 mod pendulum;
+pub mod plain;
 mod spring;
 pub mod text;
 
@@ -30,9 +31,10 @@ pub use damped_spring::DAMPED_SPRING;
 pub use falling::{FALLING, FALLING_BOUNCING};
 pub use gravity::GRAVITY;
 pub use parameter::{Bounds, PhysicalParameter};
-pub use pendulum::PENDULUM;
+pub use pendulum::{PENDULUM, PlainPendulum};
 pub use spring::SPRING;
 
+use plain::PlainCell;
 use text::Equation;
 
 /// Euler steps for one frame.
@@ -215,6 +217,11 @@ pub trait Cell: Debug {
             states.push(next);
         }
         states
+    }
+
+    /// The same equation with the parameters as they are now, in plain numbers; none where there is no such form.
+    fn plain(&self) -> Option<Box<dyn PlainCell>> {
+        None
     }
 }
 

@@ -6,7 +6,9 @@
 
 use tch::Tensor;
 
-use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
+use super::plain::PlainCell;
+use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, SUBSTEPS, State, scalars};
+use crate::support::fast_math::sine;
 
 pub static PENDULUM: CellKind = CellKind {
     name: "pendulum",
@@ -37,5 +39,35 @@ impl Cell for Pendulum {
         };
         let vel = &state.vel + acceleration * h;
         State { pos: &state.pos + &vel * h, vel }
+    }
+    fn plain(&self) -> Option<Box<dyn PlainCell>> {
+        let value = |log: &Tensor| log.double_value(&[]).exp() as f32;
+        let (gravity, torque) = (1.5 * value(&self.log_g), 3.0 * value(&self.log_a));
+        Some(Box::new(PlainPendulum { gravity, torque, substeps: SUBSTEPS, largest_rate: f32::INFINITY }))
+    }
+}
+
+/// The pendulum in plain numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlainPendulum {
+    /// Angular acceleration of gravity on a rod that lies flat, and for a torque of 1.
+    pub gravity: f32,
+    pub torque: f32,
+    /// Euler steps for one frame.
+    pub substeps: usize,
+    /// Where a rate is cut off to either side after each of them.
+    pub largest_rate: f32,
+}
+
+impl PlainCell for PlainPendulum {
+    fn step(&mut self, angles: &mut [f32], rates: &mut [f32], action: &[f32], dt: f32) {
+        let h = dt / self.substeps as f32;
+        for _ in 0..self.substeps {
+            for ((angle, rate), action) in angles.iter_mut().zip(&mut *rates).zip(action) {
+                let faster = *rate + (self.gravity * sine(*angle) + self.torque * action) * h;
+                *angle += faster * h;
+                *rate = faster.clamp(-self.largest_rate, self.largest_rate);
+            }
+        }
     }
 }

@@ -22,6 +22,16 @@ pub(super) fn of(coordinates: Coordinates, positions: &Tensor, side: usize) -> T
     }
 }
 
+/// Places `[frames, 2 * objects]` (pixels), turned clockwise about the middle of the frame by `angles` (`[frames, objects]`).
+pub(super) fn turned(places: &Tensor, angles: &Tensor, side: usize) -> Tensor {
+    let middle = side as f64 / 2.0;
+    let from_middle = places.reshape([places.size()[0], -1, 2]) - middle;
+    let (x, y) = (from_middle.select(2, 0), from_middle.select(2, 1));
+    let (cos, sin) = (angles.cos(), angles.sin());
+    let turned = Tensor::stack(&[&x * &cos - &y * &sin, x * sin + y * cos], 2);
+    turned.flatten(1, 2) + middle
+}
+
 /// Takes the turns out of angles `[batch, time, objects]`: from one frame to the next they change by less than half a turn.
 pub(super) fn continuous(coordinates: Coordinates, positions: Tensor) -> Tensor {
     let time = positions.size()[1];
@@ -46,6 +56,16 @@ mod tests {
         for (found, expected) in angles.iter().zip([0.0, quarter, 2.0 * quarter, -quarter]) {
             assert!((found - expected).abs() < 1e-12, "{found} instead of {expected}");
         }
+    }
+
+    #[test]
+    fn a_place_is_turned_by_as_much_as_its_angle() {
+        let seen = Tensor::from_slice(&[32.0, 10.0, 40.0, 32.0, 32.0, 50.0, 20.0, 37.0]).reshape([4, 2]);
+        let by = Tensor::from_slice(&[0.3, -0.2, 0.1, 1.0]).reshape([4, 1]);
+        let change = of(Coordinates::Angle, &turned(&seen, &by, 64), 64) - of(Coordinates::Angle, &seen, 64);
+        let error = (change - by).remainder(TAU);
+        let error: Vec<f64> = error.flatten(0, 1).try_into().unwrap();
+        assert!(error.iter().all(|error| error.min(TAU - error) < 1e-12), "{error:?}");
     }
 
     #[test]

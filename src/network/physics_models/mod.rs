@@ -340,30 +340,25 @@ impl PhysicsNet {
     /// frames improved on the picture, all in the order of their names.
     pub fn see(&self, clips: &Tensor, input: usize) -> Seen {
         let (encoding, encoded) = self.encode(clips);
-        let (input_frames, time) = (input as i64, clips.size()[1]);
-        let aligned = self.aligned(&clips.narrow(1, 0, input_frames), &encoded.narrow(1, 0, input_frames));
-        let later = encoded.narrow(1, input_frames, time - input_frames);
-        let positions = self.named(&Tensor::cat(&[aligned, later], 1), input);
+        let (batch, time, count) = (clips.size()[0], clips.size()[1], input as i64);
+        let places = encoding.positions.reshape([batch, time, -1]);
+        let of_input = |x: &Tensor| x.narrow(1, 0, count).flatten(0, 1);
+        let aligned = self.aligned_places(&of_input(clips), &of_input(&places)).reshape([batch, count, -1]);
+        let places = Tensor::cat(&[aligned, places.narrow(1, count, time - count)], 1);
+        let positions = self.named(&self.clip_coordinates(&places), input);
         Seen { encoding, encoded, positions }
     }
 
-    /// Encoded places `[frames, 2 * objects]` (pixels) in single frames, improved on the picture if the options say so; as
-    /// they are where the drawing turns by an angle, which does not say how far an object is from the middle.
+    /// Encoded places `[frames, 2 * objects]` (pixels) in single frames `[frames, channels, S, S]`, improved on the picture if
+    /// the options say so. What is drawn turned by an angle is turned about the middle of the frame.
     pub fn aligned_places(&self, frames: &Tensor, encoded: &Tensor) -> Tensor {
-        match self.system.cell.coordinates {
-            Coordinates::Position => {
-                alignment::align(&self.decoder, Coordinates::Position, frames, encoded, self.options.alignment_steps)
-            }
-            Coordinates::Angle => encoded.shallow_clone(),
-        }
-    }
-
-    /// Encoded positions `[batch, time, coordinates * objects]` of these frames, improved on the picture if the options say
-    /// so.
-    pub fn aligned(&self, clips: &Tensor, encoded: &Tensor) -> Tensor {
         let (kind, steps) = (self.system.cell.coordinates, self.options.alignment_steps);
-        let (frames, positions) = (clips.flatten(0, 1), encoded.flatten(0, 1));
-        alignment::align(&self.decoder, kind, &frames, &positions, steps).reshape(encoded.size())
+        let positions = coordinates::of(kind, encoded, self.system.side);
+        let aligned = alignment::align(&self.decoder, kind, frames, &positions, steps);
+        match kind {
+            Coordinates::Position => aligned,
+            Coordinates::Angle => coordinates::turned(encoded, &(aligned - positions), self.system.side),
+        }
     }
 
     /// Encoded positions `[batch, time, coordinates * objects]` in the order of their names: within a clip a name stays with

@@ -4,8 +4,10 @@ use tch::Tensor;
 
 use super::Equation;
 use super::evaluate::{Constants, Instant};
+use super::plain::PlainText;
 use super::table::Integrator;
 use crate::network::cells::bouncing::reflected;
+use crate::network::cells::plain::PlainCell;
 use crate::network::cells::{Actions, Cell, State, Walls};
 
 /// The least restitution that is taken back when time runs backwards: a ball that lost all its speed has no past.
@@ -74,6 +76,12 @@ impl Cell for TextCell {
             states.push(grid.state());
         }
         states
+    }
+
+    fn plain(&self) -> Option<Box<dyn PlainCell>> {
+        let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
+        let values = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[])) as f32);
+        PlainText::new(self.equation, values.collect(), self.walls).map(|it| Box::new(it) as Box<dyn PlainCell>)
     }
 }
 

@@ -16,6 +16,7 @@ mod integrate;
 mod operation;
 mod parameters;
 mod parse;
+mod plain;
 mod table;
 mod units;
 

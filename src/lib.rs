@@ -28,7 +28,7 @@
 //!
 //! The library never prints, never exits and reads no arguments; the programs' code is in [`cli`], behind the feature of
 //! that name. Folders in the order of their imports: support, network, tasks, datasets, generators, runs, evaluation,
-//! training, viz, report, sweep, stress, import, control, cli.
+//! training, viz, report, sweep, stress, import, measure, control, cli.
 
 #[cfg(feature = "cli")]
 pub mod cli;
@@ -37,6 +37,7 @@ pub mod datasets;
 pub mod evaluation;
 pub mod generators;
 pub mod import;
+pub mod measure;
 pub mod network;
 pub mod report;
 pub mod runs;

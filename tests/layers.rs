@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The folders of `src` in the order of their imports. `lib.rs` sees all of them.
-const LAYERS: [&str; 15] = [
+const LAYERS: [&str; 16] = [
     "support",
     "network",
     "tasks",
@@ -20,6 +20,7 @@ const LAYERS: [&str; 15] = [
     "sweep",
     "stress",
     "import",
+    "measure",
     "control",
     "cli",
 ];

@@ -4,6 +4,7 @@ pub mod arguments;
 pub mod environment;
 pub mod generate_display;
 pub mod interrupt;
+pub mod measure_display;
 pub mod progress;
 pub mod run;
 pub mod sweep_display;

@@ -12,7 +12,7 @@ mod curves;
 pub mod examples;
 mod film;
 mod frame_scores;
-mod gif;
+pub(crate) mod gif;
 pub mod grid;
 mod masks;
 mod rollout;

@@ -16,6 +16,7 @@ mod integrate;
 mod operation;
 mod parameters;
 mod parse;
+mod plain;
 mod table;
 mod units;
 
@@ -33,6 +34,7 @@ use self::parse::{Expression, parse};
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, Walls};
 use crate::support::random::fnv1a;
 
+pub use plain::PlainEquation;
 pub use table::{Accelerations, EquationTable, Integrator, ParameterTable, Restitution};
 
 /// Most objects, and most steps for a frame.
@@ -108,6 +110,11 @@ impl Equation {
     /// The cell with these raw parameters (scalars, one for each).
     pub(super) fn cell(&'static self, raw: &[Tensor], walls: Walls) -> Box<dyn Cell> {
         Box::new(TextCell { equation: self, raw: raw.iter().map(Tensor::shallow_clone).collect(), walls })
+    }
+
+    /// The equation in plain numbers, with these values (not the raw numbers) of its parameters.
+    pub fn plain(&'static self, parameters: &[f64], walls: Walls) -> PlainEquation {
+        PlainEquation::new(self, parameters, walls)
     }
 
     fn read(table: &EquationTable, objects: usize) -> Result<Self> {

@@ -79,6 +79,12 @@ struct Arguments {
     /// The same from two points in the video and their distance in metres
     #[arg(long, value_name = "X1,Y1,X2,Y2,LENGTH", help_heading = "Scale and axes")]
     scale: Option<String>,
+    /// How well the scale is known: its standard deviation, per cent
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, help_heading = "Scale and axes")]
+    scale_percent: f64,
+    /// The same of the time between two frames
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, help_heading = "Frames")]
+    time_percent: f64,
     /// Origin of the scene's axes, pixels of the video, from its top left corner [default: that corner]
     #[arg(long, value_name = "X,Y", help_heading = "Scale and axes")]
     origin: Option<String>,
@@ -171,6 +177,8 @@ fn request(arguments: Arguments) -> Result<Request> {
         side: arguments.side,
         grey: arguments.grey,
         pixels_per_metre: pixels_per_metre.or(tracker.map(|file| file.pixels_per_metre)),
+        scale_percent: arguments.scale_percent,
+        time_percent: arguments.time_percent,
         origin: origin.or(tracker.map(|file| file.origin)),
         angle: arguments.angle.or(tracker.map(|file| file.angle)).unwrap_or(0.0),
         y_up: arguments.y_up || tracker.is_some(),

@@ -28,7 +28,7 @@
 //!
 //! The library never prints, never exits and reads no arguments; the programs' code is in [`cli`], behind the feature of
 //! that name. Folders in the order of their imports: support, kernels, network, tasks, datasets, generators, runs, evaluation,
-//! training, viz, report, sweep, stress, baselines, import, control, cli.
+//! training, viz, report, sweep, stress, baselines, import, measure, control, cli.
 
 pub mod baselines;
 #[cfg(feature = "cli")]
@@ -40,6 +40,7 @@ pub mod generators;
 pub mod import;
 #[expect(unsafe_code, reason = "the module says why; there is none elsewhere")]
 pub mod kernels;
+pub mod measure;
 pub mod network;
 pub mod report;
 pub mod runs;

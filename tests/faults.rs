@@ -322,6 +322,8 @@ fn an_imported_task_is_whole_or_not_there() {
         side: 32,
         grey: false,
         pixels_per_metre: None,
+        scale_percent: 0.0,
+        time_percent: 0.0,
         origin: None,
         angle: 0.0,
         y_up: false,

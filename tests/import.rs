@@ -45,6 +45,8 @@ fn request(videos: &[&Path], out: &Path) -> Request {
         side: 32,
         grey: false,
         pixels_per_metre: None,
+        scale_percent: 0.0,
+        time_percent: 0.0,
         origin: None,
         angle: 0.0,
         y_up: false,

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The folders of `src` in the order of their imports. `lib.rs` sees all of them.
-const LAYERS: [&str; 17] = [
+const LAYERS: [&str; 18] = [
     "support",
     "kernels",
     "network",
@@ -22,6 +22,7 @@ const LAYERS: [&str; 17] = [
     "stress",
     "baselines",
     "import",
+    "measure",
     "control",
     "cli",
 ];

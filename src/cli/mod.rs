@@ -5,6 +5,7 @@ pub mod ending;
 pub mod environment;
 pub mod generate_display;
 pub mod interrupt;
+pub mod measure_display;
 pub mod progress;
 pub mod run;
 pub mod sweep_display;

@@ -11,6 +11,7 @@ use clap::{Args, Parser};
 use tch::Device;
 
 use super::ending::{begin_work, exit_code};
+use super::measure_display::print_measurement;
 use super::progress::Screen;
 use super::table::{print_frames_and_states, print_results};
 use super::{environment, interrupt};
@@ -18,6 +19,7 @@ use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::States;
 use crate::evaluation::{self, ScoredClips};
+use crate::measure::{Request, measure};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{RunState, SavedWeights, Store};
 use crate::runs::folder::RunFolder;
@@ -330,6 +332,7 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
     viz::write_curves(folder.path(), &config.task, &test.truth)?;
     print_end(&state, folder.path());
     say!("{verdict}");
+    measure_videos(config, folder, device)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -340,6 +343,19 @@ fn print_end(state: &RunState, folder: &Path) {
     let folder = folder.display();
     say!("finished after {} steps, {:.0} s ({}); results in {folder}", state.steps, state.seconds, phases.join(", "));
     say!("look at {folder}/losses.png and {folder}/example0.png; next: predict {folder} --frames 60");
+}
+
+/// Of a task that was made from videos: what the run measures in them as a whole.
+fn measure_videos(config: &Config, folder: &RunFolder, device: Device) -> Result<()> {
+    if config.task.video().is_none_or(|video| video.film_step.is_none()) {
+        return Ok(());
+    }
+    let out = folder.path();
+    let measurement = measure(out, &Request::default(), out, device)
+        .with_context(|| format!("the run is finished, but not measured; `measure {}` does it", out.display()))?;
+    print_measurement(&measurement);
+    say!("look at {}", out.join("measurement.html").display());
+    Ok(())
 }
 
 /// What trained the run, and what scored it where that was another build.

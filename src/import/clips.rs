@@ -4,11 +4,12 @@ use std::ops::Range;
 
 use anyhow::{Result, ensure};
 use image::RgbImage;
-use ndarray::{Array2, Array5};
+use ndarray::{Array2, Array4, Array5};
 
 use super::hold_out::{Cut, Parts, starts};
 use super::request::Request;
 use crate::datasets::files::DatasetFile;
+use crate::datasets::film::FilmFile;
 
 /// Most bytes of one array.
 const MOST_BYTES: usize = 1 << 31;
@@ -35,6 +36,21 @@ pub(super) fn files(request: &Request, videos: &[Vec<RgbImage>], cut: &Cut) -> R
     ))
 }
 
+/// All frames of every video.
+pub(super) fn film(request: &Request, videos: &[Vec<RgbImage>]) -> Result<FilmFile> {
+    let (side, channels) = (request.side, request.channels());
+    let array = |frames: &Vec<RgbImage>| {
+        let shape = (frames.len(), side, side, channels);
+        Ok(Array4::from_shape_vec(shape, levels(frames.iter(), channels))?)
+    };
+    Ok(FilmFile { videos: videos.iter().map(array).collect::<Result<_>>()? })
+}
+
+/// The bytes of frames, of so many channels.
+fn levels<'a>(frames: impl Iterator<Item = &'a RgbImage>, channels: usize) -> Vec<u8> {
+    frames.flat_map(|frame| frame.pixels()).flat_map(|pixel| pixel.0.into_iter().take(channels)).collect()
+}
+
 /// The clips of one part of every video, `[clips, length, S, S, channels]`.
 fn array(
     request: &Request,
@@ -55,7 +71,6 @@ fn array(
         "{} clips would take {bytes} bytes; at most {MOST_BYTES}: let clips overlap less (--overlap)",
         clips.len()
     );
-    let pixels = clips.iter().flat_map(|clip| clip.iter()).flat_map(|frame| frame.pixels());
-    let levels: Vec<u8> = pixels.flat_map(|pixel| pixel.0.into_iter().take(channels)).collect();
+    let levels = levels(clips.iter().flat_map(|clip| clip.iter()), channels);
     Ok(Array5::from_shape_vec((clips.len(), length, side, side, channels), levels)?)
 }

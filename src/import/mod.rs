@@ -29,6 +29,7 @@ use self::motion::Moving;
 use self::reel::Reel;
 use self::request::Request;
 use self::time_base::Kept;
+use crate::datasets::film::FILM;
 use crate::network::System;
 use crate::network::system::SystemTable;
 use crate::support::atomic;
@@ -69,7 +70,7 @@ pub struct ImportedVideo {
 /// Told how far an import is: frames decoded, of all.
 pub type Progress<'a> = &'a dyn Fn(usize, usize);
 
-/// Makes `train.npz`, `test.npz`, `task.toml` and `contact-sheet.png` in the folder `request.out`.
+/// Makes `train.npz`, `test.npz`, `film.npz`, `task.toml` and `contact-sheet.png` in the folder `request.out`.
 ///
 /// # Errors
 /// A video that cannot be read, a crop or a part outside of it, nothing that moves, too few frames, a folder that holds
@@ -86,7 +87,9 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     let square = reel.square(request, progress)?;
     let record = reel.record(request, square);
     let text = task_file::text(request, &name, dt, &cut, &record)?;
-    let (filmed, sheet) = reel.decode(request, square, progress)?;
+    let (film, sheet) = reel.decode(request, square, progress)?;
+    let ratio = reel.film_ratio(request);
+    let filmed: Vec<Vec<_>> = film.iter().map(|frames| frames.iter().step_by(ratio).cloned().collect()).collect();
     let moving: Vec<_> = filmed.iter().map(|frames| Moving::measure(frames)).collect();
     ensure!(
         moving.iter().any(Moving::any),
@@ -94,10 +97,12 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
          (--crop), or raise --side"
     );
     let (train, test) = clips::files(request, &filmed, &cut)?;
+    let film = clips::film(request, &film)?;
     let counts = [&train.train, &train.valid, &test.test].map(|clips| clips.dim().0);
     let fill = |folder: &Path| {
         train.write(&folder.join("train.npz"))?;
         test.write(&folder.join("test.npz"))?;
+        film.write(&folder.join(FILM))?;
         write_contact_sheet(&folder.join("contact-sheet.png"), &sheet)?;
         // The last one: a folder with a task is complete.
         atomic::write_file(&folder.join("task.toml"), |file| Ok(file.write_all(text.as_bytes())?))

@@ -12,6 +12,9 @@ use super::time_base::Kept;
 use super::{MOST_KEPT, Progress};
 use crate::tasks::video;
 
+/// Most frames and bytes of the film: where there were more, it holds only the frames that clips are cut from.
+const MOST_FILM: usize = 20_000;
+const MOST_FILM_BYTES: usize = 1 << 28;
 /// Most bytes of all frames as a model sees them.
 const MOST_BYTES: usize = 1 << 29;
 /// Part by which the time between two frames may differ from video to video.
@@ -25,8 +28,11 @@ const SHEET_VIDEOS: usize = 8;
 #[derive(Debug)]
 pub(super) struct Reel {
     pub videos: Vec<Video>,
-    /// Of each video.
+    /// Of each video, what clips are cut from.
     pub kept: Vec<Kept>,
+    /// The same at every frame, or at every `film_step`-th.
+    film: Vec<Kept>,
+    pub film_step: usize,
 }
 
 impl Reel {
@@ -42,7 +48,16 @@ impl Reel {
             kept.with_context(|| format!("video {}", video.path.display()))
         };
         let kept = videos.iter().map(choose).collect::<Result<Vec<_>>>()?;
-        let reel = Reel { videos, kept };
+        let every = |step: usize| {
+            let choose =
+                |video: &Video| Kept::choose(video.frames, video.times.as_deref(), request.fps, request.part, step);
+            videos.iter().map(choose).collect::<Result<Vec<_>>>()
+        };
+        let all = every(1)?;
+        let frames: usize = all.iter().map(|kept| kept.frames.len()).sum();
+        let fits = frames <= MOST_FILM.min(MOST_FILM_BYTES / request.frame_bytes().max(1));
+        let (film, film_step) = if fits { (all, 1) } else { (kept.clone(), request.step) };
+        let reel = Reel { videos, kept, film, film_step };
         reel.check_alike()?;
         let frames: usize = reel.kept.iter().map(|kept| kept.frames.len()).sum();
         let most = MOST_KEPT.min(MOST_BYTES / request.frame_bytes().max(1));
@@ -124,24 +139,31 @@ impl Reel {
         around.context("nothing moves; look at another part of the video with --frames, or give the crop with --crop")
     }
 
-    /// Decodes, cuts out and scales the kept frames of each video.
+    /// Of the frames of the film each how many-th is cut into clips.
+    pub(super) fn film_ratio(&self, request: &Request) -> usize {
+        request.step / self.film_step
+    }
+
+    /// Decodes, cuts out and scales the frames of the film of each video.
     pub(super) fn decode(
         &self,
         request: &Request,
         square: Square,
         progress: Progress,
     ) -> Result<(Vec<Vec<RgbImage>>, Vec<SheetRow>)> {
-        let total = self.kept.iter().map(|kept| kept.frames.len()).sum();
+        let total = self.film.iter().map(|film| film.frames.len()).sum();
         let (mut all, mut rows, mut done) = (Vec::new(), Vec::new(), 0);
-        for (video, kept) in self.videos.iter().zip(&self.kept) {
+        let ratio = self.film_ratio(request);
+        for ((video, kept), film) in self.videos.iter().zip(&self.kept).zip(&self.film) {
             let on_sheet = spread(kept.frames.len(), if rows.len() < SHEET_VIDEOS { SHEET_FRAMES } else { 0 });
             let (mut seen, mut cells) = (Vec::new(), Vec::new());
             let mut frames = video.decode()?;
-            for (place, &number) in kept.frames.iter().enumerate() {
+            for (tick, &number) in film.frames.iter().enumerate() {
                 let frame = frames.frame(number).with_context(|| format!("video {}", video.path.display()))?;
                 let small = square.cut(&frame, request.side as u32);
                 let small = if request.grey { greyed(&small) } else { small };
-                if on_sheet.contains(&place) {
+                let place = tick / ratio;
+                if tick.is_multiple_of(ratio) && on_sheet.contains(&place) {
                     cells.push(cell(&frame, &small, number, kept, place, square));
                 }
                 seen.push(small);
@@ -171,9 +193,12 @@ impl Reel {
             size: [self.videos[0].width, self.videos[0].height],
             crop: [square.x, square.y, i64::from(square.side)],
             step: request.step,
+            film_step: Some(self.film_step),
             time_unit: request.time_unit.clone(),
             frame_seconds: self.interval(),
             pixels_per_metre: request.pixels_per_metre,
+            scale_percent: request.scale_percent,
+            time_percent: request.time_percent,
             origin: request.origin,
             angle: request.angle,
             y_up: request.y_up,

@@ -32,6 +32,8 @@ pub struct Request {
     pub grey: bool,
     /// See [`Video`](crate::tasks::video::Video).
     pub pixels_per_metre: Option<f64>,
+    pub scale_percent: f64,
+    pub time_percent: f64,
     pub origin: Option<[f64; 2]>,
     pub angle: f64,
     pub y_up: bool,

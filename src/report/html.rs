@@ -7,18 +7,16 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use pulldown_cmark::{CowStr, Event, Options, Parser, Tag};
 
-use super::template::TITLE;
-
 use crate::support::storage;
 
 const HEAD: &str = "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
     <meta name=\"viewport\" content=\"width=device-width\">\n<title>";
 const STYLE: &str = include_str!("style.css");
 
-/// Renders the report; its pictures are read from `folder`.
-pub(super) fn render(markdown: &str, folder: &Path) -> Result<String> {
+/// Renders a page; its PNG pictures are read from `folder` and stand within it, others beside it.
+pub(crate) fn render(title: &str, markdown: &str, folder: &Path) -> Result<String> {
     let events = Parser::new_ext(markdown, Options::ENABLE_TABLES).map(|event| match event {
-        Event::Start(Tag::Image { link_type, dest_url, title, id }) => {
+        Event::Start(Tag::Image { link_type, dest_url, title, id }) if dest_url.ends_with(".png") => {
             let dest_url = CowStr::from(inline(&folder.join(&*dest_url))?);
             Ok(Event::Start(Tag::Image { link_type, dest_url, title, id }))
         }
@@ -27,7 +25,7 @@ pub(super) fn render(markdown: &str, folder: &Path) -> Result<String> {
         event => Ok(event),
     });
     let events: Vec<Event> = events.collect::<Result<_>>()?;
-    let mut page = format!("{HEAD}{TITLE}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n");
+    let mut page = format!("{HEAD}{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n");
     pulldown_cmark::html::push_html(&mut page, events.into_iter());
     page.push_str("</body>\n</html>\n");
     Ok(page)

@@ -7,7 +7,7 @@
 mod commands;
 mod criteria;
 mod groups;
-mod html;
+pub(crate) mod html;
 mod hypotheses;
 mod page;
 mod pictures;
@@ -100,7 +100,7 @@ fn fill(out: &Path, groups: &[Group], unreadable: &[(PathBuf, anyhow::Error)], p
     let results = Results::of(groups);
     atomic::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
     atomic::write_file(&out.join(PAGE), |file| Ok(file.write_all(markdown.as_bytes())?))?;
-    let html = html::render(&markdown, out)?;
+    let html = html::render(template::TITLE, &markdown, out)?;
     atomic::write_file(&out.join(HTML), |file| Ok(file.write_all(html.as_bytes())?))
 }
 

@@ -16,6 +16,10 @@ pub struct Video {
     pub crop: [i64; 3],
     /// Every how many-th frame was kept.
     pub step: usize,
+    /// Every how many-th frame of the video stands in `film.npz`, from the first to the last; none where there is no such
+    /// file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub film_step: Option<usize>,
     /// Unit of `system.dt`: `s`, `ms` or `frames`.
     pub time_unit: String,
     /// Seconds between two frames of a clip.
@@ -23,6 +27,12 @@ pub struct Video {
     /// Video pixels to a metre, if known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixels_per_metre: Option<f64>,
+    /// Standard deviations of what is said of scale and time, per cent: of `pixels_per_metre` and of `frame_seconds`. They
+    /// widen the intervals of what is measured.
+    #[serde(default)]
+    pub scale_percent: f64,
+    #[serde(default)]
+    pub time_percent: f64,
     /// Origin of the scene's axes; the top left corner of the video if not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub origin: Option<[f64; 2]>,
@@ -60,6 +70,16 @@ impl Video {
     pub(super) fn check(&self) -> Result<()> {
         ensure!(self.crop[2] > 0, "video.crop = {:?}: the third number, its side, must be positive", self.crop);
         ensure!(self.step > 0, "video.step = 0: every frame is 1");
+        if let Some(film_step) = self.film_step {
+            ensure!(
+                film_step > 0 && self.step.is_multiple_of(film_step),
+                "video.film_step = {film_step}: must divide video.step = {}",
+                self.step
+            );
+        }
+        for (key, percent) in [("scale_percent", self.scale_percent), ("time_percent", self.time_percent)] {
+            ensure!((0.0..100.0).contains(&percent), "video.{key} = {percent}: must be 0 to 100 per cent");
+        }
         let units = ["s", "ms", "frames"];
         ensure!(units.contains(&self.time_unit.as_str()), "video.time_unit = {:?}: one of {units:?}", self.time_unit);
         for (key, value) in [("frame_seconds", Some(self.frame_seconds)), ("pixels_per_metre", self.pixels_per_metre)] {

@@ -15,9 +15,9 @@ pub static DAMPED_SPRING: CellKind = CellKind {
     walls: false,
     actions: false,
     parameters: &[
-        PhysicalParameter::learned("k", "log_k", 0),
-        PhysicalParameter::learned("l", "log_l", 1),
-        PhysicalParameter::learned("c", "log_c", 0),
+        PhysicalParameter::learned("k", "log_k", 0).with_time(-2),
+        PhysicalParameter::learned("l", "log_l", 1).with_time(0),
+        PhysicalParameter::learned("c", "log_c", 0).with_time(-1),
     ],
     build: Build::Rust(|logs, _walls| {
         let [log_k, log_l, log_c] = scalars(logs);

@@ -7,7 +7,7 @@ use tch::Tensor;
 use super::bouncing::reflected;
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
 
-const PARAMETERS: &[PhysicalParameter] = &[PhysicalParameter::learned("g", "log_g", 1)];
+const PARAMETERS: &[PhysicalParameter] = &[PhysicalParameter::learned("g", "log_g", 1).with_time(-2)];
 
 /// Free fall.
 pub static FALLING: CellKind = CellKind {

@@ -15,9 +15,9 @@ pub static GRAVITY: CellKind = CellKind {
     walls: false,
     actions: false,
     parameters: &[
-        PhysicalParameter::learned("g", "log_g", 3),
+        PhysicalParameter::learned("g", "log_g", 3).with_time(-2),
         // A rescaling of the coordinates is all g's.
-        PhysicalParameter::learned("m", "log_m", 0).fixed_at(1.0),
+        PhysicalParameter::learned("m", "log_m", 0).with_time(0).fixed_at(1.0),
     ],
     build: Build::Rust(|logs, _walls| {
         let [log_g, log_m] = scalars(logs);

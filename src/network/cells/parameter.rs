@@ -71,6 +71,8 @@ pub struct PhysicalParameter {
     pub variable: &'static str,
     /// Power of a length in its unit: what a rescaling of the coordinates does to it.
     pub length_power: i32,
+    /// Power of a time in its unit; none where the unit is not known.
+    pub time_power: Option<i32>,
     /// The value it is fixed at, instead of being learned, unless the config says otherwise (`model.fixed`).
     pub fixed: Option<f64>,
     /// In the model's unit of length.
@@ -83,7 +85,20 @@ pub struct PhysicalParameter {
 impl PhysicalParameter {
     /// A positive one that is learned.
     pub const fn learned(name: &'static str, variable: &'static str, length_power: i32) -> Self {
-        PhysicalParameter { name, variable, length_power, fixed: None, bounds: Bounds::POSITIVE, start: None }
+        PhysicalParameter {
+            name,
+            variable,
+            length_power,
+            time_power: None,
+            fixed: None,
+            bounds: Bounds::POSITIVE,
+            start: None,
+        }
+    }
+
+    /// The same with the power of a time in its unit, so that it can be given in seconds.
+    pub const fn with_time(self, power: i32) -> Self {
+        PhysicalParameter { time_power: Some(power), ..self }
     }
 
     /// The same, fixed at a value unless the config says otherwise.

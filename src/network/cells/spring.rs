@@ -14,7 +14,10 @@ pub static SPRING: CellKind = CellKind {
     coordinates: Coordinates::Position,
     walls: false,
     actions: false,
-    parameters: &[PhysicalParameter::learned("k", "log_k", 0), PhysicalParameter::learned("l", "log_l", 1)],
+    parameters: &[
+        PhysicalParameter::learned("k", "log_k", 0).with_time(-2),
+        PhysicalParameter::learned("l", "log_l", 1).with_time(0),
+    ],
     build: Build::Rust(|logs, _walls| {
         let [log_k, log_l] = scalars(logs);
         Box::new(Spring { log_k, log_l })

@@ -17,6 +17,7 @@ mod operation;
 mod parameters;
 mod parse;
 mod plain;
+mod single;
 mod table;
 mod units;
 
@@ -34,6 +35,7 @@ use self::parse::{Expression, parse};
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, Walls};
 use crate::support::random::fnv1a;
 
+pub use single::SingleEquation;
 pub use table::{Accelerations, EquationTable, Integrator, ParameterTable, Restitution};
 
 /// Most objects, and most steps for a frame.
@@ -109,6 +111,11 @@ impl Equation {
     /// The cell with these raw parameters (scalars, one for each).
     pub(super) fn cell(&'static self, raw: &[Tensor], walls: Walls) -> Box<dyn Cell> {
         Box::new(TextCell { equation: self, raw: raw.iter().map(Tensor::shallow_clone).collect(), walls })
+    }
+
+    /// The equation in plain numbers, with these values (not the raw numbers) of its parameters.
+    pub fn single(&'static self, parameters: &[f64], walls: Walls) -> SingleEquation {
+        SingleEquation::new(self, parameters, walls)
     }
 
     fn read(table: &EquationTable, objects: usize) -> Result<Self> {

@@ -1,0 +1,69 @@
+//! Measures what a run learned from videos. See `measure --help`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use clap::Parser;
+use paig::cli::ending::exit_code;
+use paig::cli::environment;
+use paig::cli::measure_display::print_measurement;
+use paig::measure::{Named, Request, measure};
+use paig::support::device;
+use paig::{say, tasks};
+
+/// Measures the parameters of a run's videos: fits the equation to every frame as one long trajectory, predicts the last
+/// quarter, and says how far all of it can be trusted.
+///
+/// `run_physics` does this at the end of a run on a task that `import` made. Writes measurement.json, measurement.html,
+/// positions.csv and overlay.gif.
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Examples:\n  measure runs/my-scene/fast/seed=0\n  \
+                  measure runs/my-scene/fast/seed=0 --against configs/gallery/free_pendulum.toml"
+)]
+struct Arguments {
+    /// Run folder
+    run: PathBuf,
+    /// Task file with another equation than the run's own
+    #[arg(long, value_name = "FILE")]
+    equation: Option<PathBuf>,
+    /// Task file with an equation to be compared with; may be repeated
+    #[arg(long, value_name = "FILE")]
+    against: Vec<PathBuf>,
+    /// Folder for the files [default: the run's]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// cpu, cuda or cuda:n
+    #[arg(long, default_value = "cpu")]
+    device: String,
+    /// Threads to compute with; 0 for one a core
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
+}
+
+fn main() -> ExitCode {
+    exit_code(|| run(&Arguments::parse()).map(|()| ExitCode::SUCCESS))
+}
+
+fn run(arguments: &Arguments) -> Result<()> {
+    environment::set();
+    let device = device::parse(&arguments.device)?;
+    device::set_threads(arguments.threads)?;
+    let request = Request {
+        equation: arguments.equation.as_ref().map(named).transpose()?,
+        against: arguments.against.iter().map(named).collect::<Result<_>>()?,
+    };
+    let out = arguments.out.as_ref().unwrap_or(&arguments.run);
+    let measurement = measure(&arguments.run, &request, out, device)?;
+    print_measurement(&measurement);
+    say!("look at {}", out.join("measurement.html").display());
+    Ok(())
+}
+
+/// The equation of a task file.
+fn named(path: &PathBuf) -> Result<Named> {
+    let text = path.to_str().with_context(|| format!("{}: the path must be UTF-8", path.display()))?;
+    Ok(Named { name: path.display().to_string(), cell: tasks::find(text)?.system.cell })
+}

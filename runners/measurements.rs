@@ -1,0 +1,68 @@
+//! One table of many measurements. See `measurements --help`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Parser;
+use paig::cli::ending::exit_code;
+use paig::measure::results::Measurement;
+use paig::measure::table::{References, read_references, rows, write};
+use paig::say;
+use paig::support::atomic;
+
+/// Puts the measurements of some runs into one table, beside what is known of their videos.
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Example:\n  measurements runs/a runs/b --references reports/real/references.toml --json results.json"
+)]
+struct Arguments {
+    /// Folders with a measurement.json
+    #[arg(required = true)]
+    folders: Vec<PathBuf>,
+    /// TOML with what is known: a table for each video, by its file's name without the ending, with quantities
+    #[arg(long, value_name = "FILE")]
+    references: Option<PathBuf>,
+    /// Write the rows to this file, too
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+fn main() -> ExitCode {
+    exit_code(|| run(&Arguments::parse()).map(|()| ExitCode::SUCCESS))
+}
+
+fn run(arguments: &Arguments) -> Result<()> {
+    arguments.json.as_deref().map(atomic::check_place).transpose()?;
+    let references = arguments.references.as_deref().map(read_references).transpose()?;
+    let references: References = references.unwrap_or_default();
+    let measurements: Vec<_> =
+        arguments.folders.iter().map(|folder| Measurement::read(folder)).collect::<Result<_>>()?;
+    let rows: Vec<_> = measurements.iter().flat_map(|it| rows(it, &references)).collect();
+    let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.4}"));
+    say!(
+        "{:<18}{:<38}{:>12}{:>12}{:>12}  {:<8}{:>12}",
+        "clip",
+        "quantity",
+        "value",
+        "low",
+        "high",
+        "unit",
+        "reference"
+    );
+    for row in &rows {
+        let (low, high, reference) = (number(row.low), number(row.high), number(row.reference));
+        say!(
+            "{:<18}{:<38}{:>12.4}{low:>12}{high:>12}  {:<8}{reference:>12}",
+            row.clip,
+            row.quantity,
+            row.value,
+            row.unit
+        );
+    }
+    if let Some(path) = &arguments.json {
+        write(path, &rows)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,219 @@
+//! How well a fit knows what it found: a block bootstrap over time of its residuals.
+//!
+//! Residuals of neighbouring frames go together, so that a curvature alone promises far too much. Blocks of residuals, as
+//! long as they go together, are drawn anew and put onto the fitted motion; what the fit would have found then, to first
+//! order, is one draw. The draws are widened for what the fit itself has used up of the residuals, by Student's t over as
+//! many residuals as there are independent ones.
+//!
+//! Künsch 1989 (moving blocks), Politis and Romano 1992 (circular blocks).
+
+use anyhow::{Context, Result};
+use nalgebra::{DMatrix, DVector};
+use rand::Rng;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use tch::Tensor;
+
+use super::dynamics::Dynamics;
+use super::fit::{Fitted, Problem, Track};
+use crate::support::random::{named_generator, normal};
+
+/// Draws of what might have been found.
+pub const DRAWS: usize = 600;
+/// Part of a video that a block takes at most.
+const LONGEST_BLOCK: usize = 4;
+/// A correlation smaller than so many of its own standard deviations is chance.
+const CHANCE: f64 = 2.0;
+/// Lags of the autocorrelation that are kept.
+const KEPT_LAGS: usize = 60;
+/// A smallest number of independent residuals beyond the unknowns, so that there is a width at all.
+const LEAST_FREE: f64 = 1.0;
+/// Added to the diagonal of the normal equations, which is 1.
+const RIDGE: f64 = 1e-11;
+/// 97.5 % quantile of normal numbers.
+const NORMAL_QUANTILE: f64 = 1.959964;
+
+/// What the residuals say.
+#[derive(Debug)]
+pub struct Uncertainty {
+    /// Correlation of residuals so many frames apart, from 1 frame on.
+    pub autocorrelation: Vec<f64>,
+    /// Frames that together hold as much as one independent one.
+    pub frames_in_one: f64,
+    /// Frames of a block.
+    pub block: usize,
+    /// By how much the draws were widened.
+    pub widened: f64,
+    /// Second derivatives of the cost by the raw numbers that are learned, all states following.
+    pub curvature: Tensor,
+    /// What might have been found.
+    pub draws: Vec<Draw>,
+}
+
+/// One of the things that might have been found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Draw {
+    /// Raw numbers of all parameters.
+    pub raw: Vec<f64>,
+    /// Of each video at its first frame.
+    pub states: Vec<Vec<f64>>,
+    /// Normal numbers that stand for the errors of scale and time.
+    pub scale: f64,
+    pub time: f64,
+}
+
+/// Draws of a fit.
+///
+/// # Errors
+/// A motion that says nothing of some unknown.
+pub fn bootstrap(
+    dynamics: &Dynamics,
+    tracks: &[Track],
+    learned: &[bool],
+    fitted: &Fitted,
+    seed: u64,
+) -> Result<Uncertainty> {
+    let problem = Problem::new(dynamics, tracks, learned);
+    let coordinates = dynamics.coordinates();
+    // What counted linearly in the fit does so here.
+    let bounded: Vec<DMatrix<f64>> = fitted
+        .residuals
+        .iter()
+        .map(|residuals| {
+            let bounded = residuals.iter().map(|x| x.clamp(-fitted.huber, fitted.huber));
+            DMatrix::from_iterator(coordinates, residuals.len() / coordinates, bounded)
+        })
+        .collect();
+    let jacobian = jacobian(&problem, fitted);
+    let counted = fitted.residuals.iter().flatten().filter(|x| x.abs() <= fitted.huber).count() as f64;
+    let all: usize = fitted.residuals.iter().map(Vec::len).sum();
+    let normal_matrix = jacobian.transpose() * &jacobian * (counted / all as f64);
+    let inverse = scaled_inverse(&normal_matrix).context("the motion does not tell all unknowns apart")?;
+    let longest = tracks.iter().map(|track| track.trained).max().unwrap_or(1);
+    let (autocorrelation, frames_in_one, reach) = autocorrelation(&bounded);
+    let least = (longest as f64).cbrt().ceil() as usize;
+    let block = (2 * reach).max(least).min((longest / LONGEST_BLOCK).max(1));
+    let seen: usize =
+        tracks.iter().map(|it| it.positions[..it.trained * coordinates].iter().filter(|x| !x.is_nan()).count()).sum();
+    let free = (seen as f64 / frames_in_one - jacobian.ncols() as f64).max(LEAST_FREE);
+    let widened = ((free + jacobian.ncols() as f64) / free).sqrt() * StudentsT::new(0.0, 1.0, free)?.inverse_cdf(0.975)
+        / NORMAL_QUANTILE;
+    let mut random = named_generator(seed, "block bootstrap");
+    let to_unknowns = &inverse * jacobian.transpose();
+    let draws = (0..DRAWS).map(|_| {
+        let residuals = resampled(&bounded, block, &mut random);
+        let change = &to_unknowns * residuals * widened;
+        draw(&problem, fitted, &change, [normal(&mut random), normal(&mut random)])
+    });
+    let draws = draws.collect();
+    let count = problem.learned.len();
+    let curvature = curvature(&normal_matrix, count);
+    Ok(Uncertainty { autocorrelation, frames_in_one, block, widened, curvature, draws })
+}
+
+fn draw(problem: &Problem, fitted: &Fitted, change: &DVector<f64>, [scale, time]: [f64; 2]) -> Draw {
+    let (mut raw, mut states) = (fitted.raw.clone(), fitted.states.clone());
+    let mut change = change.iter();
+    problem.learned.iter().zip(&mut change).for_each(|(place, change)| raw[*place] += change);
+    states.iter_mut().flatten().zip(change).for_each(|(state, change)| *state += change);
+    Draw { raw, states, scale, time }
+}
+
+/// Derivatives of all rolled-out positions by the raw numbers that are learned, then by the states of each video.
+fn jacobian(problem: &Problem, fitted: &Fitted) -> DMatrix<f64> {
+    let parts: Vec<_> =
+        (0..fitted.states.len()).map(|track| problem.of_track(track, &fitted.raw, &fitted.states[track])).collect();
+    let rows = parts.iter().map(|part| part.residual.len()).sum();
+    let (count, state) = (problem.learned.len(), fitted.states.first().map_or(0, Vec::len));
+    let mut jacobian = DMatrix::zeros(rows, count + state * parts.len());
+    let mut row = 0;
+    for (track, part) in parts.iter().enumerate() {
+        let length = part.residual.len();
+        jacobian.view_mut((row, 0), (length, count)).copy_from(&part.by_raw);
+        jacobian.view_mut((row, count + state * track), (length, state)).copy_from(&part.by_state);
+        row += length;
+    }
+    jacobian
+}
+
+/// The inverse of a matrix whose rows and columns may be of very different size.
+fn scaled_inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let scale = matrix.diagonal().map(|x| if x > 0.0 { x.sqrt().recip() } else { 1.0 });
+    // Unknowns that cannot be told apart come out with a width that says so.
+    let ridge = |i: usize, j: usize| if i == j { RIDGE } else { 0.0 };
+    let scaled =
+        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * scale[i] * scale[j] + ridge(i, j));
+    let inverse = scaled.cholesky()?.inverse();
+    Some(DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| inverse[(i, j)] * scale[i] * scale[j]))
+}
+
+/// The normal equations of the first unknowns, the others eliminated.
+fn curvature(normal: &DMatrix<f64>, count: usize) -> Tensor {
+    let others = normal.nrows() - count;
+    let own = normal.view((0, 0), (count, count)).into_owned();
+    let mixed = normal.view((count, 0), (others, count)).into_owned();
+    let rest = normal.view((count, count), (others, others)).into_owned();
+    let left = match rest.cholesky() {
+        Some(factor) => own - mixed.transpose() * factor.solve(&mixed),
+        None => own,
+    };
+    Tensor::from_slice(left.as_slice()).reshape([count as i64, count as i64])
+}
+
+/// Correlations of residuals `[coordinates, frames]` of each video from 1 frame apart on, how many frames hold as much as
+/// one independent one, and the lag up to which correlations are more than chance.
+fn autocorrelation(residuals: &[DMatrix<f64>]) -> (Vec<f64>, f64, usize) {
+    let longest = residuals.iter().map(DMatrix::ncols).max().unwrap_or(0);
+    let frames: usize = residuals.iter().map(DMatrix::ncols).sum();
+    let mean = |lag: usize| {
+        let products = residuals.iter().flat_map(|of| {
+            let pairs = of.ncols().saturating_sub(lag);
+            (0..pairs).map(move |frame| of.column(frame).dot(&of.column(frame + lag)))
+        });
+        products.sum::<f64>() / frames as f64
+    };
+    let variance = mean(0);
+    if variance <= 0.0 {
+        return (Vec::new(), 1.0, 1);
+    }
+    let chance = CHANCE / (frames as f64).sqrt();
+    let correlations: Vec<f64> = (1..=longest / LONGEST_BLOCK).map(|lag| mean(lag) / variance).collect();
+    let reach = correlations.iter().position(|correlation| *correlation < chance).unwrap_or(correlations.len());
+    let frames_in_one = 1.0 + 2.0 * correlations[..reach].iter().sum::<f64>();
+    (correlations.into_iter().take(KEPT_LAGS).collect(), frames_in_one, reach + 1)
+}
+
+/// Residuals of all videos in a row, made of blocks that are drawn from each video as if it went round.
+fn resampled(residuals: &[DMatrix<f64>], block: usize, random: &mut impl Rng) -> DVector<f64> {
+    let mut drawn = Vec::with_capacity(residuals.iter().map(DMatrix::len).sum());
+    for of in residuals {
+        let frames = of.ncols();
+        let means = of.column_mean();
+        for start in (0..frames).step_by(block.max(1)) {
+            let from = random.random_range(0..frames);
+            for frame in 0..block.min(frames - start) {
+                let column = of.column((from + frame) % frames) - &means;
+                drawn.extend(column.iter());
+            }
+        }
+    }
+    DVector::from_vec(drawn)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn independent_residuals_are_told_from_a_running_mean() {
+        let mut random = named_generator(3, "residuals");
+        let noise: Vec<f64> = (0..4000).map(|_| normal(&mut random)).collect();
+        let white = DMatrix::from_vec(1, 4000, noise.clone());
+        let (correlations, frames, _) = autocorrelation(&[white]);
+        assert!(correlations[0].abs() < 0.05 && (frames - 1.0).abs() < 0.2, "{correlations:?} {frames}");
+        // Each the mean of 5: correlations of 0.8, 0.6, 0.4, 0.2, so 1 + 2 * 2 frames hold as much as one.
+        let means: Vec<f64> = noise.windows(5).map(|window| window.iter().sum::<f64>() / 5.0).collect();
+        let (correlations, frames, reach) = autocorrelation(&[DMatrix::from_vec(1, means.len(), means)]);
+        assert!((correlations[0] - 0.8).abs() < 0.05 && (frames - 5.0).abs() < 0.6, "{correlations:?} {frames}");
+        assert!((5..=7).contains(&reach), "{reach}");
+    }
+}

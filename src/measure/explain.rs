@@ -1,0 +1,146 @@
+//! One equation and what is seen of some videos: the fit, the prediction of what was held out, and how good both are.
+
+use anyhow::{Result, bail};
+
+use super::dynamics::Dynamics;
+use super::fit::{Fitted, Start, Track, fit};
+
+/// A fit and what it predicts.
+#[derive(Debug, Clone)]
+pub struct Explained {
+    pub dynamics: Dynamics,
+    pub learned: Vec<bool>,
+    pub fitted: Fitted,
+    /// Of each video: rolled out from its first frame to its last, positions and then velocities of each frame.
+    pub states: Vec<Vec<f64>>,
+    pub errors: Errors,
+}
+
+/// Root mean squares over frames and objects of the distance between seen and rolled-out positions, in the unit of a
+/// coordinate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Errors {
+    /// Of the frames that were learned from.
+    pub learned: f64,
+    /// Of those that were held out.
+    pub held_out: f64,
+}
+
+/// Fits from each start and keeps what leaves least.
+///
+/// # Errors
+/// No start that leads anywhere.
+pub fn explain(dynamics: &Dynamics, tracks: &[Track], starts: &[Start]) -> Result<Explained> {
+    let mut best: Option<(Fitted, &Start)> = None;
+    let mut failure = None;
+    for start in starts {
+        match fit(dynamics, tracks, start) {
+            Ok(fitted) if best.as_ref().is_none_or(|(best, _)| fitted.usual_residual < best.usual_residual) => {
+                best = Some((fitted, start));
+            }
+            Ok(_) => {}
+            Err(error) => failure = Some(error),
+        }
+    }
+    let Some((fitted, start)) = best else {
+        match failure {
+            Some(error) => return Err(error),
+            None => bail!("a fit needs a start"),
+        }
+    };
+    let coordinates = dynamics.coordinates();
+    let states: Vec<_> = tracks
+        .iter()
+        .zip(&fitted.states)
+        .map(|(track, state)| dynamics.roll_out(&fitted.raw, state, track.positions.len() / coordinates))
+        .collect();
+    let positions = states.iter().map(|states| positions_of(states, coordinates)).collect::<Vec<_>>();
+    let errors = Errors::of(tracks, &positions, dynamics);
+    Ok(Explained { dynamics: dynamics.clone(), learned: start.learned.clone(), fitted, states, errors })
+}
+
+/// The positions of states.
+pub fn positions_of(states: &[f64], coordinates: usize) -> Vec<f64> {
+    states.chunks(2 * coordinates).flat_map(|state| &state[..coordinates]).copied().collect()
+}
+
+impl Errors {
+    /// Of predictions, positions frame by frame of each video.
+    pub fn of(tracks: &[Track], predicted: &[Vec<f64>], dynamics: &Dynamics) -> Self {
+        let per_object = dynamics.system.cell.coordinates.per_object();
+        let coordinates = dynamics.coordinates();
+        let mean = |held_out: bool| {
+            let (mut sum, mut count) = (0.0, 0);
+            for (track, predicted) in tracks.iter().zip(predicted) {
+                let first = track.trained * coordinates;
+                let range = if held_out { first..track.positions.len() } else { 0..first };
+                let pairs = track.positions[range.clone()].chunks(per_object).zip(predicted[range].chunks(per_object));
+                for (seen, predicted) in pairs.filter(|(seen, _)| seen.iter().all(|x| !x.is_nan())) {
+                    sum += seen.iter().zip(predicted).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+                    count += 1;
+                }
+            }
+            (sum / f64::from(count.max(1))).sqrt()
+        };
+        Errors { learned: mean(false), held_out: mean(true) }
+    }
+}
+
+/// Frames through which the straight line of constant velocity goes.
+const LINE: usize = 5;
+
+/// What constant velocity predicts: the straight line through the last frames that may be learned from. Positions of all
+/// frames of each video; those that were learned from as they were seen.
+pub fn constant_velocity(tracks: &[Track], coordinates: usize) -> Vec<Vec<f64>> {
+    let of_track = |track: &Track| {
+        let mut positions = track.positions.clone();
+        let first = track.trained.saturating_sub(LINE);
+        for coordinate in 0..coordinates {
+            let points =
+                (first..track.trained).map(|frame| (frame as f64, track.positions[frame * coordinates + coordinate]));
+            let points: Vec<_> = points.filter(|(_, x)| !x.is_nan()).collect();
+            let (level, slope, middle) = line(&points);
+            for frame in track.trained..positions.len() / coordinates {
+                positions[frame * coordinates + coordinate] = level + slope * (frame as f64 - middle);
+            }
+        }
+        positions
+    };
+    tracks.iter().map(of_track).collect()
+}
+
+/// Mean value, slope and mean place of points.
+fn line(points: &[(f64, f64)]) -> (f64, f64, f64) {
+    let count = points.len().max(1) as f64;
+    let (middle, level) = points.iter().fold((0.0, 0.0), |(m, l), (t, x)| (m + t / count, l + x / count));
+    let spread: f64 = points.iter().map(|(t, _)| (t - middle).powi(2)).sum();
+    let rise: f64 = points.iter().map(|(t, x)| (t - middle) * (x - level)).sum();
+    (level, if spread > 0.0 { rise / spread } else { 0.0 }, middle)
+}
+
+/// How well equations explain the same positions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Criteria {
+    /// Unknowns: parameters that are learned, and the state at the beginning of each video.
+    pub unknowns: usize,
+    /// Akaike's and the Bayesian information criterion.
+    pub aic: f64,
+    pub bic: f64,
+}
+
+impl Explained {
+    /// Information criteria with as many independent positions as there are for `frames_in_one` frames that hold as much
+    /// as one. Equations are compared with the same number.
+    pub fn criteria(&self, frames_in_one: f64) -> Criteria {
+        let residuals = || self.fitted.residuals.iter().flatten();
+        let independent = residuals().count() as f64 / frames_in_one.max(1.0);
+        // As in the fit, what is far off counts linearly.
+        let huber = self.fitted.huber;
+        let loss = |x: f64| if x.abs() <= huber { x * x } else { huber * (2.0 * x.abs() - huber) };
+        let mean = residuals().map(|x| loss(*x)).sum::<f64>() / residuals().count() as f64;
+        let states: usize = self.fitted.states.iter().map(Vec::len).sum();
+        let unknowns = self.learned.iter().filter(|learned| **learned).count() + states;
+        let fits = independent * mean.max(f64::MIN_POSITIVE).ln();
+        Criteria { unknowns, aic: fits + 2.0 * unknowns as f64, bic: fits + independent.ln() * unknowns as f64 }
+    }
+}

@@ -1,0 +1,346 @@
+//! The fit of an equation to whole videos: each one long trajectory, with the parameters in common.
+//!
+//! A long trajectory has no slope that leads to it from far: a pendulum that is a little too fast is half a swing off at
+//! the end. So the video is first cut into pieces with a state of their own, which grow until one is left. At each length
+//! the fit is Levenberg-Marquardt in float64 with a Huber loss; the states of the pieces are eliminated (the normal
+//! equations have an arrow's shape, as in [`identify`](crate::training::identify::fit)).
+
+use anyhow::{Result, ensure};
+use nalgebra::{DMatrix, DVector};
+
+use super::dynamics::Dynamics;
+
+/// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or of a raw number.
+const PROBE: f64 = 1e-5;
+/// Iterations for each length of the pieces, and the relative fall of the cost at which they end.
+const ITERATIONS: usize = 60;
+const CONVERGED: f64 = 1e-8;
+/// Damping at the start, its change after a failed or a good iteration, and where it gives up.
+const DAMPING: f64 = 1e-2;
+const DAMPING_UP: f64 = 8.0;
+const DAMPING_DOWN: f64 = 0.3;
+const DAMPING_LIMIT: f64 = 1e8;
+/// Largest change of a raw number in one iteration.
+const LARGEST_STEP: f64 = 0.5;
+/// Residuals beyond so many usual ones count linearly.
+const HUBER: f64 = 3.0;
+/// Standard deviation of normal numbers whose median size is 1.
+const MEDIAN_TO_DEVIATION: f64 = 1.4826;
+/// Least usual residual, in the unit of a coordinate: made data may have none.
+const LEAST_DEVIATION: f64 = 1e-9;
+/// Frames from which the first state of a piece is guessed.
+const GUESSED_FROM: usize = 9;
+
+/// What is seen of one video.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Track {
+    /// In the equation's coordinates, frame by frame; not a number where an object is not seen.
+    pub positions: Vec<f64>,
+    /// Frames that may be learned from. Those after them are held out.
+    pub trained: usize,
+}
+
+/// Where a fit begins.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Start {
+    /// Raw numbers of all parameters.
+    pub raw: Vec<f64>,
+    pub learned: Vec<bool>,
+    /// Frames of the first pieces.
+    pub piece: usize,
+}
+
+/// The result of a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fitted {
+    /// Raw numbers of all parameters.
+    pub raw: Vec<f64>,
+    /// Of each video at its first frame: positions, velocities.
+    pub states: Vec<Vec<f64>>,
+    /// Of each video, of the frames that were learned from: seen minus rolled-out, frame by frame.
+    pub residuals: Vec<Vec<f64>>,
+    /// What a residual usually is: from the median of their sizes.
+    pub usual_residual: f64,
+    /// The same while each of the first pieces had a state of its own.
+    pub piecewise_residual: f64,
+    /// Residuals beyond this counted linearly.
+    pub huber: f64,
+}
+
+/// Some frames of a video that follow each other, with the state at their beginning.
+#[derive(Debug, Clone)]
+struct Piece {
+    track: usize,
+    first: usize,
+    frames: usize,
+    state: Vec<f64>,
+}
+
+/// Residuals (rolled-out minus seen; 0 where nothing is seen) of a piece, and their derivatives.
+pub(super) struct Linearised {
+    pub residual: DVector<f64>,
+    pub by_state: DMatrix<f64>,
+    /// By the raw numbers that are learned.
+    pub by_raw: DMatrix<f64>,
+}
+
+/// The unknowns of one length of the pieces.
+#[derive(Debug, Clone)]
+struct Unknowns {
+    raw: Vec<f64>,
+    pieces: Vec<Piece>,
+}
+
+pub(super) struct Problem<'a> {
+    pub dynamics: &'a Dynamics,
+    pub tracks: &'a [Track],
+    /// Places of the parameters that are learned.
+    pub learned: Vec<usize>,
+}
+
+/// Fits an equation to what is seen of some videos.
+///
+/// # Errors
+/// Too few frames, an equation that leads to infinity wherever the fit goes.
+pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitted> {
+    let problem = Problem::new(dynamics, tracks, &start.learned);
+    for track in tracks {
+        ensure!(track.trained >= 3, "a video of {} frames is too short to be fitted", track.trained);
+    }
+    let longest = tracks.iter().map(|track| track.trained).max().unwrap_or(0);
+    let mut length = start.piece.clamp(3, longest);
+    let mut unknowns = Unknowns { raw: start.raw.clone(), pieces: problem.first_pieces(length) };
+    let mut huber = f64::INFINITY;
+    let mut piecewise = None;
+    loop {
+        // The second time with the scale of what is left by the first.
+        for _ in 0..2 {
+            problem.minimise(&mut unknowns, huber);
+            huber = HUBER * problem.usual(&unknowns);
+        }
+        piecewise.get_or_insert(huber / HUBER);
+        if length == longest {
+            break;
+        }
+        length = (2 * length).min(longest);
+        unknowns.pieces = problem.longer_pieces(&unknowns, length);
+        // Longer pieces may at first be far off.
+        huber = f64::INFINITY;
+    }
+    let residuals =
+        unknowns.pieces.iter().map(|piece| problem.residual(piece, &unknowns.raw).iter().map(|x| -x).collect());
+    let residuals: Vec<Vec<f64>> = residuals.collect();
+    ensure!(
+        residuals.iter().flatten().all(|x| x.is_finite()),
+        "the equation leads to infinity; are its bounds and starts right?"
+    );
+    Ok(Fitted {
+        usual_residual: huber / HUBER,
+        piecewise_residual: piecewise.unwrap_or_default(),
+        states: unknowns.pieces.iter().map(|piece| piece.state.clone()).collect(),
+        raw: unknowns.raw,
+        residuals,
+        huber,
+    })
+}
+
+impl<'a> Problem<'a> {
+    pub(super) fn new(dynamics: &'a Dynamics, tracks: &'a [Track], learned: &[bool]) -> Self {
+        let learned = (0..learned.len()).filter(|place| learned[*place]).collect();
+        Problem { dynamics, tracks, learned }
+    }
+
+    /// Derivatives of a whole video's training part.
+    pub(super) fn of_track(&self, track: usize, raw: &[f64], state: &[f64]) -> Linearised {
+        let piece = Piece { track, first: 0, frames: self.tracks[track].trained, state: state.to_vec() };
+        self.linearise(&piece, raw)
+    }
+
+    fn seen(&self, piece: &Piece) -> &[f64] {
+        let coordinates = self.dynamics.coordinates();
+        &self.tracks[piece.track].positions[coordinates * piece.first..coordinates * (piece.first + piece.frames)]
+    }
+
+    /// Where pieces of so many frames begin: what is left at the end and is shorter than half a piece joins the last.
+    fn cut(&self, length: usize) -> Vec<(usize, usize, usize)> {
+        let of_track = |(place, track): (usize, &Track)| {
+            let count = ((track.trained + length / 2) / length).max(1);
+            let end = move |piece: usize| if piece + 1 == count { track.trained } else { (piece + 1) * length };
+            (0..count).map(move |piece| (place, piece * length, end(piece) - piece * length)).collect::<Vec<_>>()
+        };
+        self.tracks.iter().enumerate().flat_map(of_track).collect()
+    }
+
+    fn first_pieces(&self, length: usize) -> Vec<Piece> {
+        let cut = self.cut(length).into_iter();
+        cut.map(|(track, first, frames)| {
+            let mut piece = Piece { track, first, frames, state: Vec::new() };
+            piece.state = self.guessed(&piece);
+            piece
+        })
+        .collect()
+    }
+
+    /// Position and velocity at the first frame of a piece, by a parabola through its first frames.
+    fn guessed(&self, piece: &Piece) -> Vec<f64> {
+        let (coordinates, seen) = (self.dynamics.coordinates(), self.seen(piece));
+        let guess = |coordinate: usize| {
+            let points = seen.chunks(coordinates).take(GUESSED_FROM).map(|frame| frame[coordinate]).enumerate();
+            let points: Vec<_> = points.filter(|(_, x)| x.is_finite()).collect();
+            let powers = points.len().saturating_sub(1).min(2);
+            let matrix = DMatrix::from_fn(points.len(), powers + 1, |row, power| {
+                (points[row].0 as f64 * self.dynamics.dt).powi(power as i32)
+            });
+            let values = DVector::from_iterator(points.len(), points.iter().map(|(_, x)| *x));
+            let solved = matrix.svd(true, true).solve(&values, 1e-12);
+            let solved = solved.unwrap_or_else(|_| DVector::zeros(1));
+            (solved.get(0).copied().unwrap_or(0.0), solved.get(1).copied().unwrap_or(0.0))
+        };
+        let (pos, vel): (Vec<_>, Vec<_>) = (0..coordinates).map(guess).unzip();
+        pos.into_iter().chain(vel).collect()
+    }
+
+    /// Pieces that begin where some of the shorter ones do, or as near after one as they can.
+    fn longer_pieces(&self, unknowns: &Unknowns, length: usize) -> Vec<Piece> {
+        let cut = self.cut(length).into_iter();
+        cut.map(|(track, first, frames)| {
+            let before = unknowns.pieces.iter().rev().find(|piece| piece.track == track && piece.first <= first);
+            let before = before.expect("the first piece begins with the video");
+            let way = self.dynamics.roll_out(&unknowns.raw, &before.state, first - before.first + 1);
+            Piece { track, first, frames, state: way[way.len() - before.state.len()..].to_vec() }
+        })
+        .collect()
+    }
+
+    fn residual(&self, piece: &Piece, raw: &[f64]) -> DVector<f64> {
+        let rolled_out = self.dynamics.positions(raw, &piece.state, piece.frames);
+        let residual = rolled_out.iter().zip(self.seen(piece)).map(|(out, seen)| match seen.is_nan() {
+            true => 0.0,
+            false => out - seen,
+        });
+        DVector::from_iterator(rolled_out.len(), residual)
+    }
+
+    fn linearise(&self, piece: &Piece, raw: &[f64]) -> Linearised {
+        let seen = self.seen(piece);
+        let positions =
+            |raw: &[f64], state: &[f64]| DVector::from_vec(self.dynamics.positions(raw, state, piece.frames));
+        let probed = |numbers: &[f64], place: usize, by: f64| {
+            let mut numbers = numbers.to_vec();
+            numbers[place] += by;
+            numbers
+        };
+        let quotient = |mut up: DVector<f64>, down: DVector<f64>| {
+            up -= down;
+            up /= 2.0 * PROBE;
+            up.iter_mut().zip(seen).filter(|(_, seen)| seen.is_nan()).for_each(|(x, _)| *x = 0.0);
+            up
+        };
+        let by_state: Vec<_> = (0..piece.state.len())
+            .map(|place| {
+                let [up, down] = [PROBE, -PROBE].map(|by| positions(raw, &probed(&piece.state, place, by)));
+                quotient(up, down)
+            })
+            .collect();
+        let by_raw: Vec<_> = self
+            .learned
+            .iter()
+            .map(|place| {
+                let [up, down] = [PROBE, -PROBE].map(|by| positions(&probed(raw, *place, by), &piece.state));
+                quotient(up, down)
+            })
+            .collect();
+        let matrix = |columns: &[DVector<f64>]| match columns {
+            [] => DMatrix::zeros(seen.len(), 0),
+            columns => DMatrix::from_columns(columns),
+        };
+        Linearised { residual: self.residual(piece, raw), by_state: matrix(&by_state), by_raw: matrix(&by_raw) }
+    }
+
+    fn cost(&self, unknowns: &Unknowns, huber: f64) -> f64 {
+        let loss = |x: f64| if x.abs() <= huber { 0.5 * x * x } else { huber * (x.abs() - 0.5 * huber) };
+        let of_piece = |piece: &Piece| self.residual(piece, &unknowns.raw).iter().map(|x| loss(*x)).sum::<f64>();
+        let cost: f64 = unknowns.pieces.iter().map(of_piece).sum();
+        if cost.is_finite() { cost } else { f64::INFINITY }
+    }
+
+    /// What a residual usually is.
+    fn usual(&self, unknowns: &Unknowns) -> f64 {
+        let of_piece = |piece: &Piece| {
+            let residual = self.residual(piece, &unknowns.raw);
+            let seen = self.seen(piece).iter().map(|seen| !seen.is_nan()).collect::<Vec<_>>();
+            residual.iter().zip(seen).filter(|(_, seen)| *seen).map(|(x, _)| x.abs()).collect::<Vec<_>>()
+        };
+        let mut sizes: Vec<f64> = unknowns.pieces.iter().flat_map(of_piece).collect();
+        sizes.sort_by(f64::total_cmp);
+        (sizes.get(sizes.len() / 2).copied().unwrap_or(0.0) * MEDIAN_TO_DEVIATION).max(LEAST_DEVIATION)
+    }
+
+    /// Iterates until the cost stands still.
+    fn minimise(&self, unknowns: &mut Unknowns, huber: f64) {
+        let mut cost = self.cost(unknowns, huber);
+        let mut damping = DAMPING;
+        for _ in 0..ITERATIONS {
+            let at: Vec<_> = unknowns.pieces.iter().map(|piece| self.linearise(piece, &unknowns.raw)).collect();
+            loop {
+                let next = self.stepped(unknowns, &at, huber, damping);
+                let next_cost = next.as_ref().map_or(f64::INFINITY, |next| self.cost(next, huber));
+                if next_cost < cost {
+                    let fall = (cost - next_cost) / cost;
+                    (*unknowns, cost) = (next.expect("a step was made"), next_cost);
+                    damping *= DAMPING_DOWN;
+                    if fall < CONVERGED {
+                        return;
+                    }
+                    break;
+                }
+                damping *= DAMPING_UP;
+                if damping > DAMPING_LIMIT {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// The unknowns after a damped Gauss-Newton step; none where there is none.
+    fn stepped(&self, unknowns: &Unknowns, at: &[Linearised], huber: f64, damping: f64) -> Option<Unknowns> {
+        let count = self.learned.len();
+        let (mut normal, mut gradient) = (DMatrix::zeros(count, count), DVector::zeros(count));
+        let mut of_pieces = Vec::with_capacity(at.len());
+        for Linearised { residual, by_state, by_raw } in at {
+            let weight = residual.map(|x| huber / x.abs().max(huber)).map(|x| if x.is_nan() { 1.0 } else { x });
+            let weighted = |jacobian: &DMatrix<f64>| {
+                let mut jacobian = jacobian.clone();
+                jacobian.column_iter_mut().for_each(|mut column| column.component_mul_assign(&weight));
+                jacobian.transpose()
+            };
+            let (state, raw) = (weighted(by_state), weighted(by_raw));
+            let factor = damped(&state * by_state, damping).cholesky()?;
+            let (mixed, right) = (&state * by_raw, &state * residual);
+            let (by_mixed, by_right) = (factor.solve(&mixed), factor.solve(&right));
+            normal += &raw * by_raw - mixed.transpose() * &by_mixed;
+            gradient += &raw * residual - mixed.transpose() * &by_right;
+            of_pieces.push((by_mixed, by_right));
+        }
+        let mut change = if count > 0 { -damped(normal, damping).cholesky()?.solve(&gradient) } else { gradient };
+        let largest = change.amax();
+        if count > 0 && largest > LARGEST_STEP {
+            change *= LARGEST_STEP / largest;
+        }
+        let mut next = unknowns.clone();
+        self.learned.iter().zip(change.iter()).for_each(|(place, change)| next.raw[*place] += change);
+        for (piece, (by_mixed, by_right)) in next.pieces.iter_mut().zip(of_pieces) {
+            let of_state = by_right + by_mixed * &change;
+            piece.state.iter_mut().zip(of_state.iter()).for_each(|(state, change)| *state -= change);
+        }
+        Some(next)
+    }
+}
+
+/// With a larger diagonal.
+fn damped(mut normal: DMatrix<f64>, damping: f64) -> DMatrix<f64> {
+    for place in 0..normal.nrows() {
+        normal[(place, place)] += damping * normal[(place, place)].abs() + 1e-12;
+    }
+    normal
+}

@@ -1,0 +1,97 @@
+//! positions.csv: where every object was seen in every frame and where the equation has it.
+
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::Result;
+
+use super::{Measured, Seen};
+use crate::network::cells::Coordinates;
+use crate::support::atomic;
+
+/// Where the equation has an object in one frame: pixels of a frame, and those per unit of `dt`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    pub at: [f64; 2],
+    pub velocity: [f64; 2],
+}
+
+impl Measured<'_> {
+    /// Where the equation has the objects of a video, frame by frame, object by object.
+    pub(super) fn places(&self, video: usize) -> Vec<Place> {
+        let system = &self.explained.dynamics.system;
+        let (objects, per_object) = (system.objects, system.cell.coordinates.per_object());
+        let state_size = 2 * objects * per_object;
+        let middle = system.side as f64 / 2.0;
+        let distances = self.distances(&self.videos[video], middle);
+        let of_state = |state: &[f64]| {
+            let (pos, vel) = state.split_at(objects * per_object);
+            let place = |object: usize| match system.cell.coordinates {
+                Coordinates::Position => Place {
+                    at: [pos[2 * object], pos[2 * object + 1]],
+                    velocity: [vel[2 * object], vel[2 * object + 1]],
+                },
+                // What turns is seen at one distance from the middle; 0 is up, positive clockwise.
+                Coordinates::Angle => {
+                    let ((sin, cos), distance) = (pos[object].sin_cos(), distances[object]);
+                    Place {
+                        at: [middle + distance * sin, middle - distance * cos],
+                        velocity: [distance * cos * vel[object], distance * sin * vel[object]],
+                    }
+                }
+            };
+            (0..objects).map(place).collect::<Vec<_>>()
+        };
+        self.explained.states[video].chunks(state_size).flat_map(of_state).collect()
+    }
+
+    /// Of each object, the median distance from the middle.
+    fn distances(&self, seen: &Seen, middle: f64) -> Vec<f64> {
+        let objects = self.explained.dynamics.system.objects;
+        (0..objects)
+            .map(|object| {
+                let places = seen.pixels.chunks(2).skip(object).step_by(objects);
+                let mut distances: Vec<f64> = places.map(|at| (at[0] - middle).hypot(at[1] - middle)).collect();
+                distances.sort_by(f64::total_cmp);
+                distances.get(distances.len() / 2).copied().unwrap_or(0.0)
+            })
+            .collect()
+    }
+}
+
+/// One line for each object in each frame.
+pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
+    let (scale, objects) = (&measured.scale, measured.explained.dynamics.system.objects);
+    let unit = scale.length_unit();
+    let second = measured.measurement.seconds_between_frames;
+    atomic::write_file(path, |file| {
+        writeln!(
+            file,
+            "video,frame,seconds,object,part,seen_x_video_px,seen_y_video_px,fitted_x_video_px,fitted_y_video_px,\
+             seen_x_{unit},seen_y_{unit},fitted_x_{unit},fitted_y_{unit},fitted_vx_{unit}_per_s,fitted_vy_{unit}_per_s"
+        )?;
+        for (video, seen) in measured.videos.iter().enumerate() {
+            let places = measured.places(video);
+            for (row, (at, fitted)) in seen.pixels.chunks(2).zip(places).enumerate() {
+                let (frame, object) = (row / objects, row % objects + 1);
+                let part = if frame < seen.trained { "learned" } else { "held out" };
+                let name = seen.name.replace(',', "_");
+                let seconds = seen.first_seconds + second * frame as f64;
+                write!(file, "{name},{frame},{seconds:.6},{object},{part}")?;
+                let at = [at[0], at[1]];
+                let numbers = [
+                    scale.in_video(at),
+                    scale.in_video(fitted.at),
+                    scale.on_axes(at),
+                    scale.on_axes(fitted.at),
+                    scale.velocity_on_axes(fitted.velocity),
+                ];
+                for number in numbers.iter().flatten() {
+                    write!(file, ",{number:.6}")?;
+                }
+                writeln!(file)?;
+            }
+        }
+        Ok(())
+    })
+}

@@ -1,0 +1,82 @@
+//! Many measurements in one table, beside what is known of their videos.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+
+use super::results::Measurement;
+use crate::support::atomic;
+
+/// What is known, by the video's name without its ending and the quantity.
+pub type References = BTreeMap<String, BTreeMap<String, f64>>;
+
+/// One quantity of one video.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    pub clip: String,
+    pub quantity: String,
+    pub value: f64,
+    /// 95 % interval; none of what has none.
+    pub low: Option<f64>,
+    pub high: Option<f64>,
+    pub unit: String,
+    pub reference: Option<f64>,
+    /// Root mean square distances in the held-out part, pixels of the video (or radians): of the fitted equation and of the
+    /// two baselines.
+    pub heldout_error: f64,
+    pub heldout_error_constant_velocity: f64,
+    pub heldout_error_tracker_fit: Option<f64>,
+    /// Of training and measurement.
+    pub seconds: f64,
+}
+
+/// # Errors
+/// A file that is not one of references.
+pub fn read_references(path: &Path) -> Result<References> {
+    let read = || Ok::<_, anyhow::Error>(toml::from_str(&std::fs::read_to_string(path)?)?);
+    read().with_context(|| format!("references {}", path.display()))
+}
+
+/// The rows of one measurement: its quantities, those of the tracker, the prediction, and by how much other equations are
+/// worse.
+pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
+    let video = measurement.videos.first().map_or("", String::as_str);
+    let clip = video.rsplit_once('.').map_or(video, |(stem, _)| stem).to_string();
+    let held_out = &measurement.held_out;
+    let row = |quantity: &str, value: f64, unit: &str| Row {
+        clip: clip.clone(),
+        quantity: quantity.into(),
+        value,
+        low: None,
+        high: None,
+        unit: unit.into(),
+        reference: references.get(&clip).and_then(|known| known.get(quantity)).copied(),
+        heldout_error: held_out.error,
+        heldout_error_constant_velocity: held_out.constant_velocity,
+        heldout_error_tracker_fit: held_out.tracker_fit,
+        seconds: measurement.training_seconds.unwrap_or_default() + measurement.seconds,
+    };
+    let mut rows = Vec::new();
+    for it in &measurement.quantities {
+        rows.push(Row { low: Some(it.low), high: Some(it.high), ..row(&it.name, it.value, &it.unit) });
+        rows.extend(it.by_tracker.map(|value| row(&format!("{}_by_tracker", it.name), value, &it.unit)));
+    }
+    rows.push(row("heldout_percent_of_amplitude", held_out.percent_of_amplitude, "%"));
+    if let [own, others @ ..] = &measurement.alternatives[..] {
+        for other in others {
+            let name = other.equation.rsplit('/').next().unwrap_or(&other.equation);
+            let name = name.trim_end_matches(".toml");
+            rows.push(row(&format!("bic_of_{name}_minus_own"), other.bic - own.bic, ""));
+            rows.push(row(&format!("heldout_error_of_{name}"), other.held_out_error, &held_out.unit));
+        }
+    }
+    rows
+}
+
+/// # Errors
+/// A full disk.
+pub fn write(path: &Path, rows: &[Row]) -> Result<()> {
+    atomic::write_file(path, |file| Ok(serde_json::to_writer_pretty(file, rows)?))
+}

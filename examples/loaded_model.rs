@@ -36,7 +36,7 @@ fn main() -> Result<()> {
     for (step, state) in states.iter().enumerate() {
         let drawn = model.decoder.forward(&state.pos).frames;
         let truth = clip.select(1, (input + step) as i64);
-        let error = frame_error(&drawn.unsqueeze(1), &truth.unsqueeze(1)).double_value(&[]);
+        let error = frame_error(model.options.kernels, &drawn.unsqueeze(1), &truth.unsqueeze(1)).double_value(&[]);
         let positions: Vec<f64> = state.pos.flatten(0, 1).to_kind(tch::Kind::Double).try_into()?;
         println!("frame {:>2}: positions {positions:.2?}, squared error {error:.3}", input + step);
     }

@@ -6,7 +6,7 @@
 # make torture   kills, faults, fuzzing and bad calls; reports/torture (an hour; KILLS=n, FUZZ=seconds)
 # make control   a pendulum that is learned from few clips is swung up by what is seen (a few minutes)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
-# make compare-speed   a training step of each of the three beside the others
+# make bench     training steps and inference beside PyTorch's, eager and compiled, in turns; benches/
 # make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
 
 CARGO ?= cargo
@@ -18,7 +18,7 @@ SEED ?= 0
 JOBS ?= 2
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data stress baselines torture control compare compare-speed compare-defects clean
+.PHONY: demo test lint libtorch build data stress baselines torture control compare bench compare-defects clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -77,8 +77,8 @@ $(COMPARE_PYTHON): compare/requirements.txt
 compare: build $(COMPARE_PYTHON)
 	cd compare && OMP_NUM_THREADS=1 .venv/bin/python live.py --seed $(SEED)
 
-compare-speed: build $(COMPARE_PYTHON)
-	cd compare && OMP_NUM_THREADS=1 .venv/bin/python speed.py
+bench: build $(COMPARE_PYTHON)
+	cd compare && .venv/bin/python speed.py
 
 compare-defects: $(COMPARE_PYTHON)
 	cd compare && OMP_NUM_THREADS=1 .venv/bin/python -m torch_reference.defects goldens

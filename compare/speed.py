@@ -1,34 +1,137 @@
-"""Times training steps of the port, of PyTorch and of TensorFlow in turns: python speed.py
+"""Times the port beside PyTorch (as well as it can be written, eager and compiled; and as it is read) and TensorFlow, in
+turns: python speed.py
 
-Other work on the machine slows all of them, so only the ratios within a round count. The table goes to speed.md as well.
+Other work on the machine slows all of them, so only the ratios within a round count. On one thread they are of processor
+time, which other work changes least; on more of the clock's. Results: ../benches/results.json, a table in
+../benches/README.md.
 """
 import argparse
 import json
+import os
 import platform
 import subprocess
 import sys
+import time
 from datetime import date
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import median
 
 HERE = Path(__file__).resolve().parent
-# Clips in a step: frames of 64 x 64 are dear.
-BATCHES = {"spring_color": 25, "3bp_color": 25, "mnist_spring_color": 10}
-REFERENCES = {"PyTorch": "torch_reference.speed", "TensorFlow": "tf_reference.speed"}
+BENCHES = HERE.parent / "benches"
+# What is timed on which task, with how many clips (frames of discover).
+ROWS = [("step", "spring_color", 25), ("step", "spring_color", 100), ("step", "3bp_color", 25),
+        ("step", "mnist_spring_color", 10), ("discover", "spring_color", 48), ("discover", "spring_color", 50),
+        ("discover", "spring_color", 64), ("inference", "spring_color", 25)]
+# The references, and whether they know more than the step.
+REFERENCES = {
+    "eager": (["-m", "torch_reference.fast"], True),
+    "compiled": (["-m", "torch_reference.fast", "--compile"], True),
+    "readable": (["-m", "torch_reference.speed"], False),
+    "tf": (["-m", "tf_reference.speed"], False),
+}
+NAMES = {"libtorch": "libtorch's kernels", "eager": "PyTorch", "compiled": "PyTorch, compiled",
+         "readable": "PyTorch, readable", "tf": "TensorFlow"}
+# The same for all programs, and what the port sets for itself.
+ENVIRONMENT = {
+    "OMP_WAIT_POLICY": "passive",
+    "GLIBC_TUNABLES": "glibc.malloc.mmap_threshold=4294967296:glibc.malloc.trim_threshold=17179869184:"
+                      "glibc.malloc.hugetlb=1",
+}
 
 
-def median_seconds(command, task, steps):
-    """Of one step, in a process of its own."""
-    command = [*command, "--task", task, "--batch", BATCHES[task], "--steps", steps]
-    done = subprocess.run([str(part) for part in command], cwd=HERE, capture_output=True, text=True)
+def measured(command, threads):
+    """What a program prints, and the seconds that it took in all."""
+    environment = os.environ | ENVIRONMENT | {"OMP_NUM_THREADS": str(threads)}
+    began = time.perf_counter()
+    done = subprocess.run(list(map(str, command)), cwd=HERE, capture_output=True, text=True, env=environment)
     if done.returncode:
         sys.exit(f"error: {' '.join(map(str, command))} failed: {done.stderr.strip().splitlines()[-1]}")
-    return median(json.loads(done.stdout.splitlines()[-1]))
+    return json.loads(done.stdout.splitlines()[-1]) | {"all_s": time.perf_counter() - began}
 
 
-def spread(values, form):
-    return f"{form(median(values))} [{form(min(values))}, {form(max(values))}]"
+def network_flops(task, frames):
+    """Of the encoder's convolutions and first dense layer, forward."""
+    from shared.tasks import TASKS
+    task = TASKS[task]
+    base, poolings = (16, 3) if task.deep else (8, 2)
+    pixels = [(task.side >> level) ** 2 for level in range(poolings + 1)]
+    width = [base << level for level in range(poolings + 1)]
+    products = 0
+    for level in range(poolings + 1):
+        products += 9 * pixels[level] * width[level] * ((width[level - 1] if level else 3) + width[level])
+    for level in range(poolings):
+        up, skip = 2 * base, width[level]
+        products += 9 * pixels[level] * (width[level + 1] * up + (up + skip) * skip + skip * skip)
+    products += pixels[0] * base * task.objects
+    products += task.objects * 200 * 3 * pixels[0] // (4 if task.deep else 1)
+    return 2 * frames * products
+
+
+def flops(what, task, batch):
+    """Of one repetition, counting the encoder alone: forward, and twice that backward."""
+    from shared.tasks import TASKS
+    encoded = 1 if what == "discover" else TASKS[task].input_steps + TASKS[task].pred_steps
+    return network_flops(task, batch * encoded) * (1 if what == "inference" else 3)
+
+
+def peak_gflops():
+    """Of a float32 matrix product on one thread, by processor time."""
+    import torch
+    torch.set_num_threads(1)
+    a, best = torch.rand(1024, 1024), 0.0
+    for _ in range(10):
+        began = time.process_time()
+        for _ in range(4):
+            a @ a
+        best = max(best, 4 * 2 * 1024**3 / (time.process_time() - began) / 1e9)
+    return best
+
+
+def commands(row, steps, threads, rust, references):
+    what, task, batch = row
+    given = ["--what", what, "--task", task, "--batch", batch, "--steps", steps, "--threads", threads]
+    chosen = {"ours": [rust, *given], "libtorch": [rust, *given, "--set", 'model.kernels="libtorch"']}
+    for name in references:
+        module, more = REFERENCES[name]
+        if more or what == "step":
+            chosen[name] = [sys.executable, *module, *(given if more else ["--task", task, *given[4:]])]
+    return chosen
+
+
+def time_row(row, threads, arguments, rust):
+    chosen = commands(row, arguments.steps, threads, rust, arguments.references)
+    rounds = []
+    for number in range(arguments.rounds):
+        print(f"{' '.join(map(str, row))}, {threads} thread(s): round {number + 1} of {arguments.rounds} ..", flush=True)
+        rounds.append({name: measured(command, threads) for name, command in chosen.items()})
+    what, task, batch = row
+    clock = (lambda done: done["processor_seconds"]) if threads == 1 else (lambda done: median(done["seconds"]))
+    result = {"what": what, "task": task, "batch": batch, "threads": threads, "device": "cpu", "ratios": {}}
+    for name in chosen:
+        result[f"{name}_s"] = median(clock(each[name]) for each in rounds)
+        result[f"{name}_mb"] = median(each[name]["peak_mb"] for each in rounds)
+        if name != "ours":
+            ratios = sorted(clock(each[name]) / clock(each["ours"]) for each in rounds)
+            result["ratios"][name] = [ratios[0], median(ratios), ratios[-1]]
+    result["ours_gflops"] = flops(*row) / result["ours_s"] / 1e9
+    return result
+
+
+def table(results, references, peak):
+    others = ["libtorch", *references]
+    lines = ["| what | task | batch | threads | ours, s | " + " | ".join(f"{NAMES[name]} / ours" for name in others)
+             + " | GFLOP/s | of a matrix product's | memory, MB | PyTorch's |",
+             "|---" * (9 + len(others)) + "|"]
+    for row in results:
+        ratios = [row["ratios"].get(name) for name in others]
+        shown = ["–" if ratio is None else "{1:.2f} [{0:.2f}, {2:.2f}]".format(*ratio) for ratio in ratios]
+        share = f"{row['ours_gflops'] / peak:.0%}" if row["threads"] == 1 else "–"
+        memory = f"{row['eager_mb']:.0f}" if "eager_mb" in row else "–"
+        lines.append(f"| {row['what']} | {row['task']} | {row['batch']} | {row['threads']} | {row['ours_s']:.3f} | "
+                     + " | ".join(shown)
+                     + f" | {row['ours_gflops']:.0f} | {share} | {row['ours_mb']:.0f} | {memory} |")
+    return lines
 
 
 def processor():
@@ -36,36 +139,59 @@ def processor():
     return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
 
 
+def versions():
+    for name in ("torch", "tensorflow-cpu"):
+        try:
+            yield f"{name} {version(name)}"
+        except PackageNotFoundError:
+            pass
+
+
+def report(results, arguments, peak, start):
+    about = {"date": str(date.today()), "processor": processor(), "matrix_product_gflops": peak, "start_s": start,
+             "rounds": arguments.rounds, "steps": arguments.steps, "versions": list(versions())}
+    arguments.out.mkdir(exist_ok=True)
+    (arguments.out / "results.json").write_text(json.dumps({"about": about, "rows": results}, indent=1) + "\n")
+    lines = ["# Benchmarks", "",
+             f"{date.today()}, {processor()}, Python {platform.python_version()}, {', '.join(versions())}; made with "
+             f"`make bench` ({arguments.rounds} rounds of {arguments.steps} repetitions, the programs in turns; median "
+             "[smallest, largest] over the rounds). Above 1: ours is faster.", "",
+             "`step` is a step of the paper's protocol: all losses, gradients, RMSProp; the batch is of clips. `discover` is "
+             "a step of the autoencoder; the batch is of frames. `inference` is encoder, roll-out over 26 frames and "
+             "decoder, without gradients. On one thread the times are of the processor, on more of the clock. *libtorch's "
+             "kernels* is ours with `model.kernels = \"libtorch\"`. *PyTorch* is `compare/torch_reference/fast.py`, written "
+             "for speed; *readable* the reference that the comparisons use. All run with the same allocator and OpenMP "
+             "settings. GFLOP/s count the encoder's convolutions and first dense layer alone; a float32 matrix product "
+             f"(MKL) reaches {peak:.0f} on one thread of this machine. From start to the end of an empty run: {start:.2f} s.",
+             "", *table(results, arguments.references, peak), ""]
+    (arguments.out / "README.md").write_text("\n".join(lines))
+    print("\n".join(lines))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5, help="[default: 5]")
-    parser.add_argument("--steps", type=int, default=5, help="steps of each program in a round [default: 5]")
+    parser.add_argument("--steps", type=int, default=5, help="repetitions of each program in a round [default: 5]")
+    parser.add_argument("--threads", type=int, nargs="+", default=[1], help="[default: 1]")
+    parser.add_argument("--only", nargs="+", default=[], help="what is timed: step, discover, inference, or a task")
+    parser.add_argument("--batch", type=int, nargs="+", default=[], help="only rows of these batches")
+    parser.add_argument("--references", nargs="*", choices=REFERENCES, default=["eager", "compiled"],
+                        help="[default: eager compiled]")
     parser.add_argument("--binaries", type=Path, default=HERE.parent / "target/release", help="folder of the programs")
-    parser.add_argument("--report", type=Path, default=HERE / "speed.md", help="[default: speed.md]")
+    parser.add_argument("--out", type=Path, default=BENCHES, help="folder of the results [default: ../benches]")
     arguments = parser.parse_args()
     rust = arguments.binaries.resolve() / "speed"
     if not rust.exists():
         parser.error(f"{rust} is not there; build it with cargo build --release")
-    commands = {"Rust": [rust]} | {name: [sys.executable, "-m", module] for name, module in REFERENCES.items()}
-    lines = ["| task | clips in a step | Rust, s a step | " + " | ".join(f"{name} / Rust" for name in REFERENCES) + " |",
-             "|---" * (3 + len(REFERENCES)) + "|"]
-    for task, batch in BATCHES.items():
-        rounds = []
-        for number in range(arguments.rounds):
-            print(f"{task}: round {number + 1} of {arguments.rounds} ..", flush=True)
-            rounds.append({name: median_seconds(command, task, arguments.steps) for name, command in commands.items()})
-        ratios = [spread([each[name] / each["Rust"] for each in rounds], "{:.2f}".format) for name in REFERENCES]
-        seconds = spread([each["Rust"] for each in rounds], "{:.3f}".format)
-        lines.append(f"| {task} | {batch} | {seconds} | " + " | ".join(ratios) + " |")
-    versions = ", ".join(f"{name} {version(name)}" for name in ("torch", "tensorflow-cpu"))
-    head = ["# Speed: a training step in Rust, PyTorch and TensorFlow", "",
-            f"{date.today()}, {processor()}, one thread each, Python {platform.python_version()}, {versions}.",
-            f"A step of the paper's protocol: all losses, gradients, RMSProp. {arguments.rounds} rounds of "
-            f"{arguments.steps} steps, the programs in turns; median [smallest, largest] over the rounds. Above 1: Rust "
-            "is faster. Both references are written to be read, TensorFlow's runs as a graph.", ""]
-    text = "\n".join([*head, *lines, ""])
-    arguments.report.write_text(text)
-    print(text)
+    rows = [row for row in ROWS if (not arguments.only or {*row[:2]} & {*arguments.only})
+            and (not arguments.batch or row[2] in arguments.batch)]
+    peak = peak_gflops()
+    start = median(measured([rust, "--task", "spring_color", "--steps", 0], 1)["all_s"] for _ in range(3))
+    results = []
+    for threads in arguments.threads:
+        for row in rows:
+            results.append(time_row(row, threads, arguments, rust))
+            report(results, arguments, peak, start)
 
 
 if __name__ == "__main__":

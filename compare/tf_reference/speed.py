@@ -7,11 +7,10 @@ from .blocks import Variables
 from .optimizers import optimizer, step
 from .physics_models import physics_net
 
-tf.config.threading.set_intra_op_parallelism_threads(1)
-tf.config.threading.set_inter_op_parallelism_threads(1)
 
-
-def new_step(task, batch):
+def new(_what, task, batch, threads):
+    tf.config.threading.set_intra_op_parallelism_threads(threads)
+    tf.config.threading.set_inter_op_parallelism_threads(1)
     variables, rule = Variables(), optimizer(task, "float32")
 
     def eager(clips):
@@ -28,4 +27,4 @@ def new_step(task, batch):
 
 
 if __name__ == "__main__":
-    main(new_step)
+    main(new)

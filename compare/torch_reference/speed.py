@@ -8,8 +8,8 @@ from .physics_models import PhysicsNet
 from .switches import Defects
 
 
-def new_step(task, batch):
-    torch.set_num_threads(1)
+def new(_what, task, batch, threads):
+    torch.set_num_threads(threads)
     net = PhysicsNet(task)
     rule = optimizer(task, net.parameters(), Defects())
     clips = torch.rand(batch, task.seq_len, task.side, task.side, 3)
@@ -22,4 +22,4 @@ def new_step(task, batch):
 
 
 if __name__ == "__main__":
-    main(new_step)
+    main(new)

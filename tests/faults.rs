@@ -304,8 +304,8 @@ fn an_imported_task_is_whole_or_not_there() {
     let film = temporary();
     let video = film.path().join("film.npz");
     let mut npz = ndarray_npy::NpzWriter::new(fs::File::create(&video).unwrap());
-    let frames = ndarray::Array4::from_shape_fn((60, 32, 32, 3), |(t, y, x, _)| {
-        let (dx, dy) = (x as f64 - 6.0 - t as f64 / 3.0, y as f64 - 16.0);
+    let frames = ndarray::Array4::from_shape_fn((90, 32, 32, 3), |(t, y, x, _)| {
+        let (dx, dy) = (x as f64 - 6.0 - t as f64 / 5.0, y as f64 - 16.0);
         if dx.hypot(dy) < 3.0 { 255u8 } else { 0 }
     });
     npz.add_array("frames", &frames).unwrap();

@@ -159,7 +159,7 @@ fn the_models_agree() {
         model.roll_out(&start, &plans, &mut trajectories).unwrap();
         let mut returns = [0.0; 2];
         rules.reward.returns(0, &start, &plans, &trajectories, &mut returns);
-        for candidate in 0..2 {
+        for (candidate, found) in returns.into_iter().enumerate() {
             environment.reset(0);
             environment.place(0.4, -1.0);
             let mut total = 0.0;
@@ -167,7 +167,7 @@ fn the_models_agree() {
                 total += environment.step(f64::from(plans.at(step)[candidate]));
                 assert!(difference(foretold, &environment.true_state()) < 1e-4, "step {step}");
             }
-            let found = f64::from(returns[candidate]);
+            let found = f64::from(found);
             assert!((found - total).abs() < 1e-4 * total.abs().max(1.0), "{found} instead of {total}");
         }
     }
@@ -231,14 +231,15 @@ fn planning_with_the_truth_is_much_better_than_no_planning() {
 
 #[test]
 fn a_moving_goal_is_tracked_by_looking_ahead() {
-    let rules = Rules { steps: 100, ..Rules::pendulum(Goal::angle(0.0).swinging(0.5, 50.0)) };
+    let rules = Rules { steps: 100, ..Rules::pendulum(Goal::angle(0.0).swinging(0.3, 50.0)) };
     let Reward::Goal(goal) = rules.reward.clone() else { unreachable!() };
-    let mut world = pendulum(PendulumSettings { largest_angle: 0.1, ..PendulumSettings::default() }, rules);
+    let near = PendulumSettings { largest_angle: 0.1, largest_rate: 0.2, ..PendulumSettings::default() };
+    let mut world = pendulum(near, rules);
     let episode = play(&mut world, &mut knowing(Box::new(CrossEntropy::new(small()))), 1, false);
     let off = episode.states.iter().enumerate().skip(50).map(|(step, state)| goal.distance(state, step));
     let mean = off.sum::<f64>() / 51.0;
-    // The goal's own mean distance from upright is 0.5 * 2 / pi = 0.32.
-    assert!(mean < 0.15, "{mean} rad off");
+    // The goal's own mean distance from upright is 0.3 * 2 / pi = 0.19; a torque of 2 holds the pendulum at up to 0.41.
+    assert!(mean < 0.1, "{mean} rad off");
 }
 
 fn puck() -> Task {

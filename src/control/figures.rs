@@ -173,14 +173,13 @@ pub fn write_film(
 ) -> Result<()> {
     let before = environment.rules().frames_before;
     let frames = &episode.frames[before..];
-    let steps = frames.len();
     let panels = if episode.plans.is_empty() { 1 } else { 3 };
     let mut canvases = Vec::new();
-    for step in 0..steps {
+    let missing = environment.empty_frame();
+    for (step, frame) in frames.iter().enumerate() {
         let mut canvas = Canvas::new(panels * (PANEL + GAP) + GAP, HEAD + PANEL + GAP);
-        let missing = environment.empty_frame();
-        let frame = frames[step].as_ref().unwrap_or(&missing);
-        panel(&mut canvas, 0, if frames[step].is_some() { "camera" } else { "no frame" }, frame)?;
+        let name = if frame.is_some() { "camera" } else { "no frame" };
+        panel(&mut canvas, 0, name, frame.as_ref().unwrap_or(&missing))?;
         if panels > 1 {
             let drawn = foretold(episode, controller, step).and_then(|state| controller.drawn(&[&state]));
             if let Some(drawn) = drawn {

@@ -5,6 +5,7 @@ use tch::Tensor;
 use super::Equation;
 use super::evaluate::{Constants, Instant};
 use super::plain::PlainText;
+use super::restitution::Restitution;
 use super::table::Integrator;
 use crate::network::cells::bouncing::reflected;
 use crate::network::cells::plain::PlainCell;
@@ -20,14 +21,6 @@ pub(super) struct TextCell {
     /// Scalars, in the order of the equation's parameters.
     pub raw: Vec<Tensor>,
     pub walls: Walls,
-}
-
-/// What is left of the speed towards a wall.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Restitution {
-    All,
-    Number(f64),
-    Parameter(usize),
 }
 
 /// A roll-out under way.

@@ -17,6 +17,7 @@ mod operation;
 mod parameters;
 mod parse;
 mod plain;
+mod restitution;
 mod single;
 mod table;
 mod units;
@@ -51,7 +52,7 @@ pub struct Equation {
     table: EquationTable,
     parameters: &'static [PhysicalParameter],
     program: Program,
-    restitution: integrate::Restitution,
+    restitution: restitution::Restitution,
 }
 
 /// The texts that were read.
@@ -174,16 +175,16 @@ fn definitions(table: &EquationTable, parameters: &Parameters) -> Result<BTreeMa
     table.definitions.iter().map(read).collect()
 }
 
-fn restitution(table: &EquationTable, parameters: &Parameters, used: &mut [bool]) -> Result<integrate::Restitution> {
+fn restitution(table: &EquationTable, parameters: &Parameters, used: &mut [bool]) -> Result<restitution::Restitution> {
     let angle = table.state == Coordinates::Angle;
     ensure!(!(table.walls && angle), "walls = true: there are walls for positions, not for angles");
-    let Some(restitution) = &table.restitution else { return Ok(integrate::Restitution::All) };
+    let Some(restitution) = &table.restitution else { return Ok(restitution::Restitution::All) };
     ensure!(table.walls, "restitution is what walls leave of a speed; set walls = true, or take it out");
     match restitution {
-        Restitution::Number(1.0) => Ok(integrate::Restitution::All),
+        Restitution::Number(1.0) => Ok(restitution::Restitution::All),
         Restitution::Number(number) => {
             ensure!((0.0..=1.0).contains(number), "restitution = {number}: must be 0 to 1");
-            Ok(integrate::Restitution::Number(*number))
+            Ok(restitution::Restitution::Number(*number))
         }
         Restitution::Parameter(name) => {
             let place = parameters.place(name);
@@ -191,7 +192,7 @@ fn restitution(table: &EquationTable, parameters: &Parameters, used: &mut [bool]
             let unit = parameters.all[place].unit;
             ensure!(unit.is_none(), "restitution = {name:?}: has the unit {unit}, but is a plain number");
             used[place] = true;
-            Ok(integrate::Restitution::Parameter(place))
+            Ok(restitution::Restitution::Parameter(place))
         }
     }
 }

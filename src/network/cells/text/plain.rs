@@ -2,8 +2,8 @@
 
 use super::Equation;
 use super::graph::{Given, Graph, Operation};
-use super::integrate::Restitution;
 use super::operation::{Binary, Unary};
+use super::restitution::Restitution;
 use super::table::Integrator;
 use crate::network::cells::Walls;
 use crate::network::cells::plain::PlainCell;

@@ -1,10 +1,11 @@
 //! The same equation in plain numbers, one state at a time, without gradients: for long roll-outs of one system, where a
 //! tensor of a few numbers costs a hundred times the arithmetic.
 
+use super::Equation;
 use super::graph::{Given, Graph, Operation};
 use super::operation::{Binary, Unary};
+use super::restitution::Restitution;
 use super::table::Integrator;
-use super::{Equation, integrate::Restitution};
 use crate::network::cells::Walls;
 
 /// How many numbers a node has: objects (or 1), their others (or 1), coordinates.

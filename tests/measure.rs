@@ -47,10 +47,10 @@ fn plain_numbers_and_tensors_move_alike() {
             [scattered(if angle { 0.5 } else { 16.0 }, if angle { 0.3 } else { 5.0 }), scattered(0.0, 2.0)].concat();
         let raw = true_raw(&task);
         let values: Vec<f64> = system.cell.parameters.iter().zip(&raw).map(|(it, raw)| it.bounds.value(*raw)).collect();
-        let plain = equation.single(&values, system.walls).roll_out(&first, system.dt, 12);
+        let plain = equation.single(&values, system.walls).roll_out(&first, system.dt, 6);
         let tensors: Vec<_> = raw.iter().map(|raw| Tensor::from(*raw)).collect();
         let state = State::from_joined(&Tensor::from_slice(&first).unsqueeze(0));
-        let rolled = system.build_cell(&tensors).roll_out(&state, &Actions::none(), system.dt, 11);
+        let rolled = system.build_cell(&tensors).roll_out(&state, &Actions::none(), system.dt, 5);
         for (frame, (state, plain)) in rolled.iter().zip(plain.chunks(2 * count).skip(1)).enumerate() {
             let state: Vec<f64> = state.joined().to_kind(Kind::Double).flatten(0, 1).try_into().unwrap();
             for (tensor, plain) in state.iter().zip(plain) {
@@ -82,7 +82,7 @@ fn a_long_swing_is_found_and_what_was_held_out_is_predicted() {
     positions[40..48].fill(f64::NAN);
     positions[100] += 9.0;
     positions[131] -= 14.0;
-    let tracks = [Track { positions, trained }];
+    let tracks = [Track::even(positions, 2, trained)];
     let learned = vec![true; 4];
     let raw = truth.iter().map(|raw| raw + 0.25).collect();
     let start = Start { raw, learned: learned.clone(), piece: 20 };

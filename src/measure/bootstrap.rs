@@ -74,15 +74,7 @@ pub fn bootstrap(
 ) -> Result<Uncertainty> {
     let problem = Problem::new(dynamics, tracks, learned);
     let coordinates = dynamics.coordinates();
-    // What counted linearly in the fit does so here.
-    let bounded: Vec<DMatrix<f64>> = fitted
-        .residuals
-        .iter()
-        .map(|residuals| {
-            let bounded = residuals.iter().map(|x| x.clamp(-fitted.huber, fitted.huber));
-            DMatrix::from_iterator(coordinates, residuals.len() / coordinates, bounded)
-        })
-        .collect();
+    let bounded = bounded(fitted, coordinates);
     let jacobian = jacobian(&problem, fitted);
     let counted = fitted.residuals.iter().flatten().filter(|x| x.abs() <= fitted.huber).count() as f64;
     let all: usize = fitted.residuals.iter().map(Vec::len).sum();
@@ -108,6 +100,20 @@ pub fn bootstrap(
     let count = problem.learned.len();
     let curvature = curvature(&normal_matrix, count);
     Ok(Uncertainty { autocorrelation, frames_in_one, block, widened, curvature, draws })
+}
+
+/// Frames that together hold as much as one independent one.
+pub fn frames_in_one(fitted: &Fitted, coordinates: usize) -> f64 {
+    autocorrelation(&bounded(fitted, coordinates)).1
+}
+
+/// Residuals of each video, `[coordinates, frames]`. What counted linearly in the fit does so here.
+fn bounded(fitted: &Fitted, coordinates: usize) -> Vec<DMatrix<f64>> {
+    let of_video = |residuals: &Vec<f64>| {
+        let bounded = residuals.iter().map(|x| x.clamp(-fitted.huber, fitted.huber));
+        DMatrix::from_iterator(coordinates, residuals.len() / coordinates, bounded)
+    };
+    fitted.residuals.iter().map(of_video).collect()
 }
 
 fn draw(problem: &Problem, fitted: &Fitted, change: &DVector<f64>, [scale, time]: [f64; 2]) -> Draw {
@@ -187,12 +193,10 @@ fn resampled(residuals: &[DMatrix<f64>], block: usize, random: &mut impl Rng) ->
     let mut drawn = Vec::with_capacity(residuals.iter().map(DMatrix::len).sum());
     for of in residuals {
         let frames = of.ncols();
-        let means = of.column_mean();
         for start in (0..frames).step_by(block.max(1)) {
             let from = random.random_range(0..frames);
             for frame in 0..block.min(frames - start) {
-                let column = of.column((from + frame) % frames) - &means;
-                drawn.extend(column.iter());
+                drawn.extend(of.column((from + frame) % frames).iter());
             }
         }
     }

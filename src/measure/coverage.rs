@@ -127,6 +127,6 @@ impl Kind {
                 noise = self.correlation * noise + own * normal(random);
             }
         }
-        Track { positions, trained: self.frames }
+        Track::even(positions, 2, self.frames)
     }
 }

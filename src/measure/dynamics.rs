@@ -37,12 +37,18 @@ impl Dynamics {
 
     fn by_tensors(&self, raw: &[f64], initial: &[f64], frames: usize) -> Vec<f64> {
         let _guard = tch::no_grad_guard();
-        let raw: Vec<_> = raw.iter().map(|raw| Tensor::from(*raw)).collect();
+        let raw: Vec<_> = raw.iter().take(self.system.cell.parameters.len()).map(|raw| Tensor::from(*raw)).collect();
         let first = State::from_joined(&Tensor::from_slice(initial).unsqueeze(0));
         let rest = self.system.build_cell(&raw).roll_out(&first, &Actions::none(), self.dt, frames.saturating_sub(1));
         let states = std::iter::once(&first).chain(&rest).take(frames);
         let states: Vec<_> = states.map(State::joined).collect();
         Tensor::cat(&states, 0).to_kind(Kind::Double).flatten(0, 1).try_into().expect("float64 numbers")
+    }
+
+    /// By how much what is seen has moved on with the camera at a tick, if raw numbers stand for a drift: those behind the
+    /// parameters', one for each coordinate, in its unit per unit of `dt`.
+    pub fn drifted(&self, raw: &[f64], tick: usize, coordinate: usize) -> f64 {
+        raw.get(self.system.cell.parameters.len() + coordinate).map_or(0.0, |drift| drift * self.dt * tick as f64)
     }
 
     /// The positions alone, frame by frame.

@@ -12,9 +12,14 @@ use super::dynamics::Dynamics;
 
 /// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or of a raw number.
 const PROBE: f64 = 1e-5;
-/// Iterations for each length of the pieces, and the relative fall of the cost at which they end.
+/// Iterations for each length of the pieces, and the relative fall of the cost at which they end; for the last length and
+/// for those that only lead to it.
 const ITERATIONS: usize = 60;
 const CONVERGED: f64 = 1e-8;
+const NEAR_ENOUGH: f64 = 1e-4;
+/// While pieces are short they may say next to nothing of a parameter, which must not run away meanwhile: it is held at its
+/// start as by one residual for every so much of its raw number.
+const HELD: f64 = 1.0;
 /// Damping at the start, its change after a failed or a good iteration, and where it gives up.
 const DAMPING: f64 = 1e-2;
 const DAMPING_UP: f64 = 8.0;
@@ -36,14 +41,34 @@ const GUESSED_FROM: usize = 9;
 pub struct Track {
     /// In the equation's coordinates, frame by frame; not a number where an object is not seen.
     pub positions: Vec<f64>,
+    /// When each frame was filmed, in frames of an even clock.
+    pub ticks: Vec<usize>,
     /// Frames that may be learned from. Those after them are held out.
     pub trained: usize,
+}
+
+impl Track {
+    /// Frames at even times; `coordinates` numbers each.
+    pub fn even(positions: Vec<f64>, coordinates: usize, trained: usize) -> Self {
+        let ticks = (0..positions.len() / coordinates).collect();
+        Track { positions, ticks, trained }
+    }
+
+    /// Frames of an even clock from the first frame to the last, both counted.
+    pub fn duration(&self) -> usize {
+        self.ticks.last().map_or(0, |last| last + 1)
+    }
+
+    /// What belongs to each frame, of something with `size` numbers at each tick.
+    pub fn at_frames(&self, by_tick: &[f64], size: usize) -> Vec<f64> {
+        self.ticks.iter().flat_map(|tick| &by_tick[size * tick..size * (tick + 1)]).copied().collect()
+    }
 }
 
 /// Where a fit begins.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Start {
-    /// Raw numbers of all parameters.
+    /// Raw numbers of all parameters; two more where what is seen may drift (see [`Dynamics::drifted`]).
     pub raw: Vec<f64>,
     pub learned: Vec<bool>,
     /// Frames of the first pieces.
@@ -91,6 +116,15 @@ struct Unknowns {
     pieces: Vec<Piece>,
 }
 
+/// What is made least.
+struct Goal<'a> {
+    /// Residuals beyond this count linearly.
+    huber: f64,
+    /// Weight of the squared distance of the raw numbers from where they began.
+    held: f64,
+    start: &'a [f64],
+}
+
 pub(super) struct Problem<'a> {
     pub dynamics: &'a Dynamics,
     pub tracks: &'a [Track],
@@ -115,7 +149,10 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitte
     loop {
         // The second time with the scale of what is left by the first.
         for _ in 0..2 {
-            problem.minimise(&mut unknowns, huber);
+            let last = length == longest;
+            let deviation = if last { 0.0 } else { problem.usual(&unknowns).min(huber / HUBER) };
+            let goal = Goal { huber, held: (deviation / HELD).powi(2), start: &start.raw };
+            problem.minimise(&mut unknowns, &goal, if last { CONVERGED } else { NEAR_ENOUGH });
             huber = HUBER * problem.usual(&unknowns);
         }
         piecewise.get_or_insert(huber / HUBER);
@@ -185,7 +222,8 @@ impl<'a> Problem<'a> {
     fn guessed(&self, piece: &Piece) -> Vec<f64> {
         let (coordinates, seen) = (self.dynamics.coordinates(), self.seen(piece));
         let guess = |coordinate: usize| {
-            let points = seen.chunks(coordinates).take(GUESSED_FROM).map(|frame| frame[coordinate]).enumerate();
+            let ticks = self.tracks[piece.track].ticks[piece.first..].iter().map(|tick| tick - self.begin(piece));
+            let points = ticks.zip(seen.chunks(coordinates).map(|frame| frame[coordinate])).take(GUESSED_FROM);
             let points: Vec<_> = points.filter(|(_, x)| x.is_finite()).collect();
             let powers = points.len().saturating_sub(1).min(2);
             let matrix = DMatrix::from_fn(points.len(), powers + 1, |row, power| {
@@ -206,14 +244,33 @@ impl<'a> Problem<'a> {
         cut.map(|(track, first, frames)| {
             let before = unknowns.pieces.iter().rev().find(|piece| piece.track == track && piece.first <= first);
             let before = before.expect("the first piece begins with the video");
-            let way = self.dynamics.roll_out(&unknowns.raw, &before.state, first - before.first + 1);
+            let ticks = &self.tracks[track].ticks;
+            let way = self.dynamics.roll_out(&unknowns.raw, &before.state, ticks[first] - ticks[before.first] + 1);
             Piece { track, first, frames, state: way[way.len() - before.state.len()..].to_vec() }
         })
         .collect()
     }
 
+    /// The tick of a piece's first frame.
+    fn begin(&self, piece: &Piece) -> usize {
+        self.tracks[piece.track].ticks[piece.first]
+    }
+
+    /// Positions in the frames of a piece, from a state at its first.
+    fn rolled_out(&self, piece: &Piece, raw: &[f64], state: &[f64]) -> Vec<f64> {
+        let ticks = &self.tracks[piece.track].ticks[piece.first..piece.first + piece.frames];
+        let begin = self.begin(piece);
+        let last = ticks.last().map_or(0, |last| last - begin);
+        let positions = self.dynamics.positions(raw, state, last + 1);
+        let coordinates = self.dynamics.coordinates();
+        let at = |tick: usize, coordinate: usize| {
+            positions[coordinates * (tick - begin) + coordinate] + self.dynamics.drifted(raw, tick, coordinate)
+        };
+        ticks.iter().flat_map(|tick| (0..coordinates).map(|coordinate| at(*tick, coordinate))).collect()
+    }
+
     fn residual(&self, piece: &Piece, raw: &[f64]) -> DVector<f64> {
-        let rolled_out = self.dynamics.positions(raw, &piece.state, piece.frames);
+        let rolled_out = self.rolled_out(piece, raw, &piece.state);
         let residual = rolled_out.iter().zip(self.seen(piece)).map(|(out, seen)| match seen.is_nan() {
             true => 0.0,
             false => out - seen,
@@ -223,8 +280,7 @@ impl<'a> Problem<'a> {
 
     fn linearise(&self, piece: &Piece, raw: &[f64]) -> Linearised {
         let seen = self.seen(piece);
-        let positions =
-            |raw: &[f64], state: &[f64]| DVector::from_vec(self.dynamics.positions(raw, state, piece.frames));
+        let positions = |raw: &[f64], state: &[f64]| DVector::from_vec(self.rolled_out(piece, raw, state));
         let probed = |numbers: &[f64], place: usize, by: f64| {
             let mut numbers = numbers.to_vec();
             numbers[place] += by;
@@ -257,10 +313,12 @@ impl<'a> Problem<'a> {
         Linearised { residual: self.residual(piece, raw), by_state: matrix(&by_state), by_raw: matrix(&by_raw) }
     }
 
-    fn cost(&self, unknowns: &Unknowns, huber: f64) -> f64 {
+    fn cost(&self, unknowns: &Unknowns, goal: &Goal) -> f64 {
+        let huber = goal.huber;
         let loss = |x: f64| if x.abs() <= huber { 0.5 * x * x } else { huber * (x.abs() - 0.5 * huber) };
         let of_piece = |piece: &Piece| self.residual(piece, &unknowns.raw).iter().map(|x| loss(*x)).sum::<f64>();
-        let cost: f64 = unknowns.pieces.iter().map(of_piece).sum();
+        let away = self.learned.iter().map(|place| (unknowns.raw[*place] - goal.start[*place]).powi(2)).sum::<f64>();
+        let cost = unknowns.pieces.iter().map(of_piece).sum::<f64>() + 0.5 * goal.held * away;
         if cost.is_finite() { cost } else { f64::INFINITY }
     }
 
@@ -277,19 +335,19 @@ impl<'a> Problem<'a> {
     }
 
     /// Iterates until the cost stands still.
-    fn minimise(&self, unknowns: &mut Unknowns, huber: f64) {
-        let mut cost = self.cost(unknowns, huber);
+    fn minimise(&self, unknowns: &mut Unknowns, goal: &Goal, converged: f64) {
+        let mut cost = self.cost(unknowns, goal);
         let mut damping = DAMPING;
         for _ in 0..ITERATIONS {
             let at: Vec<_> = unknowns.pieces.iter().map(|piece| self.linearise(piece, &unknowns.raw)).collect();
             loop {
-                let next = self.stepped(unknowns, &at, huber, damping);
-                let next_cost = next.as_ref().map_or(f64::INFINITY, |next| self.cost(next, huber));
+                let next = self.stepped(unknowns, &at, goal, damping);
+                let next_cost = next.as_ref().map_or(f64::INFINITY, |next| self.cost(next, goal));
                 if next_cost < cost {
                     let fall = (cost - next_cost) / cost;
                     (*unknowns, cost) = (next.expect("a step was made"), next_cost);
                     damping *= DAMPING_DOWN;
-                    if fall < CONVERGED {
+                    if fall < converged {
                         return;
                     }
                     break;
@@ -303,9 +361,12 @@ impl<'a> Problem<'a> {
     }
 
     /// The unknowns after a damped Gauss-Newton step; none where there is none.
-    fn stepped(&self, unknowns: &Unknowns, at: &[Linearised], huber: f64, damping: f64) -> Option<Unknowns> {
+    fn stepped(&self, unknowns: &Unknowns, at: &[Linearised], goal: &Goal, damping: f64) -> Option<Unknowns> {
         let count = self.learned.len();
-        let (mut normal, mut gradient) = (DMatrix::zeros(count, count), DVector::zeros(count));
+        let huber = goal.huber;
+        let mut normal = DMatrix::identity(count, count) * goal.held;
+        let away = self.learned.iter().map(|place| unknowns.raw[*place] - goal.start[*place]);
+        let mut gradient = DVector::from_iterator(count, away) * goal.held;
         let mut of_pieces = Vec::with_capacity(at.len());
         for Linearised { residual, by_state, by_raw } in at {
             let weight = residual.map(|x| huber / x.abs().max(huber)).map(|x| if x.is_nan() { 1.0 } else { x });

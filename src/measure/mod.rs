@@ -6,6 +6,7 @@
 //! The last quarter of each video is predicted from the rest and held against two baselines. Not in the original.
 
 pub mod bootstrap;
+pub mod clock;
 pub mod coverage;
 pub mod dynamics;
 pub mod explain;
@@ -28,6 +29,7 @@ use anyhow::{Context, Result, ensure};
 use tch::Device;
 
 use self::bootstrap::{Uncertainty, bootstrap};
+use self::clock::Clock;
 use self::dynamics::Dynamics;
 use self::explain::{Errors, Explained, constant_velocity, explain, positions_of};
 use self::fit::{Start, Track};
@@ -50,6 +52,8 @@ use crate::training::saved::load_model;
 
 /// Draws of the bootstrap that are rolled out again: for what only a whole motion shows.
 const ROLLED_OUT_DRAWS: usize = 200;
+/// Difference of the Bayesian criterion from which on a drift of the camera is believed.
+const CLEARLY_BETTER: f64 = 10.0;
 /// The acceleration of gravity for which the length of a simple pendulum is given, m/s^2.
 const STANDARD_GRAVITY: f64 = 9.80665;
 
@@ -87,6 +91,8 @@ struct Seen {
     /// `(x, y)` of each object, pixels of a frame, frame by frame.
     pixels: Vec<f64>,
     trained: usize,
+    /// When each frame was filmed.
+    ticks: Vec<usize>,
 }
 
 /// Measures a finished run, and writes `measurement.json`, `measurement.html`, `positions.csv` and `overlay.gif` into
@@ -98,8 +104,10 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     let _guard = tch::no_grad_guard();
     let begun = Instant::now();
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;
-    let subject = Subject::read(&config, &model, device)?;
+    let mut subject = Subject::read(&config, &model, device)?;
     let sights = subject.look()?;
+    subject.find_lost_frames(&sights);
+    let subject = subject;
     let own = Named { name: "the run's own".into(), cell: model.system.cell };
     let main = request.equation.as_ref().unwrap_or(&own);
     let (tracks, by_encoder, explained) = subject.best_of_sights(main.cell, &sights)?;
@@ -154,6 +162,8 @@ struct Subject<'a> {
     scale: Scale,
     /// Frames of the film to one of a clip.
     ratio: usize,
+    /// When the frames of each video were filmed.
+    clocks: Vec<Clock>,
 }
 
 impl<'a> Subject<'a> {
@@ -168,12 +178,18 @@ impl<'a> Subject<'a> {
         let training = DatasetFile::read(&path, &ClipShape::training(task))?;
         let train = Clips::new(training.split(Split::Train), training.actions(Split::Train), device);
         let (scale, ratio) = (Scale::new(record, system), record.step / film_step);
-        Ok(Subject { config, model, record, film, train, scale, ratio })
+        let clocks = film.videos.iter().map(|frames| Clock::even(frames.dim().0)).collect();
+        Ok(Subject { config, model, record, film, train, scale, ratio, clocks })
     }
 
     fn look(&self) -> Result<Vec<Sight>> {
         let videos = 0..self.film.videos.len();
         videos.map(|video| sight::look(self.model, &self.train, &self.film, video, self.config.seed)).collect()
+    }
+
+    fn find_lost_frames(&mut self, sights: &[Sight]) {
+        let objects = self.model.system.objects;
+        self.clocks = sights.iter().map(|sight| Clock::of(&sight.centroids.pixels, 2 * objects)).collect();
     }
 
     /// Frames of a video that may be learned from: those from which clips for training were cut.
@@ -185,6 +201,7 @@ impl<'a> Subject<'a> {
     fn tracks<'b>(&self, positions: impl Iterator<Item = &'b Positions>) -> Vec<Track> {
         let track = |(video, positions): (usize, &Positions)| Track {
             positions: positions.coordinates.clone(),
+            ticks: self.clocks[video].ticks.clone(),
             trained: self.trained(video),
         };
         positions.enumerate().map(track).collect()
@@ -243,11 +260,29 @@ impl<'a> Subject<'a> {
         let go_on = [Start { raw: explained.fitted.raw.clone(), ..starts[0].clone() }];
         let by_encoder = self.tracks(sights.iter().map(|sight| &sight.encoded));
         let encoded = explain(&dynamics, &by_encoder, &go_on)?;
-        Ok(if encoded.fitted.usual_residual < explained.fitted.usual_residual {
+        let (tracks, by_encoder, explained) = if encoded.fitted.usual_residual < explained.fitted.usual_residual {
             (by_encoder, true, encoded)
         } else {
             (by_centroids, false, explained)
-        })
+        };
+        let explained = self.with_drift(&tracks, &explained)?.unwrap_or(explained);
+        Ok((tracks, by_encoder, explained))
+    }
+
+    /// The same with a camera that drifts, where that explains clearly more: looked for in a task of one video and one
+    /// object.
+    fn with_drift(&self, tracks: &[Track], explained: &Explained) -> Result<Option<Explained>> {
+        let system = &self.model.system;
+        if tracks.len() != 1 || system.objects != 1 || system.cell.coordinates != Coordinates::Position {
+            return Ok(None);
+        }
+        let raw = [&explained.fitted.raw[..], &[0.0; 2]].concat();
+        let learned = [&explained.learned[..], &[true; 2]].concat();
+        let start = Start { raw, learned, piece: self.train.time() * self.ratio };
+        let drifting = explain(&explained.dynamics, tracks, &[start])?;
+        let frames_in_one = bootstrap::frames_in_one(&drifting.fitted, drifting.dynamics.coordinates());
+        let gain = explained.criteria(frames_in_one).bic - drifting.criteria(frames_in_one).bic;
+        Ok((gain > CLEARLY_BETTER).then_some(drifting))
     }
 
     fn seen(&self, sights: &[Sight], by_encoder: bool) -> Vec<Seen> {
@@ -256,6 +291,7 @@ impl<'a> Subject<'a> {
             first_seconds: self.record.sources[video].first_seconds,
             pixels: if by_encoder { &sight.encoded } else { &sight.centroids }.pixels.clone(),
             trained: self.trained(video),
+            ticks: self.clocks[video].ticks.clone(),
         };
         sights.iter().enumerate().map(seen).collect()
     }
@@ -274,6 +310,7 @@ impl<'a> Subject<'a> {
         );
         let track = |(video, passed): (usize, &Passed)| Track {
             positions: passed.tracked.iter().flatten().copied().collect(),
+            ticks: self.clocks[video].ticks.clone(),
             trained: self.trained(video),
         };
         let tracks: Vec<Track> = passes.iter().enumerate().map(track).collect();
@@ -281,8 +318,8 @@ impl<'a> Subject<'a> {
             let missing = track.positions.iter().filter(|x| x.is_nan()).count();
             ensure!(2 * missing < track.positions.len(), "it sees the object in less than half of the frames");
         }
-        let start =
-            Start { raw: explained.fitted.raw.clone(), ..self.starts(explained.dynamics.system.cell)[0].clone() };
+        let piece = self.train.time() * self.ratio;
+        let start = Start { raw: explained.fitted.raw.clone(), learned: explained.learned.clone(), piece };
         let fitted = explain(&explained.dynamics, &tracks, &[start])?;
         Ok((tracks, fitted))
     }
@@ -311,7 +348,8 @@ impl<'a> Subject<'a> {
             error: times * explained.errors.held_out,
             constant_velocity: times * Errors::of(tracks, steady, &explained.dynamics).held_out,
             tracker_fit: tracker.map(|(_, fit)| times * fit.errors.held_out),
-            percent_of_amplitude: 100.0 * explained.errors.held_out / motion::amplitude(&along[..tracks[0].trained]),
+            percent_of_amplitude: 100.0 * explained.errors.held_out
+                / motion::amplitude(&along[..trained_ticks(&tracks[0])]),
             metres_per_unit: (unit == "px" && self.scale.length_unit() == "m")
                 .then(|| self.scale.length() / self.scale.video_pixels),
         }
@@ -340,8 +378,22 @@ impl<'a> Subject<'a> {
                 .of_tracker(tracker.map(|(_, fit)| factor * value(&fit.fitted.raw)))
         });
         let mut quantities: Vec<Quantity> = parameters.collect();
+        quantities.extend(self.drift(explained, uncertainty));
         quantities.extend(self.of_the_swing(tracks, explained, uncertainty, tracker));
         quantities
+    }
+
+    /// By how much the camera drifts, if it does, pixels of the video in a second.
+    fn drift(&self, explained: &Explained, uncertainty: &Uncertainty) -> Vec<Quantity> {
+        let first = explained.dynamics.system.cell.parameters.len();
+        let times = self.scale.video_pixels / self.scale.seconds;
+        let names = ["drift_of_what_is_seen_x", "drift_of_what_is_seen_y"];
+        let drifts = explained.fitted.raw[first..].iter().zip(names).enumerate();
+        let quantity = |(place, (drift, name)): (usize, (&f64, &str))| {
+            let draws = uncertainty.draws.iter().map(|draw| times * draw.raw[first + place]);
+            Quantity::new(name, times * drift, draws.collect()).in_unit("px/s".into())
+        };
+        drifts.map(quantity).collect()
     }
 
     /// Period and effective length of a motion that swings, in the first video.
@@ -362,7 +414,7 @@ impl<'a> Subject<'a> {
             let along = swing(&states);
             (
                 motion::period(&along).unwrap_or(f64::NAN) * self.scale.drawn([0, 1], draw) * explained.dynamics.dt,
-                motion::amplitude(&along[..tracks[0].trained]),
+                motion::amplitude(&along[..trained_ticks(&tracks[0])]),
             )
         });
         let (periods, amplitudes): (Vec<f64>, Vec<f64>) = drawn.unzip();
@@ -377,7 +429,7 @@ impl<'a> Subject<'a> {
                 .of_tracker(of_tracker.map(length)),
             Quantity::new(
                 "amplitude",
-                times * motion::amplitude(&along[..tracks[0].trained]),
+                times * motion::amplitude(&along[..trained_ticks(&tracks[0])]),
                 amplitudes.into_iter().map(|amplitude| times * amplitude).collect(),
             )
             .in_unit(unit.into()),
@@ -399,9 +451,23 @@ impl<'a> Subject<'a> {
 
     fn notes(&self, explained: &Explained, uncertainty: &Uncertainty) -> Vec<String> {
         let mut notes = Vec::new();
+        for (clock, source) in self.clocks.iter().zip(&self.record.sources) {
+            let said = clock.text();
+            notes.extend(said.map(|said| {
+                format!("{}: by the steps of what moves, {said} (taken into account)", file_name(&source.file))
+            }));
+        }
         let parameters = explained.dynamics.system.cell.parameters.iter().zip(&explained.learned);
         let learned: Vec<_> = parameters.filter(|(_, learned)| **learned).map(|(kind, _)| kind).collect();
-        notes.extend(rank::indistinct(&uncertainty.curvature, &learned).map(|indistinct| indistinct.text()));
+        // Those of a drift come last.
+        let count = learned.len() as i64;
+        let curvature = uncertainty.curvature.narrow(0, 0, count).narrow(1, 0, count);
+        notes.extend(rank::indistinct(&curvature, &learned).map(|indistinct| indistinct.text()));
+        if explained.learned.len() > explained.dynamics.system.cell.parameters.len() {
+            notes.push(
+                "all that is seen drifts evenly: the camera or what holds the object moves (taken into account)".into(),
+            );
+        }
         let (whole, pieces) = (explained.fitted.usual_residual, explained.fitted.piecewise_residual);
         if whole > 2.0 * pieces {
             let (times, unit) = self.per_coordinate();
@@ -436,7 +502,8 @@ impl<'a> Subject<'a> {
         let mut all = vec![(main.name.clone(), explained.clone())];
         for Named { name, cell } in &request.against {
             let explained = explain(&self.dynamics(cell)?, tracks, &self.starts(cell));
-            all.push((name.clone(), explained.with_context(|| format!("equation of {name}"))?));
+            let explained = explained.with_context(|| format!("equation of {name}"))?;
+            all.push((name.clone(), self.with_drift(tracks, &explained)?.unwrap_or(explained)));
         }
         // The residuals of the best one say how many positions are independent.
         let frames_in_one = uncertainty.frames_in_one;
@@ -469,6 +536,11 @@ impl Explained {
         };
         learned.map(value).collect()
     }
+}
+
+/// Frames of an even clock in the part that may be learned from.
+fn trained_ticks(track: &Track) -> usize {
+    track.ticks[track.trained - 1] + 1
 }
 
 fn file_name(path: &str) -> String {

@@ -56,7 +56,7 @@ pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
             }
             drawn(area.present())?;
         }
-        let seconds = seen.first_seconds + measured.measurement.seconds_between_frames * *frame as f64;
+        let seconds = seen.first_seconds + measured.measurement.seconds_between_frames * seen.ticks[*frame] as f64;
         let text = format!("{seconds:.2} s  {}", if held_out { "predicted" } else { "fitted" });
         canvas.fill((0, 0), (11 * TEXT, TEXT + 8), RGBColor(255, 255, 255));
         canvas.text(&text, (8, TEXT / 2 + 4), TEXT, HPos::Left, colour)?;

@@ -38,7 +38,7 @@ fn charts(measured: &Measured) -> Vec<Chart> {
     let (fitted, seen_along) = along.split_at(along.len() / 2);
     let times = measured.scale.video_pixels;
     let points = |values: &[f64], from: usize, to: usize| -> Vec<(f64, f64)> {
-        (from..to.min(values.len())).map(|frame| (second * frame as f64, times * values[frame])).collect()
+        (from..to.min(values.len())).map(|frame| (second * seen.ticks[frame] as f64, times * values[frame])).collect()
     };
     let (trained, all) = (seen.trained, fitted.len());
     let left: Vec<f64> = seen_along.iter().zip(fitted).map(|(seen, fitted)| seen - fitted).collect();

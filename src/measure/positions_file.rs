@@ -42,7 +42,16 @@ impl Measured<'_> {
             };
             (0..objects).map(place).collect::<Vec<_>>()
         };
-        self.explained.states[video].chunks(state_size).flat_map(of_state).collect()
+        let states: Vec<_> = self.explained.states[video].chunks(state_size).collect();
+        let dynamics = &self.explained.dynamics;
+        let drifted = |mut place: Place, tick: usize| {
+            for (axis, at) in place.at.iter_mut().enumerate() {
+                *at += dynamics.drifted(&self.explained.fitted.raw, tick, axis);
+            }
+            place
+        };
+        let ticks = self.videos[video].ticks.iter();
+        ticks.flat_map(|tick| of_state(states[*tick]).into_iter().map(|place| drifted(place, *tick))).collect()
     }
 
     /// Of each object, the median distance from the middle.
@@ -76,7 +85,7 @@ pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
                 let (frame, object) = (row / objects, row % objects + 1);
                 let part = if frame < seen.trained { "learned" } else { "held out" };
                 let name = seen.name.replace(',', "_");
-                let seconds = seen.first_seconds + second * frame as f64;
+                let seconds = seen.first_seconds + second * seen.ticks[frame] as f64;
                 write!(file, "{name},{frame},{seconds:.6},{object},{part}")?;
                 let at = [at[0], at[1]];
                 let numbers = [

@@ -1,0 +1,143 @@
+//! Frames that the camera or a converter has lost, or shows twice, without a word in the times of the file.
+//!
+//! A frame that is missing shows as a step twice as long as those before and after it, one that is shown twice as no step
+//! at all. One lost frame in twenty seconds puts a fitted swing off by a frame for the rest of the video. Only positions
+//! are looked at, no equation: what was held out may be looked at in the same way.
+
+/// Steps before and after that are compared with.
+const NEIGHBOURS: usize = 5;
+/// A step differs by more than so many times what steps usually differ by.
+const CLEAR: f64 = 6.0;
+/// How far from a whole number of steps it may be, and how far those before and after may be from each other.
+const WHOLE: f64 = 0.3;
+const EVEN: f64 = 0.3;
+/// Most frames that are lost at once.
+const MOST_LOST: f64 = 4.0;
+
+/// When each frame was filmed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Clock {
+    /// In frames of an even clock, from 0 on.
+    pub ticks: Vec<usize>,
+    /// Frames after which some are lost, and frames that the next one shows again.
+    pub lost_after: Vec<usize>,
+    pub shown_twice: Vec<usize>,
+}
+
+impl Clock {
+    /// That of frames at even times.
+    pub fn even(frames: usize) -> Self {
+        Clock { ticks: (0..frames).collect(), lost_after: Vec::new(), shown_twice: Vec::new() }
+    }
+
+    /// From the positions of all objects, `coordinates` numbers a frame.
+    pub fn of(positions: &[f64], coordinates: usize) -> Self {
+        let frames = positions.len() / coordinates;
+        let mut clock = Clock::even(frames);
+        let steps: Vec<Vec<f64>> = positions
+            .chunks(coordinates)
+            .zip(positions.chunks(coordinates).skip(1))
+            .map(|(from, to)| from.iter().zip(to).map(|(from, to)| to - from).collect())
+            .collect();
+        let mut ahead = 0_isize;
+        for frame in 0..frames.saturating_sub(1) {
+            match whole_steps(&steps, frame) {
+                Some(0) => {
+                    clock.shown_twice.push(frame);
+                    ahead -= 1;
+                }
+                Some(count) => {
+                    clock.lost_after.push(frame);
+                    ahead += count as isize - 1;
+                }
+                None => {}
+            }
+            clock.ticks[frame + 1] = (frame + 1).saturating_add_signed(ahead);
+        }
+        clock
+    }
+
+    /// For people; none of an even clock.
+    pub fn text(&self) -> Option<String> {
+        let list = |frames: &[usize]| frames.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+        let lost = (!self.lost_after.is_empty()).then(|| format!("frames are lost after {}", list(&self.lost_after)));
+        let twice = (!self.shown_twice.is_empty()).then(|| format!("shown twice are {}", list(&self.shown_twice)));
+        let said: Vec<_> = lost.into_iter().chain(twice).collect();
+        (!said.is_empty()).then(|| said.join("; "))
+    }
+}
+
+/// Over how many steps the object went from a frame to the next, if it is clearly not one.
+fn whole_steps(steps: &[Vec<f64>], place: usize) -> Option<usize> {
+    let before = median(steps.get(place.checked_sub(NEIGHBOURS)?..place)?);
+    let after = median(steps.get(place + 1..place + 1 + NEIGHBOURS)?);
+    let usual: Vec<f64> = before.iter().zip(&after).map(|(a, b)| (a + b) / 2.0).collect();
+    let length = dot(&usual, &usual).sqrt();
+    let turned = before.iter().zip(&after).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    // An object that is turned round, or stands, says nothing.
+    if !(length > 0.0 && turned <= EVEN * length) {
+        return None;
+    }
+    let off = |step: &[f64]| step.iter().zip(&usual).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    let neighbours = (place - NEIGHBOURS..=place + NEIGHBOURS).filter(|it| *it != place);
+    let mut scatter: Vec<f64> = neighbours.map(|it| off(&steps[it])).collect();
+    scatter.sort_by(f64::total_cmp);
+    let usual_scatter = scatter[scatter.len() / 2];
+    let step = &steps[place];
+    let count = dot(step, &usual) / (length * length);
+    let across: Vec<f64> = step.iter().zip(&usual).map(|(step, usual)| step - count * usual).collect();
+    let clear = off(step) > CLEAR * usual_scatter && dot(&across, &across).sqrt() < WHOLE * length;
+    let whole = count.round();
+    let other = whole != 1.0 && (0.0..=MOST_LOST).contains(&whole) && (count - whole).abs() < WHOLE;
+    (clear && other).then_some(whole as usize)
+}
+
+/// Of each coordinate.
+fn median(steps: &[Vec<f64>]) -> Vec<f64> {
+    let middle = |coordinate: usize| {
+        let mut values: Vec<f64> = steps.iter().map(|step| step[coordinate]).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    (0..steps[0].len()).map(middle).collect()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::support::random::{named_generator, normal};
+
+    fn seen(times: &[f64]) -> Vec<f64> {
+        let mut random = named_generator(2, "clock");
+        let mut place = |time: f64| {
+            let angle = 0.5 * (0.05 * time).cos();
+            [40.0 * angle.sin() + 0.03 * normal(&mut random), 40.0 * angle.cos() + 0.03 * normal(&mut random)]
+        };
+        times.iter().flat_map(|time| place(*time)).collect()
+    }
+
+    #[test]
+    fn lost_and_doubled_frames_are_found_where_the_object_is_fast() {
+        let even: Vec<f64> = (0..240).map(f64::from).collect();
+        assert_eq!(Clock::of(&seen(&even), 2), Clock::even(240));
+        // The swing is fastest at 31, 94 and 157.
+        let lost: Vec<f64> = (0..240).filter(|tick| *tick != 32).map(f64::from).collect();
+        let clock = Clock::of(&seen(&lost), 2);
+        assert_eq!((clock.lost_after.as_slice(), clock.ticks[31], clock.ticks[32]), (&[31][..], 31, 33));
+        let mut twice = even.clone();
+        twice.insert(95, 94.0);
+        let clock = Clock::of(&seen(&twice), 2);
+        assert_eq!((clock.shown_twice.as_slice(), clock.ticks[95], clock.ticks[96]), (&[94][..], 94, 95));
+        assert_eq!(clock.text().unwrap(), "shown twice are 94");
+    }
+
+    #[test]
+    fn a_bounce_is_no_lost_frame() {
+        let bounces: Vec<f64> = (0..90).flat_map(|frame| [10.0, (f64::from(frame % 30) - 14.6).abs()]).collect();
+        assert_eq!(Clock::of(&bounces, 2), Clock::even(90));
+    }
+}

@@ -4,6 +4,7 @@
 //! little memory are no exception to that.
 
 use std::any::Any;
+use std::io::{self, ErrorKind};
 use std::panic::{self, AssertUnwindSafe, PanicHookInfo};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -62,7 +63,13 @@ fn failed(error: &Error) -> ExitCode {
     } else {
         eprintln!("error: {}", one_line(&text));
     }
-    if AT_WORK.load(Ordering::SeqCst) { ExitCode::FAILURE } else { ExitCode::from(REFUSED) }
+    if AT_WORK.load(Ordering::SeqCst) || is_full(error) { ExitCode::FAILURE } else { ExitCode::from(REFUSED) }
+}
+
+/// Whether a disk took no more: no fault of the input, whenever it shows.
+fn is_full(error: &Error) -> bool {
+    let full = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded, ErrorKind::WriteZero, ErrorKind::ReadOnlyFilesystem];
+    error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>()).any(|error| full.contains(&error.kind()))
 }
 
 /// An error with its causes, each said once: many an error repeats its cause in its own words.

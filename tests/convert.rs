@@ -160,7 +160,7 @@ fn bad_files_are_refused() {
     assert_refused(&convert("spring_color", &npz, &out, &["--alt-vel"]), &["a.npz", "net/init_vel/"]);
     assert_refused(&convert("spring_color", &path, &npz, &[]), &["a.npz", "--force"]);
     assert_refused(&convert("spring_color", &path, &folder.path().join("out.pt"), &[]), &["out.pt"]);
-    assert_refused(&convert("spring_color", &folder.path().join("none.npz"), &out, &[]), &["none.npz", "opened"]);
+    assert_refused(&convert("spring_color", &folder.path().join("none.npz"), &out, &[]), &["none.npz", "cannot open"]);
     let whole = fs::read(&npz).unwrap();
     fs::write(&npz, &whole[..whole.len() / 2]).unwrap();
     assert_refused(&convert("spring_color", &npz, &out, &[]), &["a.npz", "cut short"]);

@@ -321,20 +321,20 @@ fn the_command_reports_errors_once() {
     let (code, errors) = command(&["--task", "bouncing_balls"]);
     assert_eq!(code, Some(0), "{errors}");
     let (code, errors) = command(&["--task", "bouncing_balls", "--k", "3"]);
-    assert_eq!((code, errors.as_str()), (Some(1), "error: --k means nothing for task bouncing_balls; leave it out\n"));
+    assert_eq!((code, errors.as_str()), (Some(2), "error: --k means nothing for task bouncing_balls; leave it out\n"));
     let (code, errors) = command(&["--task", "spring_color", "--cifar-dir", "x"]);
-    assert_eq!(code, Some(1));
+    assert_eq!(code, Some(2));
     assert_says(&errors, &["error: --cifar-dir means nothing for task spring_color without --background"]);
     let (code, errors) = command(&["--task", "spring_color", "--mnist-dir", "x"]);
-    assert_eq!(code, Some(1));
+    assert_eq!(code, Some(2));
     assert_says(&errors, &["error: --mnist-dir means nothing for task spring_color"]);
     let (code, errors) = command(&["--task", "falling", "--background", "random-cifar"]);
-    assert_eq!((code, errors.as_str()), (Some(1), "error: --background random-cifar needs --cifar-dir\n"));
+    assert_eq!((code, errors.as_str()), (Some(2), "error: --background random-cifar needs --cifar-dir\n"));
     let (code, errors) = command(&["--task", "trebuchet"]);
-    assert_eq!((code, errors.lines().count()), (Some(1), 1));
+    assert_eq!((code, errors.lines().count()), (Some(2), 1));
     assert_says(&errors, &["error: unknown task \"trebuchet\"", "a task file (.toml)", "spring_color", "pendulum"]);
     let (code, errors) = command(&["--task", "spring_color", "--damping", "-1"]);
-    assert_eq!((code, errors.as_str()), (Some(1), "error: --damping must be at least 0, not -1\n"));
+    assert_eq!((code, errors.as_str()), (Some(2), "error: --damping must be at least 0, not -1\n"));
     let (code, errors) = command(&["--task", "pendulum", "--torque", "0.5"]);
     assert_eq!(code, Some(0), "{errors}");
     let made = folder.path().join("pendulum/color_pendulum_sl14_g10_m1_l1_a1_u0.5_dt005.npz");
@@ -353,7 +353,7 @@ fn sizes_that_the_network_cannot_halve_are_refused() {
             .output()
             .unwrap();
         let errors = String::from_utf8(output.stderr).unwrap();
-        assert_eq!((output.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
+        assert_eq!((output.status.code(), errors.lines().count()), (Some(2), 1), "{errors}");
         let words = [
             format!("error: --size {size}: "),
             "12 to 512 pixels a side".into(),

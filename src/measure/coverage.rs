@@ -86,10 +86,10 @@ pub struct Held {
 }
 
 impl Kind {
-    /// Fits `sets` data sets.
+    /// Fits `sets` data sets; one that cannot be fitted counts as not held.
     ///
     /// # Errors
-    /// A fit that fails.
+    /// A fit whose uncertainty cannot be computed.
     pub fn coverage(&self, sets: usize, seed: u64) -> Result<Vec<Held>> {
         let task = Task::from_toml(self.task)?;
         let parameters = task.system.cell.parameters;
@@ -104,7 +104,8 @@ impl Kind {
             // What the phases before find is near the truth.
             let raw = truth.iter().map(|raw| raw + 0.1 * normal(&mut random)).collect();
             let start = Start { raw, learned: learned.clone(), piece: 12 };
-            let explained = explain(&dynamics, &tracks, &[start])?;
+            // A fit that leads to infinity holds nothing.
+            let Ok(explained) = explain(&dynamics, &tracks, &[start]) else { continue };
             let uncertainty = bootstrap(&dynamics, &tracks, &learned, &explained.fitted, set as u64)?;
             for (place, held) in held.iter_mut().enumerate() {
                 let draws = uncertainty.draws.iter().map(|draw| draw.raw[place]).collect();

@@ -163,7 +163,7 @@ fn bad_files_are_refused() {
     assert_refused(&convert("spring_color", &folder.path().join("none.npz"), &out, &[]), &["none.npz", "cannot open"]);
     let whole = fs::read(&npz).unwrap();
     fs::write(&npz, &whole[..whole.len() / 2]).unwrap();
-    assert_refused(&convert("spring_color", &npz, &out, &[]), &["a.npz", "cut short"]);
+    assert_refused(&convert("spring_color", &npz, &out, &[]), &["a.npz", "truncated"]);
     let whole = fs::read(&path).unwrap();
     fs::write(&path, &whole[..whole.len() / 2]).unwrap();
     assert_refused(&convert("spring_color", &path, &out, &[]), &["spring_color.safetensors", "cut short"]);

@@ -89,7 +89,7 @@ fn parent(seconds: f64, targets: Vec<&Target>) -> Result<()> {
                 let mut words = said.lines().last()?.split(' ').skip_while(|it| *it != word);
                 words.nth(1)?.parse::<f64>().ok()
             };
-            let last = said.lines().filter_map(|line| line.strip_prefix("at ")?.parse::<u64>().ok()).last();
+            let last = said.lines().filter_map(|line| line.strip_prefix("at ")?.parse::<u64>().ok()).next_back();
             if output.status.success() {
                 here += number("done").unwrap_or(0.0) as u64;
                 slowest = slowest.max(number("slowest").unwrap_or(0.0));

@@ -1,6 +1,6 @@
 //! Measures what a run learned from videos. See `measure --help`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
@@ -52,8 +52,8 @@ fn run(arguments: &Arguments) -> Result<()> {
     let device = device::parse(&arguments.device)?;
     device::set_threads(arguments.threads)?;
     let request = Request {
-        equation: arguments.equation.as_ref().map(named).transpose()?,
-        against: arguments.against.iter().map(named).collect::<Result<_>>()?,
+        equation: arguments.equation.as_ref().map(|path| named(path)).transpose()?,
+        against: arguments.against.iter().map(|path| named(path)).collect::<Result<_>>()?,
     };
     let out = arguments.out.as_ref().unwrap_or(&arguments.run);
     let measurement = measure(&arguments.run, &request, out, device)?;
@@ -63,7 +63,7 @@ fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// The equation of a task file.
-fn named(path: &PathBuf) -> Result<Named> {
+fn named(path: &Path) -> Result<Named> {
     let text = path.to_str().with_context(|| format!("{}: the path must be UTF-8", path.display()))?;
     Ok(Named { name: path.display().to_string(), cell: tasks::find(text)?.system.cell })
 }

@@ -20,7 +20,7 @@ const TINY: &str = "[discover]\nframes = 4\nmax_steps = 2\n[identify]\nclips = 2
 fn run() -> PathBuf {
     static FOLDER: OnceLock<TempDir> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
-        assert!(TRAIN_CLIPS > 0);
+        const { assert!(TRAIN_CLIPS > 0) };
         let folder = tempfile::tempdir().unwrap();
         let config = write_config(folder.path(), TINY);
         let done = fresh(&mut spring(&folder.path().join("run"))).arg("--config").arg(config).output().unwrap();

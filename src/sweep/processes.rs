@@ -183,7 +183,7 @@ fn reason(path: &Path, from: u64) -> std::io::Result<String> {
     file.take(MOST_PRINTED).read_to_end(&mut printed)?;
     let printed = String::from_utf8_lossy(&printed);
     let lines = || printed.lines().filter(|line| !line.trim().is_empty());
-    let error = lines().rfind(|line| line.starts_with("error: ")).or(lines().last());
+    let error = lines().rfind(|line| line.starts_with("error: ")).or(lines().next_back());
     Ok(error.unwrap_or_default().trim().to_string())
 }
 

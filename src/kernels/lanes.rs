@@ -12,7 +12,7 @@ use std::arch::x86_64::*;
 /// [`dispatched`], which asks it. Pointers are to `LANES` floats, unaligned.
 pub trait Lanes: Copy {
     const LANES: usize;
-    /// Output channels in a tile of a convolution; they and [`Self::PIXELS`] fill the registers.
+    /// Output channels in a tile of a convolution; they and the pixels beside each other fill the registers.
     const OUTPUTS: usize;
 
     unsafe fn load(from: *const f32) -> Self;

@@ -49,7 +49,7 @@ pub fn serve(tensors: &[&Tensor]) -> bool {
     tensors.iter().all(|tensor| tensor.kind() == Kind::Float && tensor.device() == Device::Cpu)
 }
 
-/// Sprites moved and composed over a background: what [`Scene`] says, of tensors as in [`Drawn`]; frames
+/// Sprites moved and composed over a background: what [`Scene`] says, of tensors as in the drawing; frames
 /// `[frames, channels, side, side]`, differentiable by all of them.
 pub fn draw(scene: Scene, sprites: &Tensor, background: &Tensor, rows: &Tensor, columns: &Tensor) -> Tensor {
     let inputs = [sprites, background, rows, columns];

@@ -2,7 +2,7 @@
 //! videos instead of clips; how well what was held out is predicted; and all of it for people to look at.
 //!
 //! The model says where the objects are in every frame ([`sight`]). The equation is fitted to that as one long trajectory
-//! ([`fit`]), in float64 and without images; a bootstrap over time says how far the result can be trusted ([`bootstrap`]).
+//! ([`mod@fit`]), in float64 and without images; a bootstrap over time says how far the result can be trusted ([`mod@bootstrap`]).
 //! The last quarter of each video is predicted from the rest and held against two baselines. Not in the original.
 
 pub mod bootstrap;

@@ -495,6 +495,13 @@ fn damaged_films_are_no_more_than_an_error() {
             decode(&damaged);
         }
     }
+    // Boxes without a size: the next one begins where they do, for ever.
+    for name in [b"tkhd", b"mdia", b"stbl", b"avc1"] {
+        let place = bytes.windows(4).rposition(|it| it == name).unwrap();
+        let mut endless = bytes.clone();
+        endless[place - 4..place + 4].copy_from_slice(b"\0\0\0\0none");
+        assert_eq!(decode(&endless), 0);
+    }
     // A header that claims a frame of 65535 pixels, and one that claims four thousand million frames of one size.
     let mut wide = bytes.clone();
     let entry = bytes.windows(4).rposition(|name| name == b"avc1").unwrap() + 4;

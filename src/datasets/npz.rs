@@ -97,10 +97,16 @@ impl Archive {
 }
 
 /// The number of elements that the header of an npy file claims.
-fn claimed_elements(file: impl Read) -> Result<u64> {
+fn claimed_elements(mut file: impl Read) -> Result<u64> {
+    // No more is read than the header: what follows it may be damaged without being claimed.
+    let mut start = [0; 8];
+    file.read_exact(&mut start)?;
+    ensure!(start.starts_with(b"\x93NUMPY"), "it is no npy array");
+    // Version 1 gives the header's length in two bytes, later ones in four (the npy format, NEP 1).
+    let mut length = [0; 4];
+    file.read_exact(&mut length[..if start[6] == 1 { 2 } else { 4 }])?;
     let mut header = Vec::new();
-    file.take(MOST_HEADER).read_to_end(&mut header)?;
-    ensure!(header.starts_with(b"\x93NUMPY"), "it is no npy array");
+    file.take(u64::from(u32::from_le_bytes(length)).min(MOST_HEADER)).read_to_end(&mut header)?;
     let text = String::from_utf8_lossy(&header);
     let shape = text.split_once("'shape'").and_then(|(_, rest)| rest.split_once('(')?.1.split_once(')'));
     let (shape, _) = shape.context("its header has no shape")?;

@@ -7,13 +7,16 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use re_mp4::{Mp4, StsdBoxContent, TrakBox};
 
-use super::damage::guarded;
+use super::damage::{Bounded, guarded};
 use super::{MOST_FRAMES, check_size};
 
 /// Most bytes of the boxes that describe a film; an hour has some megabytes.
 const MOST_DESCRIPTION: u64 = 1 << 28;
 /// Most samples of any track, sound with one sample a number included.
 const MOST_SAMPLES: u32 = 50_000_000;
+/// Most reads and seeks for each byte of the description and of the headers of all boxes. Each byte is read once or twice,
+/// several at a time.
+const CALLS_PER_BYTE: u64 = 4;
 
 /// The film's track.
 #[derive(Debug)]
@@ -71,9 +74,9 @@ impl Track {
     pub(super) fn read(path: &Path) -> Result<Self> {
         let mut file = BufReader::new(File::open(path).context("cannot open it")?);
         let length = file.get_ref().metadata()?.len();
-        check_claims(&mut file, length)?;
+        let described = check_claims(&mut file, length)?;
         file.rewind()?;
-        let read = || Ok(Mp4::read(&mut file, length)?);
+        let read = || Ok(Mp4::read(Bounded::new(&mut file, CALLS_PER_BYTE * described), length)?);
         let mp4 = guarded("not a readable mp4 or mov", read).context("not a readable mp4 or mov; is it complete?")?;
         let film = |track: &&re_mp4::Track| track.trak(&mp4).mdia.hdlr.handler_type.value == *b"vide";
         let track = mp4.tracks().values().find(film).context("it holds no film")?;
@@ -128,9 +131,10 @@ impl Track {
     }
 }
 
-/// The parser makes room for as many samples as a file claims, so a claim beyond reason is refused before it.
-fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<()> {
-    let mut at = 0;
+/// The parser makes room for as many samples as a file claims, so a claim beyond reason is refused before it. Returns the
+/// bytes of the description and of the headers of all boxes.
+fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<u64> {
+    let (mut at, mut described) = (0, 0);
     while at + 8 <= length {
         file.seek(SeekFrom::Start(at))?;
         let mut header = [0; 16];
@@ -148,10 +152,12 @@ fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<()> {
             file.seek(SeekFrom::Start(at))?;
             file.take(size).read_to_end(&mut description)?;
             check_counts(&description)?;
+            described += description.len() as u64;
         }
+        described += header.len() as u64;
         at = at.saturating_add(size.max(8));
     }
-    Ok(())
+    Ok(described)
 }
 
 /// Tables in which one entry may stand for any number of samples: after the name come version and flags, then for `stsz`

@@ -1,5 +1,6 @@
 //! Damaged files must end in an error, whatever the library that reads them does.
 
+use std::io::{self, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, set_hook, take_hook};
 
 use anyhow::{Result, anyhow};
@@ -21,4 +22,37 @@ pub fn quiet_decoders() {
             usual(panic);
         }
     }));
+}
+
+/// A file that ends in an error after so many reads and seeks: a description that leads back to itself is read for ever
+/// otherwise.
+pub(super) struct Bounded<R> {
+    file: R,
+    calls_left: u64,
+}
+
+impl<R> Bounded<R> {
+    pub(super) fn new(file: R, calls: u64) -> Self {
+        Bounded { file, calls_left: calls }
+    }
+
+    fn count(&mut self) -> io::Result<()> {
+        self.calls_left =
+            self.calls_left.checked_sub(1).ok_or_else(|| io::Error::other("its description leads back to itself"))?;
+        Ok(())
+    }
+}
+
+impl<R: Read> Read for Bounded<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.count()?;
+        self.file.read(bytes)
+    }
+}
+
+impl<R: Seek> Seek for Bounded<R> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.count()?;
+        self.file.seek(to)
+    }
 }

@@ -55,6 +55,8 @@ struct Fit {
     jacobian: Tensor,
     /// What one squared step away from the encoded positions costs, in squared errors of a picture's value, `[frames, 1, 1]`.
     prior: Tensor,
+    /// The matrix of the normal equations, `[frames, coordinates * objects, coordinates * objects]`.
+    normal: Tensor,
     reach: f64,
 }
 
@@ -64,18 +66,18 @@ impl Fit {
         // The variance of one value of a picture, from what is not explained; it is never exactly none.
         let variance = (&frames - &drawn).square().mean_dim([1i64].as_slice(), true, Kind::Double) + 1e-8;
         let prior = (variance / (ENCODED * probe).powi(2)).unsqueeze(2);
-        Fit { frames, drawn, jacobian: jacobian.flatten(2, 4), prior, reach: REACH * probe }
+        let jacobian = jacobian.flatten(2, 4);
+        let unit = Tensor::eye(jacobian.size()[1], (Kind::Double, jacobian.device()));
+        let normal = jacobian.bmm(&jacobian.transpose(1, 2)).to_kind(Kind::Double) + &prior * unit;
+        Fit { frames, drawn, jacobian, prior, normal, reach: REACH * probe }
     }
 
     /// How far in all from the encoded positions, after a step from what is `drawn` there where they are `moved` to.
     fn step(&self, drawn: &Tensor, moved: &Tensor) -> Tensor {
-        let double = |x: Tensor| x.to_kind(Kind::Double);
-        let unknowns = moved.size()[1];
-        let unit = Tensor::eye(unknowns, (Kind::Double, moved.device()));
-        let normal = double(self.jacobian.bmm(&self.jacobian.transpose(1, 2))) + &self.prior * unit;
         let error = (&self.frames - drawn).unsqueeze(2);
-        let towards = double(self.jacobian.bmm(&error)) - &self.prior * moved.to_kind(Kind::Double).unsqueeze(2);
-        let step = Tensor::linalg_solve(&normal, &towards, true).squeeze_dim(2);
+        let explained = self.jacobian.bmm(&error).to_kind(Kind::Double);
+        let towards = explained - &self.prior * moved.to_kind(Kind::Double).unsqueeze(2);
+        let step = Tensor::linalg_solve(&self.normal, &towards, true).squeeze_dim(2);
         (moved + step.to_kind(moved.kind())).clamp(-self.reach, self.reach)
     }
 }

@@ -1,5 +1,5 @@
 //! The kernels against libtorch and its autograd: the U-Net's logits and the gradients of all its weights for every set of
-//! instructions that the processor has, and the whole model's frames, losses and gradients.
+//! instructions that the processor has, the whole model's frames, losses and gradients, and steps of Adam.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -9,6 +9,7 @@ use paig::network::blocks::{Layers, UNet};
 use paig::network::cells::Actions;
 use paig::network::physics_models::losses::Losses;
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
+use paig::training::optimizers::{Optimizer, OptimizerKind};
 use tch::nn::VarStore;
 use tch::{Device, Kind, Tensor};
 
@@ -159,4 +160,34 @@ fn threads_do_not_change_a_bit() {
     tch::set_num_threads(given);
     assert!(once.0.equal(&again.0));
     assert!(once.1.iter().zip(&again.1).all(|(once, again)| once.equal(again)));
+}
+
+#[test]
+fn steps_of_adam_are_those_of_libtorch() {
+    let _guard = RANDOM.lock().unwrap_or_else(PoisonError::into_inner);
+    tch::manual_seed(8);
+    let starts = [&[1i64][..], &[7, 5], &[3, 40_000]].map(|size| Tensor::randn(size, (Kind::Float, Device::Cpu)));
+    let pulls = starts.each_ref().map(Tensor::randn_like);
+    let after = [Kernels::Own, Kernels::Libtorch].map(|kernels| {
+        let variables = starts.each_ref().map(|start| ("x".to_string(), start.copy().set_requires_grad(true)));
+        for variable in &variables {
+            let mut optimizer =
+                Optimizer::new(OptimizerKind::Adam, Some(0.5), std::slice::from_ref(variable)).with_kernels(kernels);
+            for pull in &pulls {
+                // Gradients of very different size, some of them clipped.
+                let scale = pull.flatten(0, -1).get(0);
+                ((&variable.1 * scale).sin() * &variable.1).sum(Kind::Float).backward();
+                optimizer.step(std::slice::from_ref(variable), |_| 1e-2);
+                assert_eq!(variable.1.grad().abs().max().double_value(&[]), 0.0);
+            }
+        }
+        variables.map(|(_, variable)| variable.detach())
+    });
+    let [own, libtorch] = after;
+    for ((own, libtorch), start) in own.iter().zip(&libtorch).zip(&starts) {
+        assert!((own - start).abs().max().double_value(&[]) > 1e-3);
+        // Two operations are in another order: a rounding or two of numbers up to 5.
+        let apart = (own - libtorch).abs().max().double_value(&[]);
+        assert!(apart < 2e-6, "{apart}");
+    }
 }

@@ -1,5 +1,5 @@
 //! The network's dearest computations, written for the processor, forward and backward: the U-Net, masked frames, the
-//! drawing of sprites, the squared error.
+//! drawing of sprites, the squared error, and the optimizer's step.
 //!
 //! libtorch's convolutions reach half of a core's speed or less at 3 to 64 channels, and every one of the passes between
 //! them goes through memory. Here the frames of a batch stand side by side in blocks, one in each lane of a vector, so
@@ -12,6 +12,7 @@
 
 use serde::{Deserialize, Serialize};
 
+mod adam;
 mod autograd;
 mod conv;
 mod error;
@@ -25,9 +26,10 @@ mod tensors;
 mod threads;
 mod unet;
 
+pub use adam::AdamStep;
 pub use lanes::Instructions;
 pub use sprites::Scene;
-pub use tensors::{UNetKernel, draw, masked, serve, squared_error};
+pub use tensors::{UNetKernel, adam, draw, masked, serve, squared_error};
 pub use unet::Shape;
 
 /// What computes the U-Net.

@@ -2,6 +2,7 @@
 
 use tch::{Device, Kind, Tensor};
 
+use super::adam::{self, AdamStep, Slices};
 use super::autograd;
 use super::error::{self, Rows};
 use super::lanes::Instructions;
@@ -115,6 +116,18 @@ pub fn squared_error(a: &Tensor, b: &Tensor) -> Tensor {
         error::difference(&first, &second, factor, floats_mut(&mut difference));
         vec![difference]
     })
+}
+
+/// A step of Adam: changes a variable and its means of gradients and of their squares, and clears the gradient. All of one
+/// shape, and contiguous in memory.
+pub fn adam(step: AdamStep, [variable, gradient, mean, square]: [&mut Tensor; 4]) {
+    let slices = Slices {
+        variable: floats_mut(variable),
+        gradient: floats_mut(gradient),
+        mean: floats_mut(mean),
+        square: floats_mut(square),
+    };
+    adam::step(Instructions::best(), step, slices);
 }
 
 /// The tensor itself where what follows the first two axes stands side by side in memory, else a copy.

@@ -112,7 +112,8 @@ impl Session<'_> {
         clip_gradients: f64,
     ) -> Result<Outcome> {
         let variables = self.model.named_variables();
-        let mut optimizer = Optimizer::new(rule, (clip_gradients > 0.0).then_some(clip_gradients), &variables);
+        let clip = (clip_gradients > 0.0).then_some(clip_gradients);
+        let mut optimizer = Optimizer::new(rule, clip, &variables).with_kernels(self.model.options.kernels);
         if let Some(slots) = self.slots.take() {
             optimizer.restore(self.state.step, slots)?;
         }

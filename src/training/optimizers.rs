@@ -9,6 +9,8 @@ use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
+use crate::kernels::{self, AdamStep, Kernels};
+
 /// Which update rule. The constants are TensorFlow 1's defaults, as the original uses them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -38,6 +40,8 @@ pub struct Optimizer {
     steps: u64,
     /// Slots by `variable/slot`.
     slots: BTreeMap<String, Tensor>,
+    /// What computes a step.
+    kernels: Kernels,
 }
 
 impl OptimizerKind {
@@ -62,7 +66,13 @@ impl Optimizer {
                 slots.insert(format!("{name}/{slot}"), variable.detach().full_like(*initial));
             }
         }
-        Optimizer { rule, clip, steps: 0, slots }
+        Optimizer { rule, clip, steps: 0, slots, kernels: Kernels::Own }
+    }
+
+    /// Computes with these kernels.
+    #[must_use]
+    pub fn with_kernels(self, kernels: Kernels) -> Self {
+        Optimizer { kernels, ..self }
     }
 
     /// One step on the variables' gradients, with a learning rate for each variable; clears the gradients.
@@ -109,12 +119,17 @@ impl Optimizer {
             OptimizerKind::Adam => {
                 let (b1, b2) = ADAM_BETAS;
                 let (mut m, mut v) = (slot("m"), slot("v"));
+                let t = self.steps as f64;
+                let rate = rate * (1.0 - b2.powf(t)).sqrt() / (1.0 - b1.powf(t));
+                let tensors = [&variable, &g, &m, &v];
+                if self.kernels == Kernels::Own && kernels::serve(&tensors) && tensors.iter().all(|it| it.is_contiguous()) {
+                    let [betas @ .., rate, epsilon] = [b1, b2, rate, ADAM_EPSILON].map(|number| number as f32);
+                    return kernels::adam(AdamStep { betas, rate, epsilon }, [&mut variable, &mut g, &mut m, &mut v]);
+                }
                 let _ = m.lerp_(&g, 1.0 - b1);
                 let _ = v.lerp_(&g.square_(), 1.0 - b2);
-                let t = self.steps as f64;
-                let correction = (1.0 - b2.powf(t)).sqrt() / (1.0 - b1.powf(t));
                 let root = v.sqrt().g_add_scalar_(ADAM_EPSILON);
-                let _ = variable.addcdiv_(&(m * (-rate * correction)), &root);
+                let _ = variable.addcdiv_(&(m * -rate), &root);
             }
         }
     }

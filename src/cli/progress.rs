@@ -3,11 +3,13 @@
 use std::fmt::Arguments;
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::Mutex;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
+use crate::training::config::Config;
 use crate::training::observer::{Event, Observer};
 use crate::training::recorder;
 
@@ -42,6 +44,9 @@ pub fn ensure_written() -> Result<()> {
     unwritten.map_or(Ok(()), Err).context("cannot write to standard output; what is there is not complete")
 }
 
+/// From one picture of what turns while one waits to the next.
+const TICK: Duration = Duration::from_millis(120);
+
 /// Progress of one phase.
 #[derive(Debug)]
 pub struct Progress {
@@ -59,6 +64,16 @@ impl Progress {
         bar.set_style(style);
         bar.set_prefix(name.to_string());
         bar.set_position(done);
+        Progress { bar, terminal }
+    }
+
+    /// Something that takes a while, nobody knows how long.
+    pub fn busy(name: &str) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let bar = if terminal { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
+        bar.set_style(ProgressStyle::with_template("{prefix:>9} {spinner} {elapsed}").expect("the template is sound"));
+        bar.set_prefix(name.to_string());
+        bar.enable_steady_tick(TICK);
         Progress { bar, terminal }
     }
 
@@ -81,18 +96,67 @@ impl Progress {
 }
 
 /// Shows a training: a bar for each phase, and a line for each record.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Screen {
     progress: Option<Progress>,
+    /// The phases to come, with the frames that they take at most.
+    later: Vec<(&'static str, f64)>,
+    pace: Option<Pace>,
+}
+
+/// How fast a phase goes.
+#[derive(Debug)]
+struct Pace {
+    since: Instant,
+    steps: u64,
+    left: u64,
+    frames_per_step: f64,
+}
+
+impl Pace {
+    /// Seconds to the end of the run if every phase takes all its steps, `later` frames after this phase.
+    fn seconds_left(&self, later: f64) -> f64 {
+        let seconds_per_step = self.since.elapsed().as_secs_f64() / self.steps as f64;
+        seconds_per_step * (self.left as f64 + later / self.frames_per_step)
+    }
 }
 
 impl Screen {
+    /// Shows a training with this config.
+    pub fn new(config: &Config) -> Self {
+        let phases = config.phases();
+        let later = phases.iter().map(|phase| (phase.name(), phase.frames(&config.task.system))).collect();
+        Screen { progress: None, later, pace: None }
+    }
+
     /// A line that stays.
     fn line(&self, text: &str) {
         match &self.progress {
             Some(progress) => progress.line(text),
             None => say!("{text}"),
         }
+    }
+
+    fn begin(&mut self, phase: &str, done: u64, of: u64) {
+        self.progress = Some(if of > 0 { Progress::new(phase, of, done) } else { Progress::busy(phase) });
+        let place = self.later.iter().position(|(name, _)| *name == phase);
+        let here = place.map(|place| self.later.drain(..=place).next_back().map_or(0.0, |(_, frames)| frames));
+        self.pace = here.filter(|frames| *frames > 0.0 && of > 0).map(|frames| Pace {
+            since: Instant::now(),
+            steps: 0,
+            left: of.saturating_sub(done),
+            frames_per_step: frames / of as f64,
+        });
+    }
+
+    /// `run: at most 2 minutes, `.
+    fn left(&mut self) -> String {
+        let later = self.later.iter().map(|(_, frames)| frames).sum();
+        let Some(pace) = &mut self.pace else { return String::new() };
+        pace.steps += 1;
+        pace.left = pace.left.saturating_sub(1);
+        let left = Duration::from_secs_f64(pace.seconds_left(later).min(1e9));
+        format!("run: at most {}, ", HumanDuration(left))
     }
 }
 
@@ -103,14 +167,13 @@ impl Observer for Screen {
                 damaged.iter().for_each(|what| say!("warning: {what}; the checkpoint before it is taken"));
                 say!("resuming after step {steps} ({checkpoint})");
             }
-            Event::PhaseBegins { phase, done, of } => {
-                self.progress = (*of > 0).then(|| Progress::new(phase, *of, *done));
-            }
+            Event::PhaseBegins { phase, done, of } => self.begin(phase, *done, *of),
             Event::Step { loss, model } => {
+                let left = self.left();
                 if let Some(progress) = &self.progress {
                     let values =
                         || model.parameter_values().into_iter().map(|(name, value)| format!("{name}={value:.3}"));
-                    progress.step(|| format!("loss {loss:.3} {}", values().collect::<Vec<_>>().join(" ")));
+                    progress.step(|| format!("{left}loss {loss:.3} {}", values().collect::<Vec<_>>().join(" ")));
                 }
             }
             Event::Recorded(record) => {

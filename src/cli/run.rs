@@ -12,7 +12,7 @@ use tch::Device;
 
 use super::ending::{begin_work, exit_code};
 use super::measure_display::print_measurement;
-use super::progress::Screen;
+use super::progress::{Progress, Screen};
 use super::table::{print_frames_and_states, print_results};
 use super::{environment, interrupt};
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
@@ -31,6 +31,7 @@ use crate::training::config::Config;
 use crate::training::layers::Overrides;
 use crate::training::recorder::Recorder;
 use crate::training::saved::load_model;
+use crate::training::tensorboard::EventFile;
 use crate::training::trainer::Trainer;
 use crate::training::verdict::judge;
 use crate::{say, tasks, viz};
@@ -281,18 +282,23 @@ fn score(config: &Config, folder: &RunFolder, device: Device) -> Result<ExitCode
 fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Device, threads: usize) -> Result<ExitCode> {
     interrupt::catch()?;
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
-    let (mut recorder, mut screen) = (Recorder::new(folder)?, Screen::default());
+    let (mut recorder, mut screen) = (Recorder::new(folder)?, Screen::new(config));
+    let mut events = config.output.tensorboard.then(|| EventFile::new(folder)).transpose()?;
     let mut trainer = Trainer::new(config, &model, &data.train, &data.valid)?
         .save_to(Store::new(folder.path()))
         .observed_by(&mut recorder)
         .observed_by(&mut screen)
         .stop_when(interrupt::asked);
+    if let Some(events) = &mut events {
+        trainer = trainer.observed_by(events);
+    }
     if trainer.run()? == Outcome::Interrupted {
         say!("stopped after step {}; go on with --resume --out {}", trainer.state().steps, folder.path().display());
         return Ok(interrupt::exit_code());
     }
     let state = trainer.state().clone();
     say!("checking what was learned on held-out clips, scoring the test clips, drawing pictures");
+    let waiting = Progress::busy("scoring");
     let verdict = judge(config, &model, &data.train, &data.valid)?;
     // The true states lie beside the test file: nothing has learned from them before.
     let test = ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device).with_context(|| {
@@ -302,6 +308,7 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
         )
     })?;
     let scores = evaluation::evaluate(&model, &test)?;
+    waiting.finish();
     ensure!(scores.losses.is_finite(), "the losses on the test clips are not finite; nothing was scored");
     print_frames_and_states(&config.task.system, &scores);
     print_results(&config.task, &model, &test, &scores.losses);
@@ -328,8 +335,10 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
         versions: versions(&state),
     };
     summary.write(folder.path())?;
+    let waiting = Progress::busy("pictures");
     viz::write_artifacts(folder.path(), &model, &test.clips, config.output.examples)?;
     viz::write_curves(folder.path(), &config.task, &test.truth)?;
+    waiting.finish();
     print_end(&state, folder.path());
     say!("{verdict}");
     measure_videos(config, folder, device)?;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
-use super::names::{CHECKPOINTS, CONFIG, DONE, LOCK, LOG, METRICS, OUTPUT};
+use super::names::{CHECKPOINTS, CONFIG, DONE, LOCK, LOG, METRICS, OUTPUT, TENSORBOARD};
 use crate::support::atomic;
 use crate::support::storage::{Output, storage};
 
@@ -108,6 +108,15 @@ impl RunFolder {
     /// A file that cannot be opened.
     pub fn metrics(&self) -> Result<Box<dyn Output>> {
         append(&self.path, METRICS)
+    }
+
+    /// TensorBoard's file, begun anew.
+    ///
+    /// # Errors
+    /// A file that cannot be made.
+    pub fn tensorboard(&self) -> Result<Box<dyn Output>> {
+        let path = self.path.join(TENSORBOARD);
+        storage().create(&path).with_context(|| format!("cannot make {}", path.display()))
     }
 }
 

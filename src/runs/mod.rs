@@ -12,5 +12,6 @@ pub mod run;
 pub mod run_config;
 pub mod scores;
 pub mod summary;
+pub mod tensorboard;
 pub mod verdict;
 pub mod weights;

@@ -6,6 +6,8 @@ pub const CONFIG: &str = "config.toml";
 pub const LOG: &str = "log.txt";
 /// The course of the training.
 pub const METRICS: &str = "metrics.jsonl";
+/// The same course for TensorBoard, which looks for `tfevents` in a name.
+pub const TENSORBOARD: &str = "events.out.tfevents.paig";
 /// What came out.
 pub const SUMMARY: &str = "summary.json";
 /// The folder of the checkpoints.

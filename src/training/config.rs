@@ -92,6 +92,9 @@ pub struct Output {
     pub checkpoint_every: u64,
     /// Example pictures.
     pub examples: usize,
+    /// Whether the course is also written for TensorBoard.
+    #[serde(default)]
+    pub tensorboard: bool,
 }
 
 impl Config {

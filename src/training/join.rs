@@ -15,6 +15,7 @@ use super::phase::Phase;
 use super::ranges::{at_least_one, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::{Clips, ShuffledBatches};
+use crate::network::System;
 use crate::network::physics_models::losses::{Losses, MeanLosses, latent_error};
 use crate::network::physics_models::{ForwardPass, Gradients, PhysicsNet, VariableGroup};
 
@@ -79,6 +80,10 @@ impl Join {
 impl Phase for Join {
     fn name(&self) -> &'static str {
         "join"
+    }
+
+    fn frames(&self, system: &System) -> f64 {
+        self.max_steps.unwrap_or(0) as f64 * self.batch as f64 * (system.input_steps + system.pred_steps) as f64
     }
 
     fn run(&self, session: &mut Session) -> Result<Outcome> {

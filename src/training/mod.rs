@@ -20,5 +20,6 @@ mod ranges;
 pub mod recorder;
 pub mod saved;
 pub mod schedule;
+pub mod tensorboard;
 pub mod trainer;
 pub mod verdict;

@@ -122,7 +122,10 @@ impl Optimizer {
                 let t = self.steps as f64;
                 let rate = rate * (1.0 - b2.powf(t)).sqrt() / (1.0 - b1.powf(t));
                 let tensors = [&variable, &g, &m, &v];
-                if self.kernels == Kernels::Own && kernels::serve(&tensors) && tensors.iter().all(|it| it.is_contiguous()) {
+                if self.kernels == Kernels::Own
+                    && kernels::serve(&tensors)
+                    && tensors.iter().all(|it| it.is_contiguous())
+                {
                     let [betas @ .., rate, epsilon] = [b1, b2, rate, ADAM_EPSILON].map(|number| number as f32);
                     return kernels::adam(AdamStep { betas, rate, epsilon }, [&mut variable, &mut g, &mut m, &mut v]);
                 }

@@ -8,10 +8,17 @@ use std::fmt::Debug;
 use anyhow::Result;
 
 use super::base::{Outcome, Session};
+use crate::network::System;
 
 /// One of the phases that a config lists; the config's section is the phase.
 pub trait Phase: Debug {
     fn name(&self) -> &'static str;
+
+    /// Frames that go through the networks if the phase takes all its steps: what its time goes by. 0 where next to none
+    /// do, or where that depends on the data.
+    fn frames(&self, _system: &System) -> f64 {
+        0.0
+    }
 
     /// Takes the session's model through the phase, from the session's step on.
     ///

@@ -24,6 +24,7 @@ use super::phase::Phase;
 use super::ranges::{at_least_one, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::Clips;
+use crate::network::System;
 use crate::network::cells::Coordinates;
 use crate::network::physics_models::losses::{MeanLosses, RunningMean, frame_error};
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
@@ -103,6 +104,10 @@ impl Discover {
 impl Phase for Discover {
     fn name(&self) -> &'static str {
         "discover"
+    }
+
+    fn frames(&self, _system: &System) -> f64 {
+        if self.from.is_some() { 0.0 } else { self.max_steps as f64 * self.frames as f64 }
     }
 
     fn run(&self, session: &mut Session) -> Result<Outcome> {

@@ -502,6 +502,12 @@ fn damaged_films_are_no_more_than_an_error() {
         endless[place - 4..place + 4].copy_from_slice(b"\0\0\0\0none");
         assert_eq!(decode(&endless), 0);
     }
+    // A box that claims 2^62 bytes, for which room would be made.
+    let mut huge = bytes.clone();
+    let place = bytes.windows(4).rposition(|it| it == b"avcC").unwrap();
+    huge[place - 4..place].copy_from_slice(&[0, 0, 0, 1]);
+    huge[place + 4..place + 12].copy_from_slice(&(1u64 << 62).to_be_bytes());
+    assert_eq!(decode(&huge), 0);
     // A header that claims a frame of 65535 pixels, and one that claims four thousand million frames of one size.
     let mut wide = bytes.clone();
     let entry = bytes.windows(4).rposition(|name| name == b"avc1").unwrap() + 4;

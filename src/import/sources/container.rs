@@ -13,7 +13,10 @@ use super::{MOST_FRAMES, check_size};
 /// Most bytes of the boxes that describe a film; an hour has some megabytes.
 const MOST_DESCRIPTION: u64 = 1 << 28;
 /// Most samples of any track, sound with one sample a number included.
-const MOST_SAMPLES: u32 = 50_000_000;
+const MOST_SAMPLES: u64 = 50_000_000;
+/// Boxes that the parser copies as a whole.
+const COPIED: [&[u8; 4]; 10] =
+    [b"avc1", b"avcC", b"av1C", b"data", b"hdlr", b"hvcC", b"ilst", b"meta", b"udta", b"url "];
 /// Most reads and seeks for each byte of the description and of the headers of all boxes. Each byte is read once or twice,
 /// several at a time.
 const CALLS_PER_BYTE: u64 = 4;
@@ -140,10 +143,9 @@ fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<u64> {
         let mut header = [0; 16];
         let read = (length - at).min(16) as usize;
         file.read_exact(&mut header[..read])?;
-        let number = |bytes: &[u8]| bytes.iter().fold(0, |sum, &byte| sum << 8 | u64::from(byte));
-        let size = match number(&header[..4]) {
+        let size = match big_endian(&header[..4]) {
             0 => length - at,
-            1 => number(&header[8..]),
+            1 => big_endian(&header[8..]),
             size => size,
         };
         if [*b"moov", *b"moof"].iter().any(|name| header[4..8] == *name) {
@@ -161,19 +163,32 @@ fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<u64> {
 }
 
 /// Tables in which one entry may stand for any number of samples: after the name come version and flags, then for `stsz`
-/// the size of all samples and their number, for `trun` their number.
+/// the size of all samples and their number, for `trun` their number. And boxes of which the parser makes as much room as
+/// they claim to be long, in the four bytes before the name.
 fn check_counts(description: &[u8]) -> Result<()> {
     for (place, name) in description.windows(4).enumerate() {
+        if COPIED.iter().any(|copied| copied.as_slice() == name) {
+            let size = place.checked_sub(4).map_or(0, |start| big_endian(&description[start..place]));
+            let name = name.escape_ascii();
+            ensure!(
+                (8..=description.len() as u64).contains(&size),
+                "a box \"{name}\" claims {size} bytes; is it damaged?"
+            );
+        }
         let skip = match name {
             b"stsz" => 12,
             b"trun" => 8,
             _ => continue,
         };
         let Some(bytes) = description.get(place + skip..place + skip + 4) else { continue };
-        let count = u32::from_be_bytes(bytes.try_into().expect("four bytes"));
+        let count = big_endian(bytes);
         ensure!(count <= MOST_SAMPLES, "it claims {count} samples in one track; is it damaged?");
     }
     Ok(())
+}
+
+fn big_endian(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0, |number, &byte| number << 8 | u64::from(byte))
 }
 
 fn codec(described: &TrakBox) -> Codec {

@@ -14,6 +14,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use tch::Tensor;
 
 use super::dynamics::Dynamics;
+use super::errors::Errors;
 use super::fit::{Fitted, Problem, Track};
 use crate::support::random::{named_generator, normal};
 
@@ -86,18 +87,21 @@ pub fn bootstrap(
     let block = (2 * reach).max(least).min((longest / LONGEST_BLOCK).max(1));
     let seen: usize =
         tracks.iter().map(|it| it.positions[..it.trained * coordinates].iter().filter(|x| !x.is_nan()).count()).sum();
-    let free = (seen as f64 / frames_in_one - jacobian.ncols() as f64).max(LEAST_FREE);
-    let widened = ((free + jacobian.ncols() as f64) / free).sqrt() * StudentsT::new(0.0, 1.0, free)?.inverse_cdf(0.975)
-        / NORMAL_QUANTILE;
+    let errors = Errors::likely(&jacobian, &bounded);
+    let free = (seen as f64 / errors.frames_in_one() - jacobian.ncols() as f64).max(LEAST_FREE);
+    let quantile = StudentsT::new(0.0, 1.0, free)?.inverse_cdf(0.975) / NORMAL_QUANTILE;
+    let expected = errors.variances(&jacobian, &inverse);
     let mut random = named_generator(seed, "block bootstrap");
     let to_unknowns = &inverse * jacobian.transpose();
-    let draws = (0..DRAWS).map(|_| {
-        let residuals = resampled(&bounded, block, &mut random);
-        let change = &to_unknowns * residuals * widened;
-        draw(&problem, fitted, &change, [normal(&mut random), normal(&mut random)])
-    });
-    let draws = draws.collect();
+    let changes: Vec<_> = (0..DRAWS).map(|_| &to_unknowns * resampled(&bounded, block, &mut random)).collect();
     let count = problem.learned.len();
+    let drawn = |unknown: usize| changes.iter().map(|change| change[unknown].powi(2)).sum::<f64>() / DRAWS as f64;
+    let narrow = (0..count).map(|unknown| expected[unknown] / drawn(unknown)).filter(|ratio| ratio.is_finite());
+    let widened = quantile * narrow.fold(1.0, f64::max).sqrt();
+    let draws = changes
+        .into_iter()
+        .map(|change| draw(&problem, fitted, &(change * widened), [normal(&mut random), normal(&mut random)]));
+    let draws = draws.collect();
     let curvature = curvature(&normal_matrix, count);
     Ok(Uncertainty { autocorrelation, frames_in_one, block, widened, curvature, draws })
 }

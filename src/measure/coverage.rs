@@ -89,7 +89,7 @@ impl Kind {
     /// Fits `sets` data sets; one that cannot be fitted counts as not held.
     ///
     /// # Errors
-    /// A fit whose uncertainty cannot be computed.
+    /// A task file that cannot be read.
     pub fn coverage(&self, sets: usize, seed: u64) -> Result<Vec<Held>> {
         let task = Task::from_toml(self.task)?;
         let parameters = task.system.cell.parameters;
@@ -106,7 +106,8 @@ impl Kind {
             let start = Start { raw, learned: learned.clone(), piece: 12 };
             // A fit that leads to infinity holds nothing.
             let Ok(explained) = explain(&dynamics, &tracks, &[start]) else { continue };
-            let uncertainty = bootstrap(&dynamics, &tracks, &learned, &explained.fitted, set as u64)?;
+            let uncertainty = bootstrap(&dynamics, &tracks, &learned, &explained.fitted, set as u64);
+            let Ok(uncertainty) = uncertainty else { continue };
             for (place, held) in held.iter_mut().enumerate() {
                 let draws = uncertainty.draws.iter().map(|draw| draw.raw[place]).collect();
                 let interval = Quantity::new(held.parameter, explained.fitted.raw[place], draws);

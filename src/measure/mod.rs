@@ -9,6 +9,7 @@ pub mod bootstrap;
 pub mod clock;
 pub mod coverage;
 pub mod dynamics;
+pub mod errors;
 pub mod explain;
 pub mod fit;
 pub mod motion;

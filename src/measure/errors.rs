@@ -1,0 +1,157 @@
+//! How much alike the errors of neighbouring frames were: `e[t] = r e[t-1] + n[t]` with independent n, one r for all
+//! coordinates and videos.
+//!
+//! A fit follows the errors, and what it leaves looks more independent than they were. So r is where the residuals' restricted
+//! likelihood is largest, which counts what the unknowns have taken (Patterson and Thompson 1971).
+
+use nalgebra::{DMatrix, DVector};
+
+/// Correlations that are tried.
+const MOST: f64 = 0.98;
+const TRIED: usize = 50;
+
+/// The errors of the frames that were learned from.
+#[derive(Debug, Clone)]
+pub struct Errors {
+    /// Correlation of neighbouring frames, 0 to 1.
+    correlation: f64,
+    /// Of one coordinate of one frame.
+    variance: f64,
+    /// Frames of each video, and coordinates of a frame: rows stand coordinate by coordinate within a frame.
+    videos: Vec<usize>,
+    coordinates: usize,
+}
+
+impl Errors {
+    /// The errors that are likeliest behind `residuals`, `[coordinates, frames]` of each video, after a fit with these
+    /// derivatives.
+    pub fn likely(jacobian: &DMatrix<f64>, residuals: &[DMatrix<f64>]) -> Self {
+        let videos = residuals.iter().map(DMatrix::ncols).collect();
+        let coordinates = residuals.first().map_or(1, DMatrix::nrows);
+        let all = residuals.iter().flat_map(|of| of.iter().copied());
+        let residuals = DMatrix::from_iterator(jacobian.nrows(), 1, all);
+        let mut errors = Errors { correlation: 0.0, variance: 0.0, videos, coordinates };
+        let mut best = f64::NEG_INFINITY;
+        for step in 0..=TRIED {
+            let tried = Errors { correlation: MOST * step as f64 / TRIED as f64, ..errors.clone() };
+            if let Some((likelihood, variance)) = tried.likelihood(jacobian, &residuals)
+                && likelihood > best
+            {
+                best = likelihood;
+                errors = Errors { variance, ..tried };
+            }
+        }
+        errors
+    }
+
+    /// Frames that together hold as much as one independent one.
+    pub fn frames_in_one(&self) -> f64 {
+        (1.0 + self.correlation) / (1.0 - self.correlation)
+    }
+
+    /// The logarithm of the restricted likelihood but for what is the same for all, and the errors' variance.
+    fn likelihood(&self, jacobian: &DMatrix<f64>, residuals: &DMatrix<f64>) -> Option<(f64, f64)> {
+        let (white, left) = (self.whitened(jacobian), self.whitened(residuals));
+        // Columns may be of very different size.
+        let sizes = white.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect::<Vec<_>>();
+        let mut unit = white;
+        unit.column_iter_mut().zip(&sizes).for_each(|(mut column, size)| column /= *size);
+        let mut normal = unit.transpose() * &unit;
+        (0..normal.nrows()).for_each(|i| normal[(i, i)] += 1e-11);
+        let factor = normal.cholesky()?;
+        let explained = unit.transpose() * &left;
+        let squares = left.norm_squared() - explained.dot(&factor.solve(&explained));
+        let free = left.nrows() as f64 - unit.ncols() as f64;
+        if free < 1.0 || squares <= 0.0 {
+            return None;
+        }
+        // Of the independent parts; the first frame of a video is scaled to their variance.
+        let variance = squares / free;
+        let firsts = (self.videos.len() * self.coordinates) as f64;
+        let of_noise = -firsts * (1.0 - self.correlation.powi(2)).ln();
+        let of_unknowns =
+            2.0 * factor.l().diagonal().map(f64::ln).sum() + 2.0 * sizes.iter().map(|size| size.ln()).sum::<f64>();
+        let likelihood = -0.5 * (free * variance.ln() + of_noise + of_unknowns);
+        Some((likelihood, variance / (1.0 - self.correlation.powi(2))))
+    }
+
+    /// Rows made independent: each minus its share of the row of the frame before.
+    fn whitened(&self, rows: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut white = rows.clone();
+        let mut begin = 0;
+        for frames in &self.videos {
+            for frame in 0..*frames {
+                for row in begin + frame * self.coordinates..begin + (frame + 1) * self.coordinates {
+                    let value = match frame {
+                        0 => rows.row(row) * (1.0 - self.correlation.powi(2)).sqrt(),
+                        _ => rows.row(row) - rows.row(row - self.coordinates) * self.correlation,
+                    };
+                    white.row_mut(row).copy_from(&value);
+                }
+            }
+            begin += frames * self.coordinates;
+        }
+        white
+    }
+
+    /// Variances of the unknowns of a least-squares fit with these derivatives, whose normal matrix has this inverse.
+    pub fn variances(&self, jacobian: &DMatrix<f64>, inverse: &DMatrix<f64>) -> DVector<f64> {
+        // Inverse J' V J inverse: V J is the sum of what comes from before and from after.
+        let spread = self.summed(jacobian, false) + self.summed(jacobian, true) - jacobian;
+        let middle = jacobian.transpose() * spread * self.variance;
+        (inverse * middle * inverse).diagonal()
+    }
+
+    /// Each row plus its correlation times the sum at the frame before, or after it.
+    fn summed(&self, rows: &DMatrix<f64>, backwards: bool) -> DMatrix<f64> {
+        let mut sums = rows.clone();
+        let mut begin = 0;
+        for frames in &self.videos {
+            for place in 1..*frames {
+                let (frame, other) = if backwards { (frames - 1 - place, frames - place) } else { (place, place - 1) };
+                for coordinate in 0..self.coordinates {
+                    let [row, other] = [frame, other].map(|frame| begin + frame * self.coordinates + coordinate);
+                    let add = sums.row(other) * self.correlation;
+                    let mut row = sums.row_mut(row);
+                    row += add;
+                }
+            }
+            begin += frames * self.coordinates;
+        }
+        sums
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::support::random::{named_generator, normal};
+
+    /// A line through errors of which neighbours are alike: their correlation is found, and the slope's variance is that
+    /// of many repetitions.
+    #[test]
+    fn errors_behind_the_residuals_of_a_line() {
+        let (frames, correlation) = (24, 0.6);
+        let line = DMatrix::from_fn(frames, 2, |t, power| (t as f64 / frames as f64).powi(power as i32));
+        let inverse = (line.transpose() * &line).try_inverse().unwrap();
+        let mut random = named_generator(4, "errors of a line");
+        let (mut slopes, mut expected, mut found) = (0.0, 0.0, 0.0);
+        for _ in 0..400 {
+            let mut error = normal(&mut random);
+            let errors = DVector::from_fn(frames, |_, _| {
+                let now = error;
+                error = correlation * error + (1.0 - correlation * correlation as f64).sqrt() * normal(&mut random);
+                now
+            });
+            let fit = &inverse * line.transpose() * &errors;
+            let residuals = DMatrix::from_row_slice(1, frames, (&errors - &line * &fit).as_slice());
+            let likely = Errors::likely(&line, &[residuals]);
+            slopes += fit[1].powi(2) / 400.0;
+            expected += likely.variances(&line, &inverse)[1] / 400.0;
+            found += likely.correlation / 400.0;
+        }
+        // The residuals' own correlation is 0.4 here. 24 frames say little, and means of skewed numbers lie to one side.
+        assert!((found - correlation).abs() < 0.12, "{found}");
+        assert!((0.75..1.5).contains(&(expected / slopes)), "{expected} {slopes}");
+    }
+}

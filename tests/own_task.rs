@@ -19,7 +19,7 @@ success = { losses = { pred_loss = 1.0 } }
 "#;
 
 /// What makes a training take seconds.
-const SHORT: [&str; 12] = [
+const SHORT: [&str; 13] = [
     "discover.frames=6",
     "discover.max_steps=6",
     "discover.guide.full_until=2",
@@ -32,6 +32,7 @@ const SHORT: [&str; 12] = [
     "join.validation_clips=2",
     "output.checkpoint_every=3",
     "output.examples=1",
+    "output.tensorboard=true",
 ];
 
 /// Standard output and error together.
@@ -86,9 +87,18 @@ fn five_balls_are_generated_trained_scored_reported_predicted_and_resumed_from_a
     let index: serde_json::Value = serde_json::from_slice(&index).unwrap();
     let weights = of_run.join("checkpoints").join(index["last"].as_str().unwrap()).join("weights.safetensors");
     let before = fs::read(&weights).unwrap();
+    let metrics = fs::read_to_string(of_run.join("metrics.jsonl")).unwrap();
+    let steps = metrics.matches(r#""kind":"train""#).count();
+    let shown = || {
+        let events = fs::read(of_run.join("events.out.tfevents.paig")).unwrap();
+        String::from_utf8_lossy(&events).matches("train/train_loss").count()
+    };
+    assert!(steps > 0 && shown() == steps, "{} of {steps} steps", shown());
     fs::remove_file(of_run.join("summary.json")).unwrap();
     run(folder, "run_physics", &["--resume", "--out", "runs/five_balls/fast/seed=0"]);
     assert!(of_run.join("summary.json").exists() && before == fs::read(&weights).unwrap());
+    // What TensorBoard is shown is written anew, each step once.
+    assert_eq!(shown(), steps);
 }
 
 /// A block of the guide, by what stands behind its backticks and how it begins.

@@ -15,8 +15,10 @@ const MOST_DESCRIPTION: u64 = 1 << 28;
 /// Most samples of any track, sound with one sample a number included.
 const MOST_SAMPLES: u64 = 50_000_000;
 /// Boxes that the parser copies as a whole.
-const COPIED: [&[u8; 4]; 10] =
-    [b"avc1", b"avcC", b"av1C", b"data", b"hdlr", b"hvcC", b"ilst", b"meta", b"udta", b"url "];
+const COPIED: [&[u8; 4]; 6] = [b"avc1", b"avcC", b"av1C", b"hdlr", b"hvcC", b"url "];
+/// Boxes with notes for people (title, place, camera), of which the parser copies whatever they claim to hold; it is not
+/// shown them.
+const NOTES: [&[u8; 4]; 2] = [b"meta", b"udta"];
 /// Most reads and seeks for each byte of the description and of the headers of all boxes. Each byte is read once or twice,
 /// several at a time.
 const CALLS_PER_BYTE: u64 = 4;
@@ -77,9 +79,9 @@ impl Track {
     pub(super) fn read(path: &Path) -> Result<Self> {
         let mut file = BufReader::new(File::open(path).context("cannot open it")?);
         let length = file.get_ref().metadata()?.len();
-        let described = check_claims(&mut file, length)?;
+        let Claims { described, notes } = check_claims(&mut file, length)?;
         file.rewind()?;
-        let read = || Ok(Mp4::read(Bounded::new(&mut file, CALLS_PER_BYTE * described), length)?);
+        let read = || Ok(Mp4::read(Bounded::new(&mut file, CALLS_PER_BYTE * described, notes), length)?);
         let mp4 = guarded("not a readable mp4 or mov", read).context("not a readable mp4 or mov; is it complete?")?;
         let film = |track: &&re_mp4::Track| track.trak(&mp4).mdia.hdlr.handler_type.value == *b"vide";
         let track = mp4.tracks().values().find(film).context("it holds no film")?;
@@ -134,10 +136,18 @@ impl Track {
     }
 }
 
-/// The parser makes room for as many samples as a file claims, so a claim beyond reason is refused before it. Returns the
-/// bytes of the description and of the headers of all boxes.
-fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<u64> {
-    let (mut at, mut described) = (0, 0);
+/// What is known of a file before it is parsed.
+#[derive(Default)]
+struct Claims {
+    /// Bytes of the description and of the headers of all boxes.
+    described: u64,
+    /// Where the names of boxes with notes for people stand.
+    notes: Vec<u64>,
+}
+
+/// The parser makes room for as many samples as a file claims, so a claim beyond reason is refused before it.
+fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<Claims> {
+    let (mut at, mut claims) = (0, Claims::default());
     while at + 8 <= length {
         file.seek(SeekFrom::Start(at))?;
         let mut header = [0; 16];
@@ -154,12 +164,15 @@ fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<u64> {
             file.seek(SeekFrom::Start(at))?;
             file.take(size).read_to_end(&mut description)?;
             check_counts(&description)?;
-            described += description.len() as u64;
+            claims.described += description.len() as u64;
+            let names =
+                description.windows(4).enumerate().filter(|(_, name)| NOTES.iter().any(|it| it.as_slice() == *name));
+            claims.notes.extend(names.map(|(place, _)| at + place as u64));
         }
-        described += header.len() as u64;
+        claims.described += header.len() as u64;
         at = at.saturating_add(size.max(8));
     }
-    Ok(described)
+    Ok(claims)
 }
 
 /// Tables in which one entry may stand for any number of samples: after the name come version and flags, then for `stsz`

@@ -34,16 +34,20 @@ pub fn quiet_decoders() {
     }));
 }
 
-/// A file that ends in an error after so many reads and seeks: a description that leads back to itself is read for ever
-/// otherwise.
+/// A file of boxes that hides some of them and ends in an error after so many reads and seeks: a description that leads back
+/// to itself is read for ever otherwise.
 pub(super) struct Bounded<R> {
     file: R,
+    at: u64,
     calls_left: u64,
+    /// Where the names of boxes stand that are shown as free room.
+    hidden: Vec<u64>,
 }
 
 impl<R> Bounded<R> {
-    pub(super) fn new(file: R, calls: u64) -> Self {
-        Bounded { file, calls_left: calls }
+    /// A file that stands at its beginning.
+    pub(super) fn new(file: R, calls: u64, hidden: Vec<u64>) -> Self {
+        Bounded { file, at: 0, calls_left: calls, hidden }
     }
 
     fn count(&mut self) -> io::Result<()> {
@@ -56,13 +60,23 @@ impl<R> Bounded<R> {
 impl<R: Read> Read for Bounded<R> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         self.count()?;
-        self.file.read(bytes)
+        let read = self.file.read(bytes)?;
+        for name in &self.hidden {
+            for (place, letter) in (*name..).zip(b"free") {
+                let byte =
+                    place.checked_sub(self.at).and_then(|place| bytes[..read].get_mut(usize::try_from(place).ok()?));
+                byte.into_iter().for_each(|byte| *byte = *letter);
+            }
+        }
+        self.at += read as u64;
+        Ok(read)
     }
 }
 
 impl<R: Seek> Seek for Bounded<R> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.count()?;
-        self.file.seek(to)
+        self.at = self.file.seek(to)?;
+        Ok(self.at)
     }
 }

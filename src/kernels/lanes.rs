@@ -29,6 +29,8 @@ pub trait Lanes: Copy {
     unsafe fn split_equal(self, x: Self, y: Self) -> (Self, Self);
     /// The sum of all lanes.
     unsafe fn sum(self) -> f32;
+    /// The sum of all lanes of each of four vectors.
+    unsafe fn sums(vectors: [Self; 4]) -> [f32; 4];
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -91,6 +93,18 @@ impl Lanes for Avx512 {
     #[inline(always)]
     unsafe fn sum(self) -> f32 {
         unsafe { _mm512_reduce_add_ps(self.0) }
+    }
+
+    #[inline(always)]
+    unsafe fn sums([a, b, c, d]: [Self; 4]) -> [f32; 4] {
+        unsafe {
+            // Neighbours of two vectors, added, in each quarter.
+            let pairs = |a, b| _mm512_add_ps(_mm512_shuffle_ps::<0x88>(a, b), _mm512_shuffle_ps::<0xdd>(a, b));
+            let quarters = pairs(pairs(a.0, b.0), pairs(c.0, d.0));
+            let half = _mm_add_ps(_mm512_castps512_ps128(quarters), _mm512_extractf32x4_ps::<1>(quarters));
+            let other = _mm_add_ps(_mm512_extractf32x4_ps::<2>(quarters), _mm512_extractf32x4_ps::<3>(quarters));
+            std::mem::transmute::<__m128, [f32; 4]>(_mm_add_ps(half, other))
+        }
     }
 }
 
@@ -157,6 +171,15 @@ impl Lanes for Avx2 {
             let half = _mm_add_ps(_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
             let quarter = _mm_add_ps(half, _mm_movehl_ps(half, half));
             _mm_cvtss_f32(_mm_add_ss(quarter, _mm_shuffle_ps::<1>(quarter, quarter)))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn sums([a, b, c, d]: [Self; 4]) -> [f32; 4] {
+        unsafe {
+            let halves = _mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0));
+            let sums = _mm_add_ps(_mm256_castps256_ps128(halves), _mm256_extractf128_ps::<1>(halves));
+            std::mem::transmute::<__m128, [f32; 4]>(sums)
         }
     }
 }
@@ -227,6 +250,11 @@ impl Lanes for Portable {
     #[inline(always)]
     unsafe fn sum(self) -> f32 {
         (self.0[0] + self.0[1]) + (self.0[2] + self.0[3])
+    }
+
+    #[inline(always)]
+    unsafe fn sums(vectors: [Self; 4]) -> [f32; 4] {
+        unsafe { vectors.map(|vector| vector.sum()) }
     }
 }
 

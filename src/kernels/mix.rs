@@ -32,7 +32,7 @@ fn mix_lanes<L: Lanes>(weight: &[f32], bias: &[f32], input: Planes, mut output: 
 
 dispatched! {
     /// The gradient of [`mix`] before the ReLU that gave `input`; adds that of the weights to `sums`,
-    /// `[outputs, inputs]` vectors of lanes.
+    /// `[outputs, inputs]`.
     fn mix_backward(weight: &[f32], input: Planes, gradient: Planes, output: PlanesMut, sums: &mut [f32]) = mix_backward_lanes
 }
 
@@ -48,20 +48,19 @@ fn mix_backward_lanes<L: Lanes>(
     gradient.check::<L>();
     output.check::<L>();
     assert!(output.channels == input.channels && weight.len() == gradient.channels * input.channels);
-    assert!(output.side == input.side && gradient.side == input.side && sums.len() == weight.len() * L::LANES);
+    assert!(output.side == input.side && gradient.side == input.side && sums.len() == weight.len());
     let side = input.side;
     for y in 0..side {
         for c in 0..input.channels {
             // SAFETY: pixels of planes whose sizes were checked.
             unsafe {
                 for o in 0..gradient.channels {
-                    let sum = sums.as_mut_ptr().add((o * input.channels + c) * L::LANES);
-                    let mut total = L::load(sum);
+                    let mut total = L::splat(0.0);
                     for x in 0..side {
                         let product = (L::load(input.at::<L>(c, y, x)), L::load(gradient.at::<L>(o, y, x)));
                         total = total.add_product(product.0, product.1);
                     }
-                    total.store(sum);
+                    sums[o * input.channels + c] += total.sum();
                 }
                 for x in 0..side {
                     let mut back = L::splat(0.0);
@@ -77,19 +76,18 @@ fn mix_backward_lanes<L: Lanes>(
 }
 
 dispatched! {
-    /// Adds the sum over each channel's pixels to `sums`, a vector of lanes each: a bias's gradient.
+    /// Adds the sum over each channel's pixels to `sums`: a bias's gradient.
     fn add_pixels(planes: Planes, sums: &mut [f32]) = add_pixels_lanes
 }
 
 #[inline(always)]
 fn add_pixels_lanes<L: Lanes>(planes: Planes, sums: &mut [f32]) {
     planes.check::<L>();
-    assert_eq!(sums.len(), planes.channels * L::LANES);
-    for channel in 0..planes.channels {
+    assert_eq!(sums.len(), planes.channels);
+    for (channel, sum) in sums.iter_mut().enumerate() {
         // SAFETY: pixels of planes whose sizes were checked.
         unsafe {
-            let sum = sums.as_mut_ptr().add(channel * L::LANES);
-            let mut total = L::load(sum);
+            let mut total = L::splat(0.0);
             for y in 0..planes.side {
                 let mut of_row = L::splat(0.0);
                 for x in 0..planes.side {
@@ -97,22 +95,8 @@ fn add_pixels_lanes<L: Lanes>(planes: Planes, sums: &mut [f32]) {
                 }
                 total = total.add(of_row);
             }
-            total.store(sum);
+            *sum += total.sum();
         }
-    }
-}
-
-dispatched! {
-    /// The sum of each vector's lanes.
-    fn sum_lanes(vectors: &[f32], sums: &mut [f32]) = sum_lanes_of
-}
-
-#[inline(always)]
-fn sum_lanes_of<L: Lanes>(vectors: &[f32], sums: &mut [f32]) {
-    assert_eq!(vectors.len(), sums.len() * L::LANES);
-    for (sum, vector) in sums.iter_mut().zip(vectors.chunks_exact(L::LANES)) {
-        // SAFETY: the chunk has as many floats as there are lanes.
-        *sum = unsafe { L::load(vector.as_ptr()).sum() };
     }
 }
 

@@ -14,7 +14,6 @@ use serde::{Deserialize, Serialize};
 
 mod adam;
 mod autograd;
-mod conv;
 mod error;
 mod lanes;
 mod masks;
@@ -25,6 +24,8 @@ mod sprites;
 mod tensors;
 mod threads;
 mod unet;
+mod weight_gradient;
+mod winograd;
 
 pub use adam::AdamStep;
 pub use lanes::Instructions;

@@ -48,6 +48,21 @@ impl Picture {
     }
 }
 
+/// Memory for what an operation does not keep, aligned as planes are. It grows when it must, and is not cleared.
+#[derive(Debug, Default)]
+pub struct Workspace(Vec<Line>);
+
+impl Workspace {
+    pub fn floats(&mut self, count: usize) -> &mut [f32] {
+        let lines = count.div_ceil(16);
+        if self.0.len() < lines {
+            self.0.resize(lines, Line([0.0; 16]));
+        }
+        // SAFETY: a `Line` is 16 floats without padding.
+        unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), count) }
+    }
+}
+
 /// Channels of a block of frames.
 #[derive(Debug, Clone, Copy)]
 pub struct Planes<'a> {

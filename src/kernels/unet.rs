@@ -7,12 +7,13 @@
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::conv::{self, Finish, Weights};
 use super::lanes::Instructions;
 use super::mix;
-use super::planes::Picture;
+use super::planes::{Picture, Planes, PlanesMut, Workspace};
 use super::resample::{self, Pooled};
 use super::threads::{PARTS, in_parallel};
+use super::weight_gradient::add_weight_gradient;
+use super::winograd::{self, Finish, Weights};
 
 /// What frames go through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,6 +94,7 @@ struct Scratch {
     /// What each level hands up, doubled, by the level that takes it.
     doubled: Vec<Picture>,
     logits: Picture,
+    workspace: Workspace,
 }
 
 /// Gradients of a block, named as the results are.
@@ -104,7 +106,7 @@ struct Gradients {
     doubled: Vec<Picture>,
     outputs: Vec<Picture>,
     logits: Picture,
-    /// Of weights and biases, a vector of lanes each.
+    /// Of weights and biases.
     sums: Vec<f32>,
 }
 
@@ -197,13 +199,14 @@ impl Kernel {
     }
 
     fn scratch(&self) -> Scratch {
-        Scratch { doubled: self.doubled(), logits: self.picture(self.shape.objects, 0) }
+        let logits = self.picture(self.shape.objects, 0);
+        Scratch { doubled: self.doubled(), logits, workspace: Workspace::default() }
     }
 
     fn gradients(&self) -> Gradients {
         let Activations { inputs, firsts, joined, outputs, .. } = self.activations();
         let numbers: usize = self.places().last().map_or(0, |place| place.end);
-        let sums = vec![0.0; numbers * self.instructions.lanes()];
+        let sums = vec![0.0; numbers];
         Gradients { inputs, firsts, joined, doubled: self.doubled(), outputs, logits: self.scratch().logits, sums }
     }
 
@@ -280,6 +283,10 @@ impl Kernel {
         let (instructions, shape, layers) = (self.instructions, &self.shape, &network.forward);
         let raised = shape.raised();
         let Activations { inputs, firsts, joined, up_firsts, outputs } = results;
+        let Scratch { doubled, logits: made, workspace } = scratch;
+        let mut convolve = |weights: &Weights, input: Planes, output: PlanesMut, finish: Finish| {
+            winograd::convolve(instructions, weights, input, output, finish, workspace)
+        };
         mix::pack(instructions, frames, inputs[0].all_mut());
         for level in shape.levels() {
             if level > 0 {
@@ -287,24 +294,24 @@ impl Kernel {
                 resample::max_pool(instructions, above, inputs[level].all_mut());
             }
             let layer = &layers[shape.down(level)..];
-            conv::convolve(instructions, &layer[0], inputs[level].all(), firsts[level].all_mut(), Finish::Relu);
+            convolve(&layer[0], inputs[level].all(), firsts[level].all_mut(), Finish::Relu);
             let second = match joined.get_mut(level) {
                 Some(joined) => joined.part_mut(raised, shape.width(level)),
                 None => outputs[level].all_mut(),
             };
-            conv::convolve(instructions, &layer[1], firsts[level].all(), second, Finish::Relu);
+            convolve(&layer[1], firsts[level].all(), second, Finish::Relu);
         }
         for level in (0..shape.poolings).rev() {
-            let (layer, doubled) = (&layers[shape.up(level)..], &mut scratch.doubled[level]);
+            let (layer, doubled) = (&layers[shape.up(level)..], &mut doubled[level]);
             resample::double(instructions, outputs[level + 1].all(), doubled.all_mut());
             let risen = joined[level].part_mut(0, raised);
-            conv::convolve(instructions, &layer[0], doubled.all(), risen, Finish::Linear);
-            conv::convolve(instructions, &layer[1], joined[level].all(), up_firsts[level].all_mut(), Finish::Relu);
-            conv::convolve(instructions, &layer[2], up_firsts[level].all(), outputs[level].all_mut(), Finish::Relu);
+            convolve(&layer[0], doubled.all(), risen, Finish::Linear);
+            convolve(&layer[1], joined[level].all(), up_firsts[level].all_mut(), Finish::Relu);
+            convolve(&layer[2], up_firsts[level].all(), outputs[level].all_mut(), Finish::Relu);
         }
         let (weight, bias) = &network.logits;
-        mix::mix(instructions, weight, bias, outputs[0].all(), scratch.logits.all_mut());
-        mix::unpack(instructions, scratch.logits.all(), logits);
+        mix::mix(instructions, weight, bias, outputs[0].all(), made.all_mut());
+        mix::unpack(instructions, made.all(), logits);
     }
 }
 
@@ -324,8 +331,7 @@ impl Pass {
             for (results, logits) in part {
                 self.backward_block(results, logits, &mut gradients, &mut scratch, &places);
             }
-            let mut sums = vec![0.0; numbers];
-            mix::sum_lanes(kernel.instructions, &gradients.sums, &mut sums);
+            let sums = gradients.sums.clone();
             kernel.memory.scratch.give(scratch);
             kernel.memory.gradients.give(gradients);
             sums
@@ -334,7 +340,12 @@ impl Pass {
         for part in sums {
             total.iter_mut().zip(part).for_each(|(total, part)| *total += part);
         }
-        kernel.unpacked(&places, &total)
+        let layers = kernel.shape.layers().into_iter().zip(&places);
+        let layer = |((_, outputs), place): ((usize, usize), &Range<usize>)| {
+            let (weights, biases) = total[place.clone()].split_at(place.len() - outputs);
+            (weights.to_vec(), biases.to_vec())
+        };
+        layers.map(layer).collect()
     }
 
     fn backward_block(
@@ -348,27 +359,28 @@ impl Pass {
         let (instructions, shape) = (self.kernel.instructions, &self.kernel.shape);
         let raised = shape.raised();
         let Activations { inputs, firsts, joined, up_firsts, outputs } = results;
-        let sums = &mut Sums { instructions, places, sums: &mut gradients.sums };
+        let Scratch { doubled, workspace, .. } = scratch;
+        let operations = &mut Operations { instructions, places, sums: &mut gradients.sums, workspace };
         let back = |layer: usize| self.network.backward[layer].as_ref().expect("only the first layer has none");
 
         mix::pack(instructions, logits, gradients.logits.all_mut());
-        sums.add_logits(&self.network.logits.0, &outputs[0], &gradients.logits, &mut gradients.outputs[0]);
+        operations.add_logits(&self.network.logits.0, &outputs[0], &gradients.logits, &mut gradients.outputs[0]);
         for level in 0..shape.poolings {
             let layer = shape.up(level);
             let (output, first) = (&gradients.outputs[level], &mut gradients.firsts[level]);
-            sums.add(layer + 2, up_firsts[level].all(), output.all());
+            operations.add(layer + 2, up_firsts[level].all(), output.all());
             let gate = Finish::WherePositive(up_firsts[level].all());
-            conv::convolve(instructions, back(layer + 2), output.all(), first.all_mut(), gate);
+            operations.convolve(back(layer + 2), output.all(), first.all_mut(), gate);
 
-            sums.add(layer + 1, joined[level].all(), first.all());
+            operations.add(layer + 1, joined[level].all(), first.all());
             let both = &mut gradients.joined[level];
-            conv::convolve(instructions, back(layer + 1), first.all(), both.all_mut(), Finish::Linear);
+            operations.convolve(back(layer + 1), first.all(), both.all_mut(), Finish::Linear);
 
-            let (below, doubled) = (outputs[level + 1].all(), &mut scratch.doubled[level]);
+            let (below, doubled) = (outputs[level + 1].all(), &mut doubled[level]);
             resample::double(instructions, below, doubled.all_mut());
             let risen = both.part(0, raised);
-            sums.add(layer, doubled.all(), risen);
-            conv::convolve(instructions, back(layer), risen, gradients.doubled[level].all_mut(), Finish::Linear);
+            operations.add(layer, doubled.all(), risen);
+            operations.convolve(back(layer), risen, gradients.doubled[level].all_mut(), Finish::Linear);
             let next = gradients.outputs[level + 1].all_mut();
             resample::double_backward(instructions, gradients.doubled[level].all(), below, next);
         }
@@ -386,60 +398,44 @@ impl Pass {
                 resample::max_pool_backward(instructions, pooled, output.all_mut());
             }
             let first = &mut gradients.firsts[level];
-            sums.add(layer + 1, firsts[level].all(), output.all());
+            operations.add(layer + 1, firsts[level].all(), output.all());
             let gate = Finish::WherePositive(firsts[level].all());
-            conv::convolve(instructions, back(layer + 1), output.all(), first.all_mut(), gate);
-            sums.add(layer, inputs[level].all(), first.all());
+            operations.convolve(back(layer + 1), output.all(), first.all_mut(), gate);
+            operations.add(layer, inputs[level].all(), first.all());
             if level > 0 {
                 let input = gradients.inputs[level].all_mut();
-                conv::convolve(instructions, back(layer), first.all(), input, Finish::Linear);
+                operations.convolve(back(layer), first.all(), input, Finish::Linear);
             }
         }
     }
 }
 
-/// Sums of the gradients of weights and biases.
-struct Sums<'a> {
+/// The operations of a gradient: where they add those of weights and biases, and their memory.
+struct Operations<'a> {
     instructions: Instructions,
     places: &'a [Range<usize>],
     sums: &'a mut [f32],
+    workspace: &'a mut Workspace,
 }
 
-impl Sums<'_> {
-    /// Weights' and biases' sums of a layer with so many outputs.
-    fn of(&mut self, layer: usize, outputs: usize) -> (&mut [f32], &mut [f32]) {
-        let (place, lanes) = (&self.places[layer], self.instructions.lanes());
-        let sums = &mut self.sums[place.start * lanes..place.end * lanes];
-        sums.split_at_mut((place.len() - outputs) * lanes)
+impl Operations<'_> {
+    fn convolve(&mut self, weights: &Weights, input: Planes, output: PlanesMut, finish: Finish) {
+        winograd::convolve(self.instructions, weights, input, output, finish, self.workspace);
     }
 
-    fn add(&mut self, layer: usize, input: super::planes::Planes, gradient: super::planes::Planes) {
-        let instructions = self.instructions;
-        let (weights, biases) = self.of(layer, gradient.channels);
-        conv::add_weight_gradient(instructions, input, gradient, weights);
-        mix::add_pixels(instructions, gradient, biases);
+    /// Adds the gradients of a layer's weights and biases.
+    fn add(&mut self, layer: usize, input: Planes, gradient: Planes) {
+        let sums = &mut self.sums[self.places[layer].clone()];
+        let (weights, biases) = sums.split_at_mut(sums.len() - gradient.channels);
+        add_weight_gradient(self.instructions, input, gradient, weights, self.workspace);
+        mix::add_pixels(self.instructions, gradient, biases);
     }
 
     /// The last layer's, and the gradient before it.
     fn add_logits(&mut self, weight: &[f32], input: &Picture, gradient: &Picture, output: &mut Picture) {
-        let instructions = self.instructions;
-        let (weights, biases) = self.of(self.places.len() - 1, gradient.channels);
-        mix::mix_backward(instructions, weight, input.all(), gradient.all(), output.all_mut(), weights);
-        mix::add_pixels(instructions, gradient.all(), biases);
-    }
-}
-
-impl Kernel {
-    /// Splits all numbers of the network by layers, weights in libtorch's order.
-    fn unpacked(&self, places: &[Range<usize>], numbers: &[f32]) -> Vec<(Vec<f32>, Vec<f32>)> {
-        let layers = self.shape.layers();
-        let last = layers.len() - 1;
-        let layer = |(layer, ((inputs, outputs), place)): (usize, ((usize, usize), &Range<usize>))| {
-            let (weights, biases) = numbers[place.clone()].split_at(place.len() - outputs);
-            let weights =
-                if layer == last { weights.to_vec() } else { conv::unpack(self.instructions.tile(), inputs, weights) };
-            (weights, biases.to_vec())
-        };
-        layers.into_iter().zip(places).enumerate().map(layer).collect()
+        let sums = &mut self.sums[self.places[self.places.len() - 1].clone()];
+        let (weights, biases) = sums.split_at_mut(sums.len() - gradient.channels);
+        mix::mix_backward(self.instructions, weight, input.all(), gradient.all(), output.all_mut(), weights);
+        mix::add_pixels(self.instructions, gradient.all(), biases);
     }
 }

@@ -246,7 +246,14 @@ impl<'a> Problem<'a> {
             let before = before.expect("the first piece begins with the video");
             let ticks = &self.tracks[track].ticks;
             let way = self.dynamics.roll_out(&unknowns.raw, &before.state, ticks[first] - ticks[before.first] + 1);
-            Piece { track, first, frames, state: way[way.len() - before.state.len()..].to_vec() }
+            let led_to = Piece { track, first, frames, state: way[way.len() - before.state.len()..].to_vec() };
+            let afresh = Piece { state: self.guessed(&led_to), ..led_to.clone() };
+            // Over so long a way a state that was good for a short one may lead to infinity.
+            let left = |piece: &Piece| {
+                let left = self.residual(piece, &unknowns.raw).norm();
+                if left.is_finite() { left } else { f64::INFINITY }
+            };
+            if left(&afresh) < left(&led_to) { afresh } else { led_to }
         })
         .collect()
     }

@@ -139,8 +139,10 @@ pub fn write_clips(path: &Path, rows: &[Row]) -> Result<bool> {
         row.clips.is_some() && row.setting.is_empty() && row.goal == Some(0.0) && row.gravity == Some(10.0)
     };
     let mut names: Vec<&str> = Vec::new();
-    for row in rows.iter().filter(usual).filter(|row| !names.contains(&row.planner.as_str())) {
-        names.push(&row.planner);
+    for row in rows.iter().filter(usual) {
+        if !names.contains(&row.planner.as_str()) {
+            names.push(&row.planner);
+        }
     }
     let (mut lines, mut most) = (Vec::new(), 0);
     for name in names {

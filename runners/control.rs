@@ -6,6 +6,8 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Parser, ValueEnum};
+use paig::baselines::planet::Planet;
+use paig::baselines::training::{self, WholeModel, WholeScores};
 use paig::cli::ending::exit_code;
 use paig::cli::environment;
 use paig::control::controller::Controller;
@@ -13,6 +15,7 @@ use paig::control::environment::{Environment, FrameFormat, Rules};
 use paig::control::episode::{Episode, play};
 use paig::control::faults::{Faults, Faulty};
 use paig::control::figures::{self, Course};
+use paig::control::latent::LatentModel;
 use paig::control::model::Model;
 use paig::control::mppi::PathIntegral;
 use paig::control::pendulum::{self, PendulumEnvironment, PendulumSettings};
@@ -142,12 +145,14 @@ struct Play {
 /// Who decides.
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 enum Who {
-    /// Vision and physics are learned
+    /// Vision is learned, and what foretells: the physics, or a black box in its place
     Learned,
     /// The true state and the true equation: the upper bound
     TrueState,
     /// Vision is learned, the equation is the true one
     TrueEquation,
+    /// A latent model of frames, actions and rewards is learned; its run is one of `planet`
+    Latent,
     /// Any action
     Random,
     /// No action
@@ -155,18 +160,29 @@ enum Who {
 }
 
 impl Who {
-    fn name(self) -> &'static str {
+    /// As it stands in the results: a black box that was learned stands there by its own name.
+    fn name(self, model: Option<&PhysicsNet>) -> &'static str {
         match self {
-            Who::Learned => "learned",
+            Who::Learned => {
+                let black_box = model.filter(|model| model.black_box.is_some());
+                black_box.map_or("learned", |model| model.options.dynamics.name())
+            }
             Who::TrueState => "true state",
             Who::TrueEquation => "true equation",
+            Who::Latent => "latent",
             Who::Random => "random",
             Who::Zero => "zero",
         }
     }
 
+    /// Whether it sees objects, by a run's encoder.
     fn sees(self) -> bool {
         matches!(self, Who::Learned | Who::TrueEquation)
+    }
+
+    /// Whether it needs a run.
+    fn has_run(self) -> bool {
+        self.sees() || self == Who::Latent
     }
 }
 
@@ -218,6 +234,7 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
 /// What a planner did in all episodes.
 struct Played {
     who: Who,
+    name: &'static str,
     /// Mean return and its interval.
     mean: [f64; 3],
     returns: Vec<f64>,
@@ -283,9 +300,9 @@ impl Arguments {
         all.extend(others.map(|who| self.play(*who, &setting, out)));
         let all =
             all.into_iter().map(|played| played.inspect(|it| it.print(upper_bound))).collect::<Result<Vec<_>>>()?;
-        let returns: Vec<_> = all.iter().map(|it| (it.who.name(), it.returns.as_slice(), it.mean)).collect();
+        let returns: Vec<_> = all.iter().map(|it| (it.name, it.returns.as_slice(), it.mean)).collect();
         figures::write_returns(&out.join("returns.png"), &returns)?;
-        let courses: Vec<_> = all.iter().map(|it| (it.who.name(), &it.first)).collect();
+        let courses: Vec<_> = all.iter().map(|it| (it.name, &it.first)).collect();
         figures::write_courses(
             &out.join("course.png"),
             setting.task.system.cell.coordinates,
@@ -296,7 +313,7 @@ impl Arguments {
     }
 
     fn row(&self, setting: &Setting, played: &Played, upper_bound: f64) -> Row {
-        let run = self.run.as_ref().filter(|_| played.who.sees());
+        let run = self.run.as_ref().filter(|_| played.who.has_run());
         let degrees = |angle: f64| if setting.is_pendulum() { angle.to_degrees() } else { angle };
         let goal = match &setting.rules.reward {
             Reward::Goal(goal) => Some(degrees(goal.place[0])),
@@ -304,7 +321,7 @@ impl Arguments {
         };
         Row {
             task: setting.task.name.clone(),
-            planner: played.who.name().into(),
+            planner: played.name.into(),
             model: run.map(|run| run.display().to_string()),
             clips: run.and_then(|run| training_clips(run)),
             goal,
@@ -342,7 +359,10 @@ impl Arguments {
 
     fn setting(&self) -> Result<Setting> {
         let task = match &self.run {
-            Some(_) => self.loaded()?.0,
+            Some(run) => match training::read_config(run)? {
+                Some(whole) => tasks::find(&whole.task)?,
+                None => self.loaded()?.0,
+            },
             None => tasks::find(&self.task)?,
         };
         let scene = task.scene.as_ref().with_context(|| format!("task {} has no scene to act in", task.name))?;
@@ -406,6 +426,18 @@ impl Arguments {
         Ok((config.task, model))
     }
 
+    /// The run's latent model.
+    fn planet(&self, setting: &Setting) -> Result<Planet> {
+        let run = self.run.as_ref().context("the planner latent needs the run folder of a `planet`")?;
+        let config = training::read_config(run)?.filter(|config| config.model == WholeModel::Planet);
+        let config = config.with_context(|| format!("{} is not the run of a `planet`", run.display()))?;
+        let upright = matches!(&setting.rules.reward, Reward::Goal(goal) if goal.place == [0.0] && goal.swing == 0.0);
+        ensure!(upright, "a latent model knows no other goal than the one that it was told the rewards of: upright");
+        let planet = Planet::new(&setting.task.system, config.seed);
+        training::load_weights(run, &planet)?;
+        Ok(planet)
+    }
+
     /// Plays all episodes of one planner and writes the animation of the first.
     fn play(&self, who: Who, setting: &Setting, out: &Path) -> Result<Played> {
         let mut world = setting.world()?;
@@ -415,7 +447,7 @@ impl Arguments {
         for index in 0..self.episodes {
             let mut episode = play(world.as_mut(), &mut controller, self.seed.wrapping_add(index as u64), index == 0);
             if index == 0 {
-                let film = out.join(format!("{}.gif", who.name().replace(' ', "_")));
+                let film = out.join(format!("{}.gif", who.name(model.as_ref()).replace(' ', "_")));
                 figures::write_film(&film, &episode, &mut controller, world.as_ref())?;
             }
             episode.frames.clear();
@@ -427,6 +459,7 @@ impl Arguments {
         let notes = episodes.iter().enumerate();
         Ok(Played {
             who,
+            name: who.name(model.as_ref()),
             mean: mean_and_interval(&returns, self.seed).context("no episodes")?,
             ms_per_decision: 1000.0 * seconds / decisions.max(1) as f64,
             notes: notes
@@ -440,6 +473,11 @@ impl Arguments {
     /// The model of a planner that sees, with the physics that its refinement goes by.
     fn model_of(&self, who: Who, setting: &Setting) -> Result<PhysicsNet> {
         let model = self.loaded()?.1;
+        ensure!(
+            model.black_box.is_none() || (who == Who::Learned && self.model_set.is_empty()),
+            "the run's model.dynamics is {}, not physics: it can be the planner learned, and has no parameters to set",
+            model.options.dynamics.name()
+        );
         let set = |name: &str, value: f64| -> Result<()> {
             let parameter = model.parameters.iter().find(|parameter| parameter.kind.name == name);
             let cell = model.system.cell.name;
@@ -467,6 +505,10 @@ impl Arguments {
         Ok(match (who, seeing) {
             (Who::Zero, _) => Controller::Zero,
             (Who::Random, _) => Controller::random(),
+            (Who::Latent, _) => {
+                let model = Box::new(LatentModel::new(self.planet(setting)?));
+                Controller::Latent { model, planner }
+            }
             (Who::Learned, Some(net)) => {
                 let learned = Controller::seeing(Vision::new(net, format)?, planner);
                 if self.relearn.is_empty() {
@@ -501,7 +543,7 @@ impl Played {
         let [mean, low, high] = self.mean;
         let interval = format!("{low:.2} to {high:.2}");
         let ms = self.ms_per_decision;
-        say!("{:<14}{mean:>10.2}{interval:>20}{upper_bound:>14.2}{ms:>14.1}", self.who.name());
+        say!("{:<14}{mean:>10.2}{interval:>20}{upper_bound:>14.2}{ms:>14.1}", self.name);
         self.notes.iter().take(NOTES).for_each(|note| say!("  note: {note}"));
         if self.notes.len() > NOTES {
             say!("  and {} more notes like these", self.notes.len() - NOTES);
@@ -511,5 +553,6 @@ impl Played {
 
 /// Clips that a run was trained on, if it says so.
 fn training_clips(run: &Path) -> Option<usize> {
-    Run::read(run).ok()?.data.map(|data| data.clips[0])
+    let whole = WholeScores::read(run).ok().flatten().map(|scores| scores.training_clips);
+    whole.or_else(|| Run::read(run).ok()?.data.map(|data| data.clips[0]))
 }

@@ -4,9 +4,10 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use paig::baselines::frame_model::{FrameModel, named_variables, weights};
+use paig::baselines::frame_model::{Batch, FrameModel, named_variables, weights};
 use paig::baselines::list::Comparison;
 use paig::baselines::training::WholeModel;
+use paig::network::cells::Actions;
 use paig::tasks;
 use serde_json::Value;
 use tch::{Device, Kind, Tensor};
@@ -39,7 +40,7 @@ fn whole_models_see_only_the_input() {
     let _guard = tch::no_grad_guard();
     for model in WHOLE.map(built) {
         let input = clips(2, 4);
-        let (short, long) = (model.predict(&input, 3), model.predict(&input, 6));
+        let (short, long) = (model.predict(&input, &Actions::none(), 3), model.predict(&input, &Actions::none(), 6));
         assert_eq!(long.size(), [2, 6, 3, 32, 32]);
         assert!((long.narrow(1, 0, 3) - short).abs().max().double_value(&[]) < 1e-6);
         assert!(long.min().double_value(&[]) >= 0.0 && long.max().double_value(&[]) <= 1.0);
@@ -50,7 +51,7 @@ fn whole_models_see_only_the_input() {
 #[test]
 fn every_weight_of_a_whole_model_learns() {
     for model in WHOLE.map(built) {
-        model.loss(&clips(2, 8), 0).backward();
+        model.loss(&Batch { frames: clips(2, 8), actions: Actions::none(), rewards: None }, 0).backward();
         for (name, variable) in named_variables(model.as_ref()) {
             let gradient = variable.grad();
             assert!(gradient.defined() && gradient.abs().sum(Kind::Double).double_value(&[]) > 0.0, "{name}");

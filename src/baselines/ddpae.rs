@@ -10,13 +10,14 @@
 use tch::nn::VarStore;
 use tch::{Kind, Tensor};
 
-use super::frame_model::FrameModel;
+use super::frame_model::{Batch, FrameModel};
+use super::gaussian::{Gaussian, Noise};
 use crate::network::System;
 use crate::network::blocks::{Activation, Conv2d, Dense, Layers, Mlp};
+use crate::network::cells::Actions;
 use crate::network::dynamics::LstmCell;
 use crate::network::initial_values::glorot_uniform;
 use crate::network::stn;
-use crate::support::random::{named_generator, normal};
 
 const IMAGE: usize = 256;
 const CONTENT: usize = 128;
@@ -84,42 +85,10 @@ impl Encoder {
     }
 }
 
-/// A normal distribution, `[batch, n]`.
-struct Gaussian {
-    mean: Tensor,
-    log_variance: Tensor,
-}
-
-impl Gaussian {
-    fn of(parameters: &Tensor) -> Self {
-        let parts = parameters.chunk(2, 1);
-        Gaussian { mean: parts[0].shallow_clone(), log_variance: parts[1].clamp(-8.0, 4.0) }
-    }
-
-    /// With these standard normal numbers; the mean without.
-    fn sample(&self, noise: Option<Tensor>) -> Tensor {
-        match noise {
-            Some(noise) => &self.mean + noise * (&self.log_variance * 0.5).exp(),
-            None => self.mean.shallow_clone(),
-        }
-    }
-
-    /// KL divergence from N(0, 1), summed over all but averaged over the batch.
-    fn divergence(&self) -> Tensor {
-        let of_each = (self.mean.square() + self.log_variance.exp() - 1.0 - &self.log_variance) * 0.5;
-        of_each.sum(Kind::Float) / self.mean.size()[0] as f64
-    }
-}
-
-/// Standard normal numbers of a step; none without one.
-struct Noise(Option<rand_chacha::ChaCha8Rng>);
-
-impl Noise {
-    fn like(&mut self, x: &Tensor) -> Option<Tensor> {
-        let random = self.0.as_mut()?;
-        let values: Vec<f32> = (0..x.numel()).map(|_| normal(random) as f32).collect();
-        Some(Tensor::from_slice(&values).reshape(x.size()))
-    }
+/// Mean and log-variance from a network's output.
+fn gaussian(output: &Tensor) -> Gaussian {
+    let parts = output.chunk(2, 1);
+    Gaussian { mean: parts[0].shallow_clone(), log_variance: parts[1].clamp(-8.0, 4.0) }
 }
 
 /// What the model makes of the input.
@@ -208,7 +177,7 @@ impl Ddpae {
                 (&self.future_memory, &self.future_pose, pose.shallow_clone())
             };
             [h, c] = cell.step(&Tensor::cat(&[&x, earlier], 1), [&h, &c]);
-            let change = Gaussian::of(&head.forward(&h));
+            let change = gaussian(&head.forward(&h));
             divergence += change.divergence();
             pose = &pose + change.sample(noise.like(&change.mean));
             poses.push(pose.shallow_clone());
@@ -227,7 +196,7 @@ impl Ddpae {
             memory = Some(self.content_memory.step(&x, [&h, &c]));
         }
         let [h, _] = memory.expect("there is at least one input frame");
-        let content = Gaussian::of(&self.content.forward(&h));
+        let content = gaussian(&self.content.forward(&h));
         (content.sample(noise.like(&content.mean)), content.divergence())
     }
 
@@ -267,17 +236,18 @@ impl FrameModel for Ddpae {
     }
 
     /// The negative evidence lower bound of whole clips, per frame.
-    fn loss(&self, clips: &Tensor, step: u64) -> Tensor {
+    fn loss(&self, batch: &Batch, step: u64) -> Tensor {
+        let clips = &batch.frames;
         let (batch, time) = (clips.size()[0], clips.size()[1]);
-        let mut noise = Noise(Some(named_generator(self.seed, &format!("latents of step {step}"))));
+        let mut noise = Noise::of_step(self.seed, step);
         let input = clips.narrow(1, 0, self.input_steps);
         let Inferred { frames, divergence } = self.infer(&input, (time - self.input_steps) as usize, &mut noise);
         let error = (frames - clips).square().sum(Kind::Float) / batch as f64;
         (error / (2.0 * PIXEL_DEVIATION.powi(2)) + divergence).sum(Kind::Float) / time as f64
     }
 
-    fn predict(&self, input: &Tensor, frames: usize) -> Tensor {
-        let inferred = self.infer(input, frames, &mut Noise(None));
+    fn predict(&self, input: &Tensor, _actions: &Actions, frames: usize) -> Tensor {
+        let inferred = self.infer(input, frames, &mut Noise::none());
         inferred.frames.narrow(1, input.size()[1], frames as i64)
     }
 }

@@ -8,6 +8,7 @@ use crate::datasets::iterators::Clips;
 use crate::evaluation::BATCH;
 use crate::evaluation::frame_scores::FrameScores;
 use crate::network::System;
+use crate::network::cells::Actions;
 use crate::network::physics_models::losses::MeanLosses;
 use crate::runs::scores::{PredictedFrame, Scores};
 
@@ -15,11 +16,22 @@ use crate::runs::scores::{PredictedFrame, Scores};
 pub trait FrameModel {
     fn variables(&self) -> &VarStore;
 
-    /// What a step descends, of clips `[batch, time, channels, S, S]`.
-    fn loss(&self, clips: &Tensor, step: u64) -> Tensor;
+    /// What a step descends.
+    fn loss(&self, batch: &Batch, step: u64) -> Tensor;
 
     /// The next `frames` frames, `[batch, frames, channels, S, S]` in \[0, 1\], after the input `[batch, L, channels, S, S]`.
-    fn predict(&self, input: &Tensor, frames: usize) -> Tensor;
+    /// `actions` begin at the first input frame.
+    fn predict(&self, input: &Tensor, actions: &Actions, frames: usize) -> Tensor;
+}
+
+/// Clips that are learned from.
+#[derive(Debug)]
+pub struct Batch {
+    /// `[batch, time, channels, S, S]`
+    pub frames: Tensor,
+    pub actions: Actions,
+    /// What each frame is worth, `[batch, time]`; only where a model learns it.
+    pub rewards: Option<Tensor>,
 }
 
 /// All variables of a model with their names, sorted by name.
@@ -51,7 +63,7 @@ pub fn each_prediction(
     for chosen in all.chunks(BATCH) {
         let frames = clips.batch(chosen, clips.time());
         let input = frames.narrow(1, 0, system.input_steps as i64);
-        see(&frames, &model.predict(&input, clips.time() - system.input_steps))?;
+        see(&frames, &model.predict(&input, &clips.actions(chosen), clips.time() - system.input_steps))?;
     }
     Ok(())
 }

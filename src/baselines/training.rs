@@ -13,7 +13,8 @@ use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor};
 
 use super::ddpae::Ddpae;
-use super::frame_model::{self, FrameModel, named_variables, prediction_error};
+use super::frame_model::{self, Batch, FrameModel, named_variables, prediction_error};
+use super::planet::Planet;
 use super::video_lstm::VideoLstm;
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::network::System;
@@ -45,6 +46,7 @@ const ANNEAL_FACTOR: f64 = 5.0;
 pub enum WholeModel {
     VideoLstm,
     Ddpae,
+    Planet,
 }
 
 impl WholeModel {
@@ -53,7 +55,13 @@ impl WholeModel {
         match self {
             WholeModel::VideoLstm => Box::new(VideoLstm::new(system, seed)),
             WholeModel::Ddpae => Box::new(Ddpae::new(system, seed)),
+            WholeModel::Planet => Box::new(Planet::new(system, seed)),
         }
+    }
+
+    /// Whether it learns what frames are worth.
+    pub fn learns_rewards(self) -> bool {
+        self == WholeModel::Planet
     }
 }
 
@@ -114,8 +122,43 @@ impl WholeScores {
 #[derive(Debug, Clone, Copy)]
 pub struct WholeData<'a> {
     pub train: &'a Clips,
+    /// What their frames are worth, `[clips, time]`, for a model that learns it.
+    pub rewards: Option<&'a Tensor>,
     pub valid: &'a Clips,
     pub test: &'a Clips,
+}
+
+impl WholeData<'_> {
+    fn batch(&self, chosen: &[i64]) -> Batch {
+        Batch {
+            frames: self.train.batch(chosen, self.train.time()),
+            actions: self.train.actions(chosen),
+            rewards: self.rewards.map(|rewards| rewards.index_select(0, &Tensor::from_slice(chosen))),
+        }
+    }
+}
+
+/// The config of the run in a folder; none if there is no such run.
+///
+/// # Errors
+/// A damaged file.
+pub fn read_config(folder: &Path) -> Result<Option<WholeConfig>> {
+    let path = folder.join(MODEL);
+    if !path.exists() {
+        return Ok(None);
+    }
+    let read = || Ok::<_, anyhow::Error>(toml::from_str(&fs::read_to_string(&path)?)?);
+    read().with_context(|| format!("config {}", path.display())).map(Some)
+}
+
+/// Gives a model the weights of the last checkpoint in a run's folder.
+///
+/// # Errors
+/// No checkpoint, a damaged one, or one of another model.
+pub fn load_weights(folder: &Path, model: &dyn FrameModel) -> Result<()> {
+    let variables = named_variables(model);
+    let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
+    read_checkpoint(&folder.join(CHECKPOINT), &variables, &mut optimizer).map(|_| ())
 }
 
 /// Begins a run in its folder, or goes on with it, and scores it at its end. `stop` is asked after every step; `tell` is
@@ -147,14 +190,11 @@ pub fn train(
 
 /// Takes a folder for this run, or finds it there.
 fn open(config: &WholeConfig, folder: &Path) -> Result<()> {
-    let path = folder.join(MODEL);
     let text = toml::to_string_pretty(config)?;
-    if !path.exists() {
+    let Some(saved) = read_config(folder)? else {
         fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        return atomic::write_file(&path, |file| Ok(std::io::Write::write_all(file, text.as_bytes())?));
-    }
-    let saved: WholeConfig =
-        toml::from_str(&fs::read_to_string(&path)?).with_context(|| format!("config {}", path.display()))?;
+        return atomic::write_file(&folder.join(MODEL), |file| Ok(std::io::Write::write_all(file, text.as_bytes())?));
+    };
     ensure!(saved == *config, "{} was begun with other options; choose another folder", folder.display());
     Ok(())
 }
@@ -206,10 +246,7 @@ impl<'a> Running<'a> {
         let path = folder.join(CHECKPOINT);
         let mut progress = Progress { step: 0, seconds: 0.0 };
         if path.exists() {
-            let bytes = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-            let saved = weights::parse(&bytes).with_context(|| path.display().to_string())?.tensors;
-            progress = restore(saved, &variables, &mut optimizer)
-                .with_context(|| format!("checkpoint {} does not fit the model", path.display()))?;
+            progress = read_checkpoint(&path, &variables, &mut optimizer)?;
         }
         let Progress { step, seconds: before } = progress;
         let metrics = open_metrics(&folder.join(METRICS), step)?;
@@ -234,8 +271,7 @@ impl<'a> Running<'a> {
             self.validate(system, data.valid, None, tell)?;
         }
         while self.step < steps {
-            let clips = data.train.batch(batches.clips_of_step(self.step), data.train.time());
-            let loss = self.model.loss(&clips, self.step);
+            let loss = self.model.loss(&data.batch(batches.clips_of_step(self.step)), self.step);
             let value = loss.double_value(&[]);
             if !value.is_finite() {
                 bail!("the loss is not finite at step {}; begin again with a lower learning rate", self.step + 1);
@@ -295,6 +331,13 @@ impl<'a> Running<'a> {
 struct Progress {
     step: u64,
     seconds: f64,
+}
+
+fn read_checkpoint(path: &Path, variables: &[(String, Tensor)], optimizer: &mut Optimizer) -> Result<Progress> {
+    let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let saved = weights::parse(&bytes).with_context(|| path.display().to_string())?.tensors;
+    let restored = restore(saved, variables, optimizer);
+    restored.with_context(|| format!("checkpoint {} does not fit the model", path.display()))
 }
 
 /// Sets variables and slots to what a checkpoint holds.

@@ -8,10 +8,11 @@ use tch::Tensor;
 use tch::nn::VarStore;
 
 use super::conv_lstm::ConvLstmCell;
-use super::frame_model::FrameModel;
+use super::frame_model::{Batch, FrameModel};
 use crate::kernels::Kernels;
 use crate::network::System;
 use crate::network::blocks::{Activation, Conv2d, Layers};
+use crate::network::cells::Actions;
 use crate::network::initial_values::glorot_uniform;
 use crate::network::physics_models::losses::frame_error;
 
@@ -77,13 +78,18 @@ impl FrameModel for VideoLstm {
     }
 
     /// The squared error of all frames after the input.
-    fn loss(&self, clips: &Tensor, _step: u64) -> Tensor {
+    fn loss(&self, batch: &Batch, _step: u64) -> Tensor {
+        let clips = &batch.frames;
         let after = clips.size()[1] - self.input_steps;
         let truth = clips.narrow(1, self.input_steps, after);
-        frame_error(Kernels::Own, &self.predict(&clips.narrow(1, 0, self.input_steps), after as usize), &truth)
+        frame_error(
+            Kernels::Own,
+            &self.predict(&clips.narrow(1, 0, self.input_steps), &batch.actions, after as usize),
+            &truth,
+        )
     }
 
-    fn predict(&self, input: &Tensor, frames: usize) -> Tensor {
+    fn predict(&self, input: &Tensor, _actions: &Actions, frames: usize) -> Tensor {
         let mut memory = self.encoded(input);
         let mut frame = input.select(1, input.size()[1] - 1);
         let mut predicted = Vec::with_capacity(frames);

@@ -1,18 +1,23 @@
-//! Training of a whole other model from the command line: what `video_lstm` and `ddpae` call.
+//! Training of a whole other model from the command line: what `video_lstm`, `ddpae` and `planet` call.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Context, Result, ensure};
 use clap::Parser;
-use tch::Device;
+use tch::{Device, Tensor};
 
 use super::ending::exit_code;
 use super::{environment, interrupt};
 use crate::baselines::training::{self, WholeConfig, WholeData, WholeModel, WholeScores};
+use crate::control::reward::{Goal, Reward};
+use crate::control::state::ControlState;
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::iterators::Clips;
+use crate::datasets::states::States;
+use crate::network::cells::Coordinates;
 use crate::support::device;
+use crate::tasks::Task;
 use crate::training::base::Outcome;
 use crate::{say, tasks};
 
@@ -85,10 +90,36 @@ pub fn train(config: &WholeConfig, folder: &Path, stop: &dyn Fn() -> bool) -> Re
     let learned = read(task.train_file.as_ref(), &ClipShape::training(&task))?;
     let scored = read(task.test_file.as_ref(), &ClipShape::test(&task))?;
     let clips = |file: &DatasetFile, split| Clips::new(file.split(split), file.actions(split), Device::Cpu);
-    let (train, valid) = (clips(&learned, Split::Train), clips(&learned, Split::Valid));
-    let data = WholeData { train: &train, valid: &valid, test: &clips(&scored, Split::Test) };
+    let (train, valid, test) =
+        (clips(&learned, Split::Train), clips(&learned, Split::Valid), clips(&scored, Split::Test));
+    let told = config.model.learns_rewards();
+    let rewards = told.then(|| rewards(&task, &config.data.join(&task.train_file), &learned)).transpose()?;
+    let data = WholeData { train: &train, rewards: rewards.as_ref(), valid: &valid, test: &test };
     training::train(config, &task.system, data, folder, stop, &mut |record| {
         let error = record.score.unwrap_or(f64::NAN);
         say!("{} - step {}: validation error {error:.4}", folder.display(), record.step);
     })
+}
+
+/// What the frames of the training clips are worth where upright is the goal, `[clips, time]`: what an environment tells
+/// who acts in it.
+fn rewards(task: &Task, file: &Path, dataset: &DatasetFile) -> Result<Tensor> {
+    let cell = task.system.cell;
+    ensure!(
+        cell.actions && cell.coordinates == Coordinates::Angle && task.system.objects == 1,
+        "this model learns what frames of a pendulum are worth; task {} has none",
+        task.name
+    );
+    let states = States::read(file, dataset)?.with_context(|| {
+        let beside = States::path_beside(file);
+        format!("{} is missing: the model is told what each frame is worth, by the true angle", beside.display())
+    })?;
+    let upright = Reward::Goal(Goal::angle(0.0));
+    let worth = |angle: &f32| {
+        let state = ControlState::turning(f64::from(*angle), 0.0);
+        upright.of(0, &state, 0.0, &state) as f32
+    };
+    let positions = &states.train.positions;
+    let worths: Vec<f32> = positions.iter().map(worth).collect();
+    Ok(Tensor::from_slice(&worths).reshape([positions.dim().0 as i64, positions.dim().1 as i64]))
 }

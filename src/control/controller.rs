@@ -8,9 +8,11 @@ use tch::Tensor;
 
 use super::environment::Environment;
 use super::eyes::{Eyes, Sight};
-use super::model::{self, Model};
+use super::latent::LatentModel;
+use super::learned;
+use super::model::{Model, Outset};
 use super::relearning::Relearning;
-use super::search::{Outset, Planner};
+use super::search::Planner;
 use super::state::ControlState;
 use super::vision::Vision;
 use crate::support::random::named_generator;
@@ -25,6 +27,8 @@ pub enum Controller<'a> {
     TrueState { model: Box<dyn Model + 'a>, planner: Box<dyn Planner> },
     /// Plans from what is seen.
     Seeing(Box<Seeing<'a>>),
+    /// Plans in a latent model of what is seen.
+    Latent { model: Box<LatentModel>, planner: Box<dyn Planner> },
 }
 
 /// A planner that sees.
@@ -46,6 +50,7 @@ impl Debug for Controller<'_> {
             Controller::Random(_) => "Random",
             Controller::TrueState { .. } => "TrueState",
             Controller::Seeing(_) => "Seeing",
+            Controller::Latent { .. } => "Latent",
         })
     }
 }
@@ -55,7 +60,7 @@ impl Debug for Controller<'_> {
 pub enum Decision {
     Act {
         action: f64,
-        /// The state that was planned from; none where nothing is planned.
+        /// The state that was planned from; none where nothing is planned, or where the model knows no states.
         from: Option<ControlState>,
         note: Option<String>,
     },
@@ -72,7 +77,7 @@ impl<'a> Controller<'a> {
 
     /// Plans from what is seen, on the model that was learned.
     pub fn seeing(vision: Vision<'a>, planner: Box<dyn Planner>) -> Self {
-        let model = model::of_cell(vision.model.cell.as_ref(), vision.model.system.dt);
+        let model = learned::of_net(vision.model);
         Self::seeing_with(vision, model, planner)
     }
 
@@ -102,19 +107,23 @@ impl<'a> Controller<'a> {
             Controller::Random(random) => **random = named_generator(seed, "random torque"),
             Controller::TrueState { planner, .. } => planner.begin(seed),
             Controller::Seeing(seeing) => seeing.begin(seed),
+            Controller::Latent { model, planner } => {
+                model.begin();
+                planner.begin(seed);
+            }
         }
     }
 
     /// Whether it looks at frames.
     pub fn sees(&self) -> bool {
-        matches!(self, Controller::Seeing(_))
+        matches!(self, Controller::Seeing(_) | Controller::Latent { .. })
     }
 
     /// The decisions of the last plan, the one that acts now first; nothing of a controller that does not plan.
     pub fn planned(&self) -> &[f32] {
         match self {
             Controller::Zero | Controller::Random(_) => &[],
-            Controller::TrueState { planner, .. } => planner.planned(),
+            Controller::TrueState { planner, .. } | Controller::Latent { planner, .. } => planner.planned(),
             Controller::Seeing(seeing) => seeing.planner.planned(),
         }
     }
@@ -123,7 +132,7 @@ impl<'a> Controller<'a> {
     /// or where the model fails.
     pub fn foretell(&mut self, from: &ControlState, actions: &[f32]) -> Vec<ControlState> {
         match self {
-            Controller::Zero | Controller::Random(_) => Vec::new(),
+            Controller::Zero | Controller::Random(_) | Controller::Latent { .. } => Vec::new(),
             Controller::TrueState { model, .. } => model.follow(from, actions).unwrap_or_default(),
             Controller::Seeing(seeing) => seeing.model.follow(from, actions).unwrap_or_default(),
         }
@@ -156,7 +165,7 @@ impl<'a> Controller<'a> {
             Controller::TrueState { model, planner } => {
                 let state = environment.true_state();
                 let planned = planner.plan(model.as_mut(), Outset { state: &state, step, reward: &rules.reward });
-                acted(planned, state, None)
+                acted(planned, Some(state), None)
             }
             Controller::Seeing(seeing) => {
                 let relearned = seeing.relearn(frames, actions);
@@ -167,15 +176,21 @@ impl<'a> Controller<'a> {
                 };
                 let outset = Outset { state: &state, step, reward: &rules.reward };
                 let planned = seeing.planner.plan(seeing.model.as_mut(), outset);
-                acted(planned, state, note)
+                acted(planned, Some(state), note)
+            }
+            Controller::Latent { model, planner } => {
+                model.see(frames, actions);
+                let nowhere = ControlState::new(Vec::new(), Vec::new());
+                let outset = Outset { state: &nowhere, step, reward: &rules.reward };
+                acted(planner.plan(model.as_mut(), outset), None, None)
             }
         }
     }
 }
 
-fn acted(planned: Option<f64>, from: ControlState, note: Option<String>) -> Decision {
+fn acted(planned: Option<f64>, from: Option<ControlState>, note: Option<String>) -> Decision {
     match planned.filter(|action| action.is_finite()) {
-        Some(action) => Decision::Act { action, from: Some(from), note },
+        Some(action) => Decision::Act { action, from, note },
         None => Decision::NoPlan,
     }
 }
@@ -194,8 +209,7 @@ impl Seeing<'_> {
 
     /// The planned-with model with the parameters as they are now.
     fn rebuild(&mut self) {
-        let net = self.eyes.vision.model;
-        self.model = model::of_cell(net.cell.as_ref(), net.system.dt);
+        self.model = learned::of_net(self.eyes.vision.model);
     }
 
     /// Learns parameters again where there are frames enough; what went wrong.

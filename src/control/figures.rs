@@ -138,25 +138,32 @@ pub fn write_clips(path: &Path, rows: &[Row]) -> Result<bool> {
     let usual = |row: &&Row| {
         row.clips.is_some() && row.setting.is_empty() && row.goal == Some(0.0) && row.gravity == Some(10.0)
     };
-    let mut lines = Vec::new();
-    for (name, colour) in ["learned", "true equation"].into_iter().zip(COLOURS) {
+    let mut names: Vec<&str> = Vec::new();
+    for row in rows.iter().filter(usual) {
+        if !names.contains(&row.planner.as_str()) {
+            names.push(&row.planner);
+        }
+    }
+    let (mut lines, mut most) = (Vec::new(), 0);
+    for name in names {
         let mut of_name: Vec<&Row> = rows.iter().filter(usual).filter(|row| row.planner == name).collect();
         of_name.sort_by_key(|row| row.clips);
+        if of_name.windows(2).all(|pair| pair[0].clips == pair[1].clips) {
+            continue;
+        }
         let at = |part: fn(&Row) -> f64| -> Vec<(f64, f64)> {
             let share = |row: &&Row| (row.clips.unwrap_or(0) as f64, 100.0 * part(row) / row.upper_bound);
             of_name.iter().map(share).collect()
         };
-        let band: Vec<_> =
-            at(|row| row.return_low).into_iter().chain(at(|row| row.return_high).into_iter().rev()).collect();
-        let distinct = of_name.windows(2).any(|pair| pair[0].clips != pair[1].clips);
-        if distinct {
-            lines.push(line("", colour, Stroke::Filled, band));
-            lines.push(line(name, colour, Stroke::Dotted, at(|row| row.return_mean)));
-        }
+        let colour = COLOURS[lines.len() / 2 % COLOURS.len()];
+        let band = at(|row| row.return_low).into_iter().chain(at(|row| row.return_high).into_iter().rev());
+        lines.push(line("", colour, Stroke::Filled, band.collect()));
+        let pieces = vec![at(|row| row.return_mean)];
+        lines.push(Line { label: name.into(), colour, stroke: Stroke::Dotted, pieces });
+        most = most.max(of_name.iter().filter_map(|row| row.clips).max().unwrap_or(0));
     }
-    let most = rows.iter().filter_map(|row| row.clips).max().unwrap_or(0) as f64;
     let title = "return, per cent of the upper bound's";
-    chart::write(path, CHART_HEIGHT, vec![chart_of(title, "training clips", most, lines)])
+    chart::write(path, CHART_HEIGHT, vec![chart_of(title, "training clips", most as f64, lines)])
 }
 
 /// An episode in motion. What is seen; what the model, eight steps before, foretold to be seen now, given what has acted
@@ -228,10 +235,8 @@ fn draw_plan(canvas: &mut Canvas, plan: &Planned, controller: &mut Controller, r
     };
     if let Reward::Goal(goal) = &rules.reward {
         for step in 0..path.len() {
-            let place = ControlState {
-                positions: (0..goal.place.len()).map(|axis| goal.at(axis, plan.step + step + 1)).collect(),
-                velocities: Vec::new(),
-            };
+            let place = (0..goal.place.len()).map(|axis| goal.at(axis, plan.step + step + 1)).collect();
+            let place = ControlState::new(place, Vec::new());
             dot(canvas, (x, y), (step, path.len()), share(&place), above, GREY);
         }
     }

@@ -1,108 +1,27 @@
 //! What a planner tries its plans on.
 //!
 //! Anything that foretells can be a [`Model`]: an equation in plain numbers ([`PlainModel`]), any cell on tensors
-//! ([`CellModel`]), or a black box that was learned.
+//! ([`CellModel`]), a [black box](super::learned) that was learned, or one that foretells nothing but
+//! [rewards](super::latent).
 
-use std::ops::{Deref, Range};
+use std::ops::Deref;
 
-use anyhow::{Context, Result, ensure};
-use tch::Tensor;
+use anyhow::Result;
+use tch::{Kind, Tensor};
 
+use super::plans::{Plans, Trajectories};
+use super::reward::Reward;
 use super::state::ControlState;
 use crate::network::cells::plain::PlainCell;
 use crate::network::cells::{Actions, Cell, State};
 
-/// Actions of some candidates, and for how many steps each is held.
+/// Where a plan begins.
 #[derive(Debug, Clone, Copy)]
-pub struct Plans<'a> {
-    /// `[decisions, candidates]`: those of all candidates side by side.
-    pub actions: &'a [f32],
-    pub candidates: usize,
-    pub hold: usize,
-}
-
-impl<'a> Plans<'a> {
-    pub fn decisions(&self) -> usize {
-        self.actions.len() / self.candidates
-    }
-
-    /// Steps of a plan.
-    pub fn steps(&self) -> usize {
-        self.decisions() * self.hold
-    }
-
-    /// What acts in a step, `[candidates]`.
-    pub fn at(&self, step: usize) -> &'a [f32] {
-        &self.actions[step / self.hold * self.candidates..][..self.candidates]
-    }
-}
-
-/// Where plans lead: the states after each step. The room is kept from one use to the next.
-#[derive(Debug, Clone, Default)]
-pub struct Trajectories {
-    candidates: usize,
-    coordinates: usize,
-    /// `[steps, coordinates, candidates]`.
-    positions: Vec<f32>,
-    velocities: Vec<f32>,
-}
-
-impl Trajectories {
-    /// Makes room for so much; what was in it means nothing any more.
-    pub fn make_room(&mut self, candidates: usize, coordinates: usize, steps: usize) {
-        (self.candidates, self.coordinates) = (candidates, coordinates);
-        self.positions.resize(candidates * coordinates * steps, 0.0);
-        self.velocities.resize(candidates * coordinates * steps, 0.0);
-    }
-
-    fn place(&self, step: usize, coordinate: usize) -> Range<usize> {
-        let first = (step * self.coordinates + coordinate) * self.candidates;
-        first..first + self.candidates
-    }
-
-    /// A coordinate after a step, `[candidates]`: radians or pixels.
-    pub fn position(&self, step: usize, coordinate: usize) -> &[f32] {
-        &self.positions[self.place(step, coordinate)]
-    }
-
-    /// Its velocity, per time unit.
-    pub fn velocity(&self, step: usize, coordinate: usize) -> &[f32] {
-        &self.velocities[self.place(step, coordinate)]
-    }
-
-    /// To be written: positions and velocities after a step, `[coordinates, candidates]` each.
-    pub fn step_mut(&mut self, step: usize) -> [&mut [f32]; 2] {
-        let size = self.coordinates * self.candidates;
-        [&mut self.positions, &mut self.velocities].map(|all| &mut all[step * size..][..size])
-    }
-
-    /// Begins a step as the last one ended, or at the start.
-    fn go_on(&mut self, step: usize, start: &ControlState) {
-        let size = self.coordinates * self.candidates;
-        for (all, start) in [(&mut self.positions, &start.positions), (&mut self.velocities, &start.velocities)] {
-            if step > 0 {
-                all.copy_within((step - 1) * size..step * size, step * size);
-                continue;
-            }
-            for (column, start) in all.chunks_exact_mut(self.candidates).zip(start) {
-                column.fill(*start as f32);
-            }
-        }
-    }
-
-    /// The states that a candidate goes through.
-    pub fn of(&self, candidate: usize) -> Vec<ControlState> {
-        let size = (self.coordinates * self.candidates).max(1);
-        let coordinate = |all: &[f32], step: usize| -> Vec<f64> {
-            let column = |axis: usize| f64::from(all[step * size + axis * self.candidates + candidate]);
-            (0..self.coordinates).map(column).collect()
-        };
-        let state = |step| ControlState {
-            positions: coordinate(&self.positions, step),
-            velocities: coordinate(&self.velocities, step),
-        };
-        (0..self.positions.len() / size).map(state).collect()
-    }
+pub struct Outset<'a> {
+    pub state: &'a ControlState,
+    /// The step of the episode that comes next.
+    pub step: usize,
+    pub reward: &'a Reward,
 }
 
 /// A world that can be tried.
@@ -124,6 +43,16 @@ pub trait Model {
         }
         self.roll_out(start, &Plans { actions, candidates: 1, hold: 1 }, &mut trajectories)?;
         Ok(trajectories.of(0))
+    }
+
+    /// What plans are worth, `[candidates]`; `room` is for where they lead. Not a number where they lead to none.
+    ///
+    /// # Errors
+    /// As [`Self::roll_out`].
+    fn returns(&mut self, outset: Outset, plans: &Plans, room: &mut Trajectories, returns: &mut [f32]) -> Result<()> {
+        self.roll_out(outset.state, plans, room)?;
+        outset.reward.returns(outset.step, outset.state, plans, room, returns);
+        Ok(())
     }
 }
 
@@ -159,25 +88,19 @@ impl<C: Deref<Target = dyn Cell>> Model for CellModel<C> {
     fn roll_out(&mut self, start: &ControlState, plans: &Plans, into: &mut Trajectories) -> Result<()> {
         let _guard = tch::no_grad_guard();
         let (candidates, steps, coordinates) = (plans.candidates as i64, plans.steps(), start.coordinates() as i64);
-        let rows = |numbers: &[f64]| {
-            let numbers: Vec<f32> = numbers.iter().map(|number| *number as f32).collect();
-            Tensor::from_slice(&numbers).expand([candidates, coordinates], false)
-        };
+        let rows = |numbers: &[f64]| row(numbers).expand([candidates, coordinates], false);
         let initial = State { pos: rows(&start.positions), vel: rows(&start.velocities) };
         let actions = Tensor::from_slice(plans.actions).reshape([-1, candidates]).transpose(0, 1);
         let actions = Actions::new(Some(actions.repeat_interleave_self_int(plans.hold as i64, 1, None)));
         let states = self.cell.roll_out(&initial, &actions, self.dt, steps);
         into.make_room(plans.candidates, start.coordinates(), steps);
-        for (step, state) in states.iter().enumerate() {
-            for (column, part) in into.step_mut(step).into_iter().zip([&state.pos, &state.vel]) {
-                ensure!(part.size() == [candidates, coordinates], "the equation does not move what is controlled");
-                let numbers: Vec<f32> =
-                    Vec::try_from(part.transpose(0, 1).contiguous().flatten(0, 1)).context("the states of plans")?;
-                column.copy_from_slice(&numbers);
-            }
-        }
-        Ok(())
+        states.iter().enumerate().try_for_each(|(step, state)| into.write(step, state))
     }
+}
+
+/// Numbers as a tensor, float32.
+pub(super) fn row(numbers: &[f64]) -> Tensor {
+    Tensor::from_slice(numbers).to_kind(Kind::Float)
 }
 
 /// A cell with its parameters as they are now: in plain numbers where it has that form, which takes a fraction of the

@@ -1,7 +1,7 @@
 //! The cross-entropy method: plans are drawn, and the next ones are drawn as the best of them were spread.
 
-use super::model::Model;
-use super::search::{Outset, Planner, Search, SearchSettings};
+use super::model::{Model, Outset};
+use super::search::{Planner, Search, SearchSettings};
 
 /// Of the plans tried, those that the next draw's mean and spread are measured in: 100 of 1000.
 const ELITE_SHARE: f64 = 0.1;

@@ -3,7 +3,7 @@
 use std::f32::consts::{FRAC_1_PI, TAU};
 use std::f64::consts::PI;
 
-use super::model::{Plans, Trajectories};
+use super::plans::{Plans, Trajectories};
 use super::state::{ControlState, wrapped};
 use crate::support::fast_math::nearest;
 

@@ -112,7 +112,7 @@ impl Environment for SceneEnvironment {
     }
 
     fn true_state(&self) -> ControlState {
-        ControlState { positions: self.state.positions.clone(), velocities: self.state.velocities.clone() }
+        ControlState::new(self.state.positions.clone(), self.state.velocities.clone())
     }
 
     fn rules(&self) -> &Rules {

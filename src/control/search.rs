@@ -2,9 +2,8 @@
 
 use rand_chacha::ChaCha8Rng;
 
-use super::model::{Model, Plans, Trajectories};
-use super::reward::Reward;
-use super::state::ControlState;
+use super::model::{Model, Outset};
+use super::plans::{Plans, Trajectories};
 use crate::support::random::{fill_normal, named_generator};
 
 /// How wide and how far a planner looks.
@@ -25,15 +24,6 @@ impl Default for SearchSettings {
     fn default() -> Self {
         SearchSettings { candidates: 1000, iterations: 10, decisions: 12, hold: 2, largest: 2.0 }
     }
-}
-
-/// Where a plan begins.
-#[derive(Debug, Clone, Copy)]
-pub struct Outset<'a> {
-    pub state: &'a ControlState,
-    /// The step of the episode that comes next.
-    pub step: usize,
-    pub reward: &'a Reward,
 }
 
 /// A planner that looks for the actions of the next decisions.
@@ -98,10 +88,9 @@ impl Search {
             actions.iter_mut().for_each(|action| *action = (mean + spread * *action).clamp(-largest, largest));
         }
         let plans = Plans { actions: &self.actions, candidates, hold };
-        if model.roll_out(outset.state, &plans, &mut self.trajectories).is_err() {
+        if model.returns(outset, &plans, &mut self.trajectories, &mut self.returns).is_err() {
             return false;
         }
-        outset.reward.returns(outset.step, outset.state, &plans, &self.trajectories, &mut self.returns);
         self.returns.iter_mut().filter(|worth| !worth.is_finite()).for_each(|worth| *worth = f32::NEG_INFINITY);
         self.returns.iter().any(|worth| worth.is_finite())
     }

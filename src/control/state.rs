@@ -9,12 +9,27 @@ pub struct ControlState {
     pub positions: Vec<f64>,
     /// Per time unit.
     pub velocities: Vec<f64>,
+    /// The frames before, the last one last, as far as they are known and a model asks for them: an equation does not.
+    pub before: Vec<Moment>,
+}
+
+/// A frame that has passed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moment {
+    pub positions: Vec<f64>,
+    /// What acted from then to the next frame.
+    pub action: f64,
 }
 
 impl ControlState {
+    /// Of which nothing is known of before.
+    pub fn new(positions: Vec<f64>, velocities: Vec<f64>) -> Self {
+        ControlState { positions, velocities, before: Vec::new() }
+    }
+
     /// Of one angle and its rate.
     pub fn turning(angle: f64, rate: f64) -> Self {
-        ControlState { positions: vec![angle], velocities: vec![rate] }
+        Self::new(vec![angle], vec![rate])
     }
 
     pub fn is_finite(&self) -> bool {

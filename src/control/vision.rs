@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use tch::{Kind, Tensor};
 
 use super::environment::FrameFormat;
-use super::state::ControlState;
+use super::state::{ControlState, Moment};
 use crate::network::cells::{Actions, Coordinates, State};
 use crate::network::physics_models::{Encoding, PhysicsNet, refinement};
 
@@ -39,7 +39,6 @@ impl<'a> Vision<'a> {
             "nothing acts on what equation {} moves; control needs a run of a task with actions (pendulum)",
             system.cell.name
         );
-        ensure!(model.black_box.is_none(), "control plans with the equation; the run's model.dynamics is not physics");
         let FrameFormat { side, channels, dt } = format;
         ensure!(
             (system.side, system.channels) == (side, channels),
@@ -87,8 +86,7 @@ impl<'a> Vision<'a> {
                 .map(|cell| system.side as f64 * (cell as f64 + 1.0) / (OWN_PICTURES as f64 + 1.0))
                 .collect(),
         };
-        let states: Vec<_> =
-            (0..count).map(|picture| ControlState { positions: at(picture), velocities: Vec::new() }).collect();
+        let states: Vec<_> = (0..count).map(|picture| ControlState::new(at(picture), Vec::new())).collect();
         let encoding = self.model.encoder.forward(&self.drawn(&states.iter().collect::<Vec<_>>()));
         Vec::try_from(self.masses(&encoding).median_dim(0, false).0).expect("a number for each object")
     }
@@ -153,8 +151,8 @@ impl<'a> Vision<'a> {
     }
 
     /// The state at the last of at most L consecutive frames; `actions` (one fewer) acted from each frame to the next. As
-    /// the model estimates and refines it from L frames; from fewer by the last difference, refined; from one at rest.
-    /// None if it is no finite number.
+    /// the model estimates and refines it from L frames; from fewer by the last difference, refined; from one at rest. For a
+    /// black box as it is seen, with the frames before. None if it is no finite number.
     pub fn state(&self, places: &[&Places], actions: &[f64]) -> Option<ControlState> {
         let _guard = tch::no_grad_guard();
         let model = self.model;
@@ -162,18 +160,26 @@ impl<'a> Vision<'a> {
         let acted: Vec<f32> = actions.iter().map(|action| *action as f32).collect();
         let acted = Actions::new((!acted.is_empty()).then(|| Tensor::from_slice(&acted).unsqueeze(0)));
         let count = positions.size()[1];
-        let state = if count as usize == self.input_frames() {
+        let black_box = model.black_box.is_some();
+        let state = if count as usize == self.input_frames() && !black_box {
             model.initial_state(&positions, &acted)
         } else {
             let last = positions.select(1, count - 1);
             let before = positions.select(1, (count - 2).max(0));
             let estimate = State { vel: (&last - before) / model.system.dt, pos: last };
-            let steps = model.options.refinement_steps;
+            let steps = if black_box { 0 } else { model.options.refinement_steps };
             refinement::refine(model.cell.as_ref(), model.system.dt, &positions, &acted, estimate, steps)
         };
         let numbers =
             |x: &Tensor| -> Vec<f64> { Vec::try_from(x.to_kind(Kind::Double).flatten(0, 1)).expect("numbers") };
-        let state = ControlState { positions: numbers(&state.pos), velocities: numbers(&state.vel) };
+        let mut state = ControlState::new(numbers(&state.pos), numbers(&state.vel));
+        if black_box {
+            let moment = |(frame, action): (i64, &f64)| Moment {
+                positions: numbers(&positions.select(1, frame)),
+                action: *action,
+            };
+            state.before = (0..count - 1).zip(actions).map(moment).collect();
+        }
         state.is_finite().then_some(state)
     }
 

@@ -10,7 +10,7 @@
 
 use tch::Tensor;
 
-use super::{Features, Predictor, keep_last};
+use super::{Features, Predictor, SEEN, keep_last};
 use crate::network::blocks::{Activation, Layers, Mlp};
 
 /// Units of a hidden layer.
@@ -29,7 +29,7 @@ pub struct InteractionNetwork {
 
 impl InteractionNetwork {
     pub(super) fn new(layers: &mut Layers, features: &Features) -> Self {
-        let of_object = features.frames * (features.coordinates + features.actions);
+        let of_object = features.frames * (SEEN + features.actions);
         let mut mlp = |widths: &[usize]| Mlp::new(layers, widths, Activation::Relu, Activation::None);
         let relation = (features.objects > 1).then(|| mlp(&[2 * of_object, HIDDEN, HIDDEN, HIDDEN, EFFECT]));
         let object = mlp(&[of_object + EFFECT, HIDDEN, HIDDEN, features.coordinates]);
@@ -47,11 +47,11 @@ impl InteractionNetwork {
 
     /// The last frames by object, `[batch, objects, features of an object]`.
     fn objects(&self, memory: &[Tensor]) -> Tensor {
-        let Features { objects, coordinates, .. } = self.features;
+        let objects = self.features.objects as i64;
         let of_frame = |frame: &Tensor| {
-            let parts = frame.split_with_sizes([self.features.positions() as i64, self.features.actions as i64], 1);
-            let positions = parts[0].reshape([-1, objects as i64, coordinates as i64]);
-            Tensor::cat(&[positions, parts[1].unsqueeze(1).expand([-1, objects as i64, -1], false)], 2)
+            let parts = frame.split_with_sizes([self.features.in_positions() as i64, self.features.actions as i64], 1);
+            let positions = parts[0].reshape([-1, objects, SEEN as i64]);
+            Tensor::cat(&[positions, parts[1].unsqueeze(1).expand([-1, objects, -1], false)], 2)
         };
         Tensor::cat(&memory.iter().map(of_frame).collect::<Vec<_>>(), 2)
     }

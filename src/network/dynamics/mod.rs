@@ -2,9 +2,9 @@
 //!
 //! Paper: section 4, the black-box baselines. A network takes in one frame's positions after the other, all L of the
 //! input, and gives the change of the positions to the next frame; from the last input frame on it takes in its own
-//! predictions. Every network predicts a change, `p' = p + f(..)`, and sees positions as -1..1, so that none is helped more
-//! than another. The sizes are ours: LSTM, GRU, interaction network and MLP have about 42,000 weights each for two objects
-//! and L = 4; the linear one is the least that can predict.
+//! predictions. Every network predicts a change, `p' = p + f(..)`, and sees positions as -1..1 and angles as sine and cosine,
+//! so that none is helped more than another. The sizes are ours: LSTM, GRU, interaction network and MLP have about 42,000
+//! weights each for two objects and L = 4; the linear one is the least that can predict.
 
 mod gru;
 mod interaction_network;
@@ -26,6 +26,9 @@ pub use gru::GruCell;
 pub use interaction_network::InteractionNetwork;
 pub use lstm::{LstmCell, memory_step};
 
+/// Numbers that the position of an object is seen by: x and y, or sine and cosine.
+const SEEN: usize = 2;
+
 /// What carries the positions from frame to frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -38,6 +41,20 @@ pub enum DynamicsKind {
     InteractionNetwork,
     Mlp,
     Linear,
+}
+
+impl DynamicsKind {
+    /// As it stands in a config.
+    pub fn name(self) -> &'static str {
+        match self {
+            DynamicsKind::Physics => "physics",
+            DynamicsKind::Lstm => "lstm",
+            DynamicsKind::Gru => "gru",
+            DynamicsKind::InteractionNetwork => "interaction_network",
+            DynamicsKind::Mlp => "mlp",
+            DynamicsKind::Linear => "linear",
+        }
+    }
 }
 
 /// A network that predicts the next frame's positions from those it has taken in.
@@ -66,8 +83,13 @@ impl Features {
         self.objects * self.coordinates
     }
 
+    /// Numbers that the positions of all objects are seen by.
+    fn in_positions(&self) -> usize {
+        self.objects * SEEN
+    }
+
     fn in_frame(&self) -> usize {
-        self.positions() + self.actions
+        self.in_positions() + self.actions
     }
 }
 
@@ -76,18 +98,23 @@ impl Features {
 pub struct BlackBox {
     network: Box<dyn Predictor>,
     features: Features,
-    /// A position p is taken in as `p * scale - shift`.
+    coordinates: Coordinates,
+    /// A position p in pixels is taken in as `p * scale - 1`; a change is foretold in units of `1 / scale`.
     scale: f64,
-    shift: f64,
     dt: f64,
 }
 
 impl BlackBox {
     /// None for the physics, which is no black box.
     pub fn new(scope: Path, kind: DynamicsKind, system: &System) -> Option<Self> {
+        let coordinates = system.cell.coordinates;
+        let scale = match coordinates {
+            Coordinates::Position => 2.0 / system.side as f64,
+            Coordinates::Angle => 1.0,
+        };
         let features = Features {
             objects: system.objects,
-            coordinates: system.cell.coordinates.per_object(),
+            coordinates: coordinates.per_object(),
             actions: usize::from(system.cell.actions),
             frames: system.input_steps,
         };
@@ -100,41 +127,51 @@ impl BlackBox {
             DynamicsKind::Mlp => Box::new(mlp::StackedMlp::new(&mut layers, &features)),
             DynamicsKind::Linear => Box::new(linear::Linear::new(&mut layers, &features)),
         };
-        let (scale, shift) = match system.cell.coordinates {
-            Coordinates::Position => (2.0 / system.side as f64, 1.0),
-            // Angles are small numbers as they are.
-            Coordinates::Angle => (1.0, 0.0),
-        };
-        Some(BlackBox { network, features, scale, shift, dt: system.dt })
+        Some(BlackBox { network, features, coordinates, scale, dt: system.dt })
     }
 
     /// The states at the last of the input positions `[batch, L, coordinates * objects]` and at the next `frames` frames.
     /// `actions` begin at the first input frame. A velocity is the change of the position since the frame before, per time
     /// unit.
     pub fn roll_out(&self, input: &Tensor, actions: &Actions, frames: usize) -> (State, Vec<State>) {
-        let seen = input.size()[1];
-        let mut memory = Vec::new();
-        for frame in 0..seen {
-            self.see(&mut memory, &input.select(1, frame), actions.at(frame as usize));
-        }
-        let last = input.select(1, seen - 1);
-        let before = input.select(1, (seen - 2).max(0));
-        let initial = State { vel: (&last - before) / self.dt, pos: last };
+        let last = input.size()[1] - 1;
+        let mut memory = self.remember(&input.narrow(1, 0, last), actions);
+        let before = input.select(1, (last - 1).max(0));
+        let pos = input.select(1, last);
+        let initial = State { vel: (&pos - before) / self.dt, pos };
         let mut states: Vec<State> = Vec::with_capacity(frames);
         for frame in 0..frames {
-            let change = self.network.change(&memory) / self.scale;
-            let pos = &states.last().unwrap_or(&initial).pos + &change;
-            if frame + 1 < frames {
-                self.see(&mut memory, &pos, actions.at(seen as usize + frame));
-            }
-            states.push(State { vel: change / self.dt, pos });
+            let from = &states.last().unwrap_or(&initial).pos;
+            states.push(self.step(&mut memory, from, actions.at(last as usize + frame)));
         }
         (initial, states)
     }
 
+    /// What a network keeps of positions `[batch, frames, coordinates * objects]` and the actions from them on; each tensor's
+    /// first axis is the batch. It may be empty.
+    pub fn remember(&self, positions: &Tensor, actions: &Actions) -> Vec<Tensor> {
+        let mut memory = Vec::new();
+        for frame in 0..positions.size()[1] {
+            self.see(&mut memory, &positions.select(1, frame), actions.at(frame as usize));
+        }
+        memory
+    }
+
+    /// Takes in the positions of one more frame (`[batch, coordinates * objects]`) and what acts from it on (`[batch, 1]`),
+    /// and foretells the next.
+    pub fn step(&self, memory: &mut Vec<Tensor>, positions: &Tensor, action: Option<Tensor>) -> State {
+        self.see(memory, positions, action);
+        let change = self.network.change(memory) / self.scale;
+        State { pos: positions + &change, vel: change / self.dt }
+    }
+
     /// Takes in positions `[batch, coordinates * objects]` and what acts from their frame on (`[batch, 1]`; nothing: zero).
     fn see(&self, memory: &mut Vec<Tensor>, positions: &Tensor, action: Option<Tensor>) {
-        let mut frame = positions * self.scale - self.shift;
+        let mut frame = match self.coordinates {
+            Coordinates::Position => positions * self.scale - 1.0,
+            // An angle and the same after a full turn are one place.
+            Coordinates::Angle => Tensor::stack(&[positions.sin(), positions.cos()], 2).flatten(1, 2),
+        };
         if self.features.actions > 0 {
             let action = action.unwrap_or_else(|| positions.narrow(1, 0, 1).zeros_like());
             frame = Tensor::cat(&[frame, action], 1);

@@ -131,7 +131,7 @@ mod tests {
     /// of many repetitions.
     #[test]
     fn errors_behind_the_residuals_of_a_line() {
-        let (frames, correlation) = (24, 0.6);
+        let (frames, correlation) = (24, 0.6_f64);
         let line = DMatrix::from_fn(frames, 2, |t, power| (t as f64 / frames as f64).powi(power as i32));
         let inverse = (line.transpose() * &line).try_inverse().unwrap();
         let mut random = named_generator(4, "errors of a line");
@@ -140,7 +140,7 @@ mod tests {
             let mut error = normal(&mut random);
             let errors = DVector::from_fn(frames, |_, _| {
                 let now = error;
-                error = correlation * error + (1.0 - correlation * correlation as f64).sqrt() * normal(&mut random);
+                error = correlation * error + (1.0 - correlation * correlation).sqrt() * normal(&mut random);
                 now
             });
             let fit = &inverse * line.transpose() * &errors;

@@ -131,7 +131,7 @@ mod tests {
     /// of many repetitions.
     #[test]
     fn errors_behind_the_residuals_of_a_line() {
-        let (frames, correlation) = (24, 0.6_f64);
+        let (frames, correlation) = (60, 0.6_f64);
         let line = DMatrix::from_fn(frames, 2, |t, power| (t as f64 / frames as f64).powi(power as i32));
         let inverse = (line.transpose() * &line).try_inverse().unwrap();
         let mut random = named_generator(4, "errors of a line");
@@ -150,8 +150,8 @@ mod tests {
             expected += likely.variances(&line, &inverse)[1] / 400.0;
             found += likely.correlation / 400.0;
         }
-        // The residuals' own correlation is 0.4 here. 24 frames say little, and means of skewed numbers lie to one side.
-        assert!((found - correlation).abs() < 0.12, "{found}");
-        assert!((0.75..1.5).contains(&(expected / slopes)), "{expected} {slopes}");
+        // Means over sets; some sets look far more alike than they are, and the mean variance lies above what it should be.
+        assert!((found - correlation).abs() < 0.08, "{found}");
+        assert!((0.8..1.5).contains(&(expected / slopes)), "{expected} {slopes}");
     }
 }

@@ -27,6 +27,8 @@ const DAMPING: f64 = 1e-2;
 const DAMPING_UP: f64 = 8.0;
 const DAMPING_DOWN: f64 = 0.3;
 const DAMPING_LIMIT: f64 = 1e8;
+/// Added to the diagonal of normal equations, of their largest number.
+const LEAST_HELD: f64 = 1e-12;
 /// Standard deviation of normal numbers whose median size is 1.
 pub(super) const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 /// Relative fall of the cost at which a horizon is done.
@@ -286,8 +288,11 @@ impl Problem<'_> {
         let weight = self.masked(self.huber / at.residual.abs().clamp_min(self.huber)).unsqueeze(-1);
         let weighted = |j: &Tensor| (j * &weight).transpose(1, 2);
         let damped = |normal: Tensor| {
-            let diagonal = normal.diagonal(0, -2, -1) * damping + 1e-9;
-            normal + diagonal.diag_embed(0, -2, -1)
+            let diagonal = normal.diagonal(0, -2, -1);
+            // What shows in no position is held, however large the other numbers are.
+            let held = diagonal.amax([-1i64].as_slice(), true) * LEAST_HELD + 1e-9;
+            let added = diagonal * damping + held;
+            normal + added.diag_embed(0, -2, -1)
         };
         let residual = at.residual.unsqueeze(-1);
         let (w_state, w_shared) = (weighted(&at.by_state), weighted(&at.by_shared));

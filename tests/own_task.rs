@@ -88,16 +88,16 @@ fn five_balls_are_generated_trained_scored_reported_predicted_and_resumed_from_a
     let weights = of_run.join("checkpoints").join(index["last"].as_str().unwrap()).join("weights.safetensors");
     let before = fs::read(&weights).unwrap();
     let metrics = fs::read_to_string(of_run.join("metrics.jsonl")).unwrap();
-    let steps = metrics.matches(r#""kind":"train""#).count();
+    let steps = metrics.matches(r#""kind":"valid""#).count();
     let shown = || {
         let events = fs::read(of_run.join("events.out.tfevents.paig")).unwrap();
-        String::from_utf8_lossy(&events).matches("train/train_loss").count()
+        String::from_utf8_lossy(&events).matches("valid/pred_loss").count()
     };
-    assert!(steps > 0 && shown() == steps, "{} of {steps} steps", shown());
+    assert!(steps > 0 && shown() == steps, "{} of {steps} validations", shown());
     fs::remove_file(of_run.join("summary.json")).unwrap();
     run(folder, "run_physics", &["--resume", "--out", "runs/five_balls/fast/seed=0"]);
     assert!(of_run.join("summary.json").exists() && before == fs::read(&weights).unwrap());
-    // What TensorBoard is shown is written anew, each step once.
+    // What TensorBoard is shown is written anew, each validation once.
     assert_eq!(shown(), steps);
 }
 

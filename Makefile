@@ -54,6 +54,7 @@ torture: build
 	-PAIG_FAULTS_STRIDE=$(STRIDE) $(CARGO) test --release --test faults -- --nocapture > $(TORTURE)/faults.txt
 	-$(CARGO) test --release --test invocations -- --nocapture > $(TORTURE)/invocations.txt
 	-$(CARGO) run --release --quiet --example fuzz -- $(FUZZ) > $(TORTURE)/fuzz.txt
+	-$(CARGO) run --release --quiet --example resources -- 10000 > $(TORTURE)/resources.txt
 	$(CARGO) run --release --quiet --example torture -- $(KILLS) 3600
 
 CONTROL := runs/control/clips=100

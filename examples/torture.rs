@@ -317,8 +317,11 @@ impl Torture {
                 text.lines().filter_map(|line| line.strip_suffix(word)?.rsplit(' ').next()?.parse::<u64>().ok());
             lines.sum()
         };
-        let fuzz: Value =
-            fuzz.lines().rfind(|line| line.starts_with('{')).map_or(Ok(json!({})), serde_json::from_str)?;
+        let last = |text: &str| -> Result<Value> {
+            let line = text.lines().rfind(|line| line.starts_with('{'));
+            Ok(line.map_or(Ok(json!({})), serde_json::from_str)?)
+        };
+        let (fuzz, held) = (last(&fuzz)?, last(&said("resources.txt"))?);
         let failed = |text: &str| u64::from(!text.is_empty() && !text.contains("test result: ok"));
         let kills: u32 = self.kills.values().sum();
         let results = json!({
@@ -330,6 +333,7 @@ impl Torture {
             "crashes": fuzz["crashes"].as_u64().unwrap_or(0),
             "bad_invocations": sum(&calls, " bad invocations"),
             "wrong": failed(&calls),
+            "resources": held,
         });
         fs::write(out.join("results.json"), serde_json::to_string_pretty(&results)? + "\n")?;
         let rows: Vec<_> = self.kills.iter().map(|(what, kills)| format!("| {what} | {kills} |")).collect();
@@ -340,7 +344,7 @@ impl Torture {
              [docs/reliability.md](../../docs/reliability.md).\n\n\
              {kills} kills (SIGKILL and SIGTERM at random moments) in {:.0} minutes; {} times something was lost.\n\n\
              | program | kills |\n|---|---|\n{}\n\n\
-             Faults of the storage: {}. Inputs of the fuzzer: {}, of which {} broke a reader. Bad invocations: {}.\n{}{}",
+             Faults of the storage: {}. Inputs of the fuzzer: {}, of which {} broke a reader. Bad invocations: {}.\n{}{}{}",
             took.as_secs_f64() / 60.0,
             self.lost.len(),
             rows.join("\n"),
@@ -348,6 +352,7 @@ impl Torture {
             results["fuzz_executions"],
             results["crashes"],
             results["bad_invocations"],
+            resources(&held),
             if lost.is_empty() { String::new() } else { format!("\nLost or wrong:\n\n{lost}") },
             if notes.is_empty() { String::new() } else { format!("\nNot tried:\n\n{notes}") },
         );
@@ -356,6 +361,20 @@ impl Torture {
         ensure!(self.lost.is_empty(), "something was lost");
         Ok(())
     }
+}
+
+/// What a long training held, and whether a dataset larger than its memory was learned from.
+fn resources(held: &Value) -> String {
+    let Some(steps) = held["steps"].as_array() else { return String::new() };
+    let row = |at: &Value| format!("| {} | {} | {} | {} |\n", at["step"], at["memory_mb"], at["files"], at["threads"]);
+    let rows: String = steps.iter().map(row).collect();
+    let larger = &held["larger_than_memory"];
+    format!(
+        "\nOne training:\n\n| step | memory, MB | open files | threads |\n|---|---|---|---|\n{rows}\n\
+         {} MB of frames were learned from under a limit of {} MB of addresses, to the same bits as without: {}. A training \
+         that could not fit was refused: {}.\n",
+        larger["frames_mb"], larger["limit_mb"], larger["same_bits"], larger["too_large_refused"]
+    )
 }
 
 fn ended(child: &mut Child) -> Result<Option<ExitStatus>> {

@@ -56,6 +56,9 @@ struct Arguments {
     /// A file (TOML) with many lines of arguments, all of which are played; their results go into one file
     #[arg(long, value_name = "FILE", conflicts_with = "run")]
     study: Option<PathBuf>,
+    /// Take over the lines of the study that were played before, into the same folder and with the same arguments
+    #[arg(long, requires = "study")]
+    resume: bool,
     /// The task, where there is no run
     #[arg(long, default_value = "pendulum")]
     task: String,
@@ -142,6 +145,24 @@ struct Play {
     arguments: String,
 }
 
+impl Play {
+    /// Its rows, played now or, where they may be, taken over from this folder.
+    fn rows(&self, line: &Arguments, folder: &Path, take_over: bool) -> Result<Vec<Row>> {
+        let path = folder.join("results.json");
+        if take_over && path.exists() {
+            let before = Results::read(&path)?;
+            if before.line.as_ref() == Some(&self.arguments) {
+                say!("played before");
+                return Ok(before.rows);
+            }
+        }
+        let rows = line.play_all(folder).with_context(|| self.name.clone())?;
+        let results = Results { format: FORMAT, line: Some(self.arguments.clone()), rows };
+        results.write(&path)?;
+        Ok(results.rows)
+    }
+}
+
 /// Who decides.
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 enum Who {
@@ -211,22 +232,19 @@ fn execute(arguments: &Arguments) -> Result<ExitCode> {
             for play in &study.play {
                 let words = ["control"].into_iter().chain(play.arguments.split_whitespace());
                 let arguments = Arguments::try_parse_from(words);
-                parsed.push((&play.name, arguments.with_context(|| format!("{}: {}", file.display(), play.name))?));
+                parsed.push(arguments.with_context(|| format!("{}: {}", file.display(), play.name))?);
             }
             let mut rows = Vec::new();
-            for (name, arguments) in parsed {
-                say!("\n{name}");
-                let played = arguments.play_all(&out.join(name)).with_context(|| name.clone())?;
-                rows.extend(played);
-                // What was played is not lost where a later line fails.
-                Results { format: FORMAT, rows: rows.clone() }.write(&out.join("results.json"))?;
+            for (play, line) in study.play.iter().zip(parsed) {
+                say!("\n{}", play.name);
+                rows.extend(play.rows(&line, &out.join(&play.name), arguments.resume)?);
             }
             rows
         }
     };
     let path = out.join("results.json");
     figures::write_clips(&out.join("clips.png"), &rows)?;
-    Results { format: FORMAT, rows }.write(&path)?;
+    Results { format: FORMAT, line: None, rows }.write(&path)?;
     say!("results in {}", path.display());
     Ok(ExitCode::SUCCESS)
 }
@@ -289,6 +307,11 @@ impl Arguments {
         for who in self.planner.iter().copied() {
             let model = who.sees().then(|| self.model_of(who, &setting)).transpose()?;
             self.controller(who, &setting, model.as_ref())?;
+        }
+        if let Reward::Goal(goal) = &setting.rules.reward
+            && let Some(frame) = setting.world()?.show(&goal.place)
+        {
+            figures::write_frame(&out.join("goal.png"), &frame)?;
         }
         // What the bound reached is needed for every row.
         let bound = self.play(Who::TrueState, &setting, out)?;

@@ -6,7 +6,8 @@ use std::process::Command;
 
 use ndarray::{Array, Array2, Array5, s};
 use ndarray_npy::{NpzWriter, WritableElement};
-use paig::datasets::files::{ClipShape, DatasetFile, Split};
+use paig::datasets::dataset::Dataset;
+use paig::datasets::files::{ClipShape, DatasetFile, Frames, Split};
 use paig::datasets::iterators::Clips;
 use paig::datasets::states::States;
 use paig::generators::source_images::SourceImages;
@@ -133,8 +134,9 @@ fn splits_that_are_not_needed_may_be_missing_or_empty() {
 #[test]
 fn clips_without_light_or_motion_are_refused() {
     let path = Path::new("mine.npz");
-    let refused = |train| format!("{:#}", DatasetFile { train, ..small() }.check_motion(path).unwrap_err());
-    small().check_motion(path).unwrap();
+    let refused =
+        |train| format!("{:#}", Dataset::InMemory(DatasetFile { train, ..small() }).check_motion(path).unwrap_err());
+    Dataset::InMemory(small()).check_motion(path).unwrap();
     assert_says(&refused(counting(0).mapv(|value| value % 2)), &["train_x", "mine.npz", "brighter than 1", "by 255"]);
     let still = Array::from_shape_fn((2, 3, 4, 4, 3), |(n, _, y, x, c)| (n * 50 + y * 12 + x * 3 + c) as u8);
     assert_says(&refused(still), &["train_x", "mine.npz", "nothing moves"]);
@@ -227,6 +229,50 @@ fn clips_are_served_with_their_actions() {
     let values: Vec<f32> = chosen.flatten(0, 1).try_into().unwrap();
     assert_eq!(values, [12.0, 2.0, 12.0]);
     assert!(Clips::new(&frames, None, Device::Cpu).actions(&[0]).at(2).is_none());
+}
+
+/// Frames that stay on the disk are served as those in memory are.
+#[test]
+fn a_dataset_larger_than_the_memory_is_read_from_the_disk() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("data.npz");
+    let values = |offset: f32| Array2::from_shape_fn((2, 3), |(n, t)| offset + n as f32 - 0.25 * t as f32);
+    let driven = ClipShape { task: "pendulum".into(), actions: true, ..shape() };
+    DatasetFile { actions: Some([values(0.0), values(1.0), values(2.0)]), ..small() }.write(&path).unwrap();
+    let open = |free| Dataset::open_within(&path, &driven, free).unwrap();
+    let (held, stored) = (open(u64::MAX), open(0));
+    assert_eq!((held.is_on_disk(), stored.is_on_disk()), (false, true));
+    assert_eq!(stored.checksums(), held.checksums());
+    stored.check_motion(&path).unwrap();
+    for split in Split::ALL {
+        assert_eq!(stored.lengths(split), held.lengths(split));
+        let [held, stored] = [&held, &stored].map(|dataset| dataset.clips(split, Device::Cpu));
+        assert_eq!((held.len(), held.time()), (stored.len(), stored.time()));
+        assert_eq!(held.batch(&[1, 0, 1], 2), stored.batch(&[1, 0, 1], 2));
+        assert_eq!(held.frames(&[5, 0, 3]), stored.frames(&[5, 0, 3]));
+        assert_eq!(held.actions(&[1]).at(0), stored.actions(&[1]).at(0));
+    }
+    drop(stored);
+    assert_eq!(files_in(folder.path()), ["data.npz"]);
+}
+
+#[test]
+fn what_cannot_be_read_from_the_disk_is_named() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("data.npz");
+    let said = |path: &Path| format!("{:#}", Dataset::open_within(path, &shape(), 0).unwrap_err());
+    small().write(&path).unwrap();
+    let mut flipped = fs::read(&path).unwrap();
+    flipped[150..180].fill(0xAA);
+    fs::write(&path, &flipped).unwrap();
+    assert_says(&said(&path), &["train_x", "damaged"]);
+    write_npz(&path, &[("train_x", counting(0).mapv(f32::from).into_dyn())]);
+    assert_says(&said(&path), &["train_x", "<f4", "uint8"]);
+    write_npz(&path, &[("train_x", Array::<u8, _>::zeros([2, 7, 4, 4, 3]).into_dyn())]);
+    assert_says(&said(&path), &["7 frames, expected 3"]);
+    let fortran = counting(0).reversed_axes().as_standard_layout().into_owned().reversed_axes().into_dyn();
+    write_npz(&path, &[("train_x", fortran)]);
+    assert_says(&said(&path), &["train_x", "row-major"]);
 }
 
 #[test]

@@ -1,6 +1,9 @@
 //! The gallery: every task of `configs/gallery` is read, keeps what its motion conserves, and is found by the fit; and a
 //! run with an equation of text goes through all programs.
 
+#[path = "common/programs.rs"]
+mod programs;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -15,6 +18,7 @@ use paig::tasks::Task;
 use paig::tasks::scene::Motion;
 use paig::training::identify::Identify;
 use paig::training::identify::fit::{Fit, Start, Trust, fit};
+use programs::run;
 use rand::Rng;
 use tch::Tensor;
 
@@ -275,15 +279,6 @@ const SHORT: [&str; 10] = [
     "join.validation_clips=2",
     "output.examples=1",
 ];
-
-#[track_caller]
-fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
-    let path = Path::new(env!("CARGO_BIN_EXE_run_physics")).with_file_name(program);
-    let output = Command::new(path).current_dir(folder).args(arguments).output().unwrap();
-    let text = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "{program} {arguments:?}: {text}");
-    text
-}
 
 #[test]
 fn a_program_shows_the_place_of_a_mistake() {

@@ -1,6 +1,9 @@
 //! What `measure` finds in made trajectories: parameters, intervals, the part that was held out; and a run from a video to
 //! its table.
 
+#[path = "common/programs.rs"]
+mod programs;
+
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -15,6 +18,7 @@ use paig::measure::results::Measurement;
 use paig::network::cells::{Actions, Build, Coordinates, State};
 use paig::support::random::{named_generator, normal};
 use paig::tasks::{Task, find};
+use programs::run;
 use tch::{Kind, Tensor};
 
 fn gallery(name: &str) -> Task {
@@ -133,15 +137,6 @@ fn film(folder: &Path) {
         });
         picture.save(folder.join(format!("f{frame}.png"))).unwrap();
     }
-}
-
-#[track_caller]
-fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
-    let path = Path::new(env!("CARGO_BIN_EXE_run_physics")).with_file_name(program);
-    let output = Command::new(path).current_dir(folder).args(arguments).output().unwrap();
-    let text = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "{program} {arguments:?}: {text}");
-    text
 }
 
 /// What makes a training take seconds; nothing is found by it, but everything is written.

@@ -1,12 +1,15 @@
 //! A system of one's own: a task file and videos, no Rust.
 
+#[path = "common/programs.rs"]
+mod programs;
+
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
 
 use ndarray::{Array5, s};
 use ndarray_npy::NpzWriter;
 use paig::generators::render::Balls;
+use programs::run;
 
 /// Five balls that bounce in frames of 48 x 48, in clips of other lengths than any built-in task's.
 const FIVE_BALLS: &str = r#"
@@ -34,20 +37,6 @@ const SHORT: [&str; 13] = [
     "output.examples=1",
     "output.tensorboard=true",
 ];
-
-/// Standard output and error together.
-fn text(output: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
-}
-
-/// Runs a program in a folder; it must succeed. Returns what it printed.
-#[track_caller]
-fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
-    let path = Path::new(env!("CARGO_BIN_EXE_run_physics")).with_file_name(program);
-    let output = Command::new(path).current_dir(folder).args(arguments).output().unwrap();
-    assert!(output.status.success(), "{program} {arguments:?}: {}", text(&output));
-    text(&output)
-}
 
 /// The same for a training, cut short, with these steps in `join`.
 #[track_caller]

@@ -5,7 +5,7 @@ use tch::nn::VarStore;
 use tch::{Device, Kind, Tensor};
 
 use crate::datasets::iterators::Clips;
-use crate::evaluation::BATCH;
+use crate::evaluation;
 use crate::evaluation::frame_scores::FrameScores;
 use crate::network::System;
 use crate::network::cells::Actions;
@@ -60,7 +60,7 @@ pub fn each_prediction(
 ) -> Result<()> {
     let _guard = tch::no_grad_guard();
     let all: Vec<i64> = (0..clips.len().min(count) as i64).collect();
-    for chosen in all.chunks(BATCH) {
+    for chosen in all.chunks(evaluation::batch(clips)) {
         let frames = clips.batch(chosen, clips.time());
         let input = frames.narrow(1, 0, system.input_steps as i64);
         see(&frames, &model.predict(&input, &clips.actions(chosen), clips.time() - system.input_steps))?;

@@ -96,6 +96,10 @@ fn note(info: &PanicHookInfo) {
 }
 
 fn panicked(panic: &(dyn Any + Send)) -> String {
+    // An error where there is no other way to hand it on, such as a disk that fails within a step.
+    if let Some(error) = panic.downcast_ref::<Error>() {
+        return one_line(&text(error));
+    }
     let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
     let text = text.unwrap_or("an unknown failure");
     if NO_MEMORY.iter().any(|words| text.contains(words)) {

@@ -114,6 +114,11 @@ struct Pace {
 }
 
 impl Pace {
+    fn step(&mut self) {
+        self.steps += 1;
+        self.left = self.left.saturating_sub(1);
+    }
+
     /// Seconds to the end of the run if every phase takes all its steps, `later` frames after this phase.
     fn seconds_left(&self, later: f64) -> f64 {
         let seconds_per_step = self.since.elapsed().as_secs_f64() / self.steps as f64;
@@ -150,11 +155,9 @@ impl Screen {
     }
 
     /// `run: at most 2 minutes, `.
-    fn left(&mut self) -> String {
+    fn left(&self) -> String {
         let later = self.later.iter().map(|(_, frames)| frames).sum();
-        let Some(pace) = &mut self.pace else { return String::new() };
-        pace.steps += 1;
-        pace.left = pace.left.saturating_sub(1);
+        let Some(pace) = &self.pace else { return String::new() };
         let left = Duration::from_secs_f64(pace.seconds_left(later).min(1e9));
         format!("run: at most {}, ", HumanDuration(left))
     }
@@ -169,6 +172,7 @@ impl Observer for Screen {
             }
             Event::PhaseBegins { phase, done, of } => self.begin(phase, *done, *of),
             Event::Step { loss, model } => {
+                self.pace.iter_mut().for_each(Pace::step);
                 let left = self.left();
                 if let Some(progress) = &self.progress {
                     let values =

@@ -15,7 +15,8 @@ use super::measure_display::print_measurement;
 use super::progress::{Progress, Screen};
 use super::table::{print_frames_and_states, print_results};
 use super::{environment, interrupt};
-use crate::datasets::files::{ClipShape, DatasetFile, Split};
+use crate::datasets::dataset::Dataset;
+use crate::datasets::files::{ClipShape, Split};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::States;
 use crate::evaluation::{self, ScoredClips};
@@ -26,8 +27,10 @@ use crate::runs::folder::RunFolder;
 use crate::runs::names::CONFIG;
 use crate::runs::summary::{self, Hardware, LearnedParameter, Summary, TestScores};
 use crate::support::device::{self, COMMIT};
+use crate::support::memory;
 use crate::training::base::Outcome;
 use crate::training::config::Config;
+use crate::training::footprint::footprint;
 use crate::training::layers::Overrides;
 use crate::training::recorder::Recorder;
 use crate::training::saved::load_model;
@@ -131,6 +134,10 @@ impl RunArgs {
         let device = device::parse(&config.device)?;
         let threads = device::set_threads(config.threads)?;
         let data = if self.test_mode { None } else { Some(TrainingData::load(&config, device)?) };
+        let needed = data.as_ref().filter(|_| device == Device::Cpu).map(|data| footprint(&config, data.train.len()));
+        memory::ensure_free(needed.unwrap_or(0)).context(
+            "this training needs more memory than there is; take smaller steps (join.batch, discover.frames)",
+        )?;
         // What can fail at once has been tried: a folder is taken only by a run that begins.
         let folder = match opened {
             Opened::Earlier(folder) => folder,
@@ -141,6 +148,11 @@ impl RunArgs {
         };
         say!("{}", environment::banner(device, threads));
         say!("run folder {}", folder.path().display());
+        if let Some(more) = needed {
+            let gib = |bytes: u64| bytes as f64 / (1u64 << 30) as f64;
+            let now = memory::resident().map_or(0, |(now, _)| now);
+            say!("memory - {:.1} GiB now, about {:.1} GiB in all", gib(now), gib(now + more));
+        }
         begin_work();
         match data {
             Some(data) => train(&config, &folder, &data, device, threads),
@@ -229,15 +241,21 @@ impl TrainingData {
     /// What would stop the scoring at the end must not cost the phases before: the test file is read, too, and dropped.
     fn load(config: &Config, device: Device) -> Result<Self> {
         let path = config.data.train_path();
-        let training = DatasetFile::read(&path, &ClipShape::training(&config.task))?;
+        let training = Dataset::open(&path, &ClipShape::training(&config.task))?;
         training.check_motion(&path)?;
+        if training.is_on_disk() {
+            say!(
+                "note: {} is too large for the memory; its frames are read from the disk when they are wanted",
+                path.display()
+            );
+        }
         check_settings(&path, config)?;
         let path = config.data.test_path();
-        let test = DatasetFile::read(&path, &ClipShape::test(&config.task))?;
+        let test = Dataset::open(&path, &ClipShape::test(&config.task))?;
         check_settings(&path, config)?;
         States::read(&path, &test).context("the run could not be scored at its end")?;
         drop(test);
-        let clips = |split| Clips::new(training.split(split), training.actions(split), device);
+        let clips = |split| training.clips(split, device);
         let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
         config.check_clips(&data.train)?;
         Ok(data)

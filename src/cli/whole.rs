@@ -12,8 +12,8 @@ use super::{environment, interrupt};
 use crate::baselines::training::{self, WholeConfig, WholeData, WholeModel, WholeScores};
 use crate::control::reward::{Goal, Reward};
 use crate::control::state::ControlState;
-use crate::datasets::files::{ClipShape, DatasetFile, Split};
-use crate::datasets::iterators::Clips;
+use crate::datasets::dataset::Dataset;
+use crate::datasets::files::{ClipShape, Split};
 use crate::datasets::states::States;
 use crate::network::cells::Coordinates;
 use crate::support::device;
@@ -86,12 +86,11 @@ fn run(model: WholeModel, name: &str, arguments: Arguments) -> Result<ExitCode> 
 pub fn train(config: &WholeConfig, folder: &Path, stop: &dyn Fn() -> bool) -> Result<Outcome> {
     config.check()?;
     let task = tasks::find(&config.task)?;
-    let read = |file: &Path, shape: &ClipShape| DatasetFile::read(&config.data.join(file), shape);
+    let read = |file: &Path, shape: &ClipShape| Dataset::open(&config.data.join(file), shape);
     let learned = read(task.train_file.as_ref(), &ClipShape::training(&task))?;
     let scored = read(task.test_file.as_ref(), &ClipShape::test(&task))?;
-    let clips = |file: &DatasetFile, split| Clips::new(file.split(split), file.actions(split), Device::Cpu);
-    let (train, valid, test) =
-        (clips(&learned, Split::Train), clips(&learned, Split::Valid), clips(&scored, Split::Test));
+    let [train, valid] = [Split::Train, Split::Valid].map(|split| learned.clips(split, Device::Cpu));
+    let test = scored.clips(Split::Test, Device::Cpu);
     let told = config.model.learns_rewards();
     let rewards = told.then(|| rewards(&task, &config.data.join(&task.train_file), &learned)).transpose()?;
     let data = WholeData { train: &train, rewards: rewards.as_ref(), valid: &valid, test: &test };
@@ -103,7 +102,7 @@ pub fn train(config: &WholeConfig, folder: &Path, stop: &dyn Fn() -> bool) -> Re
 
 /// What the frames of the training clips are worth where upright is the goal, `[clips, time]`: what an environment tells
 /// who acts in it.
-fn rewards(task: &Task, file: &Path, dataset: &DatasetFile) -> Result<Tensor> {
+fn rewards(task: &Task, file: &Path, dataset: &Dataset) -> Result<Tensor> {
     let cell = task.system.cell;
     ensure!(
         cell.actions && cell.coordinates == Coordinates::Angle && task.system.objects == 1,

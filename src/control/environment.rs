@@ -42,6 +42,8 @@ pub trait Environment {
     /// What is seen now: float32 `[channels, S, S]` in \[0, 1\], in grey levels as a dataset's frames. None where the camera
     /// delivers nothing.
     fn observe(&mut self) -> Option<Tensor>;
+    /// What would be seen of it at these coordinates, radians or pixels. The episode goes on from there, at rest.
+    fn show(&mut self, positions: &[f64]) -> Option<Tensor>;
     /// What would be seen if everything that moves were hidden.
     fn empty_frame(&self) -> Tensor;
     /// Acts for one step, from this frame to the next, and returns the step's reward. An action beyond the limits acts as

@@ -65,6 +65,10 @@ impl Environment for Faulty {
         if hidden < self.faults.hidden { Some(self.world.empty_frame()) } else { self.world.observe() }
     }
 
+    fn show(&mut self, positions: &[f64]) -> Option<Tensor> {
+        self.world.show(positions)
+    }
+
     fn empty_frame(&self) -> Tensor {
         self.world.empty_frame()
     }

@@ -212,6 +212,17 @@ fn corner(panel: u32) -> (u32, u32) {
     (GAP + panel * (PANEL + GAP), HEAD)
 }
 
+/// Writes a frame, pixel by pixel.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_frame(path: &Path, frame: &Tensor) -> Result<()> {
+    let side = frame.size()[1] as u32;
+    let mut canvas = Canvas::new(side, side);
+    canvas.paste(&picture(frame, 1)?, (0, 0));
+    canvas.write_png(path)
+}
+
 fn panel(canvas: &mut Canvas, place: u32, name: &str, frame: &Tensor) -> Result<()> {
     let (x, y) = corner(place);
     canvas.text(name, (x, HEAD / 2), FONT_SIZE, HPos::Left, INK)?;

@@ -154,6 +154,11 @@ impl Environment for PendulumEnvironment {
         Some(seen(&self.bar.levels(self.angle, &mut self.canvas), FORMAT))
     }
 
+    fn show(&mut self, positions: &[f64]) -> Option<Tensor> {
+        self.place(positions[0], 0.0);
+        self.observe()
+    }
+
     fn empty_frame(&self) -> Tensor {
         seen(&vec![1.0; FORMAT.channels * FORMAT.side.pow(2)], FORMAT)
     }

@@ -21,6 +21,9 @@ const RESAMPLES: usize = 2000;
 #[serde(deny_unknown_fields)]
 pub struct Results {
     pub format: u32,
+    /// The line of a study that these rows were played by.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub line: Option<String>,
     pub rows: Vec<Row>,
 }
 

@@ -99,6 +99,12 @@ impl Environment for SceneEnvironment {
         Some(seen(&film.frames[0], self.format))
     }
 
+    fn show(&mut self, positions: &[f64]) -> Option<Tensor> {
+        self.state.positions[..positions.len()].copy_from_slice(positions);
+        self.state.velocities.fill(0.0);
+        self.observe()
+    }
+
     fn empty_frame(&self) -> Tensor {
         seen(&vec![0.0; self.format.channels * self.format.side.pow(2)], self.format)
     }

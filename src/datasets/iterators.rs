@@ -1,4 +1,4 @@
-//! Serving frames in batches: uint8 in memory, float32 only for the batch at hand.
+//! Serving frames in batches: uint8 in memory or on the disk, float32 only for the batch at hand.
 //!
 //! Original: `nn/datasets/iterators.py`. What a step sees is a function of the seed and the step alone, so a resumed
 //! run needs no saved iterator.
@@ -10,14 +10,22 @@ use rand::seq::SliceRandom;
 use tch::kind::Element;
 use tch::{Device, Kind, Tensor};
 
+use super::unpacked::UnpackedFrames;
 use crate::network::cells::Actions;
 use crate::support::random::named_generator;
 
-/// One split of a dataset on the device.
+/// Where the frames are.
+#[derive(Debug)]
+enum Pixels {
+    /// On the device, uint8 `[clips, time, S, S, channels]`.
+    InMemory(Tensor),
+    OnDisk(UnpackedFrames, Device),
+}
+
+/// One split of a dataset.
 #[derive(Debug)]
 pub struct Clips {
-    /// uint8 `[clips, time, S, S, channels]`.
-    pixels: Tensor,
+    pixels: Pixels,
     /// float32 `[clips, time]`.
     actions: Option<Tensor>,
 }
@@ -25,12 +33,22 @@ pub struct Clips {
 impl Clips {
     /// Moves frames `[clips, time, S, S, channels]` and what acts from outside, `[clips, time]`, to the device.
     pub fn new(pixels: &Array5<u8>, actions: Option<&Array2<f32>>, device: Device) -> Self {
-        Clips { pixels: to_device(pixels, device), actions: actions.map(|actions| to_device(actions, device)) }
+        let pixels = Pixels::InMemory(to_device(pixels, device));
+        Clips { pixels, actions: actions.map(|actions| to_device(actions, device)) }
+    }
+
+    /// The same of frames on the disk, of which each batch is moved to the device.
+    pub fn on_disk(frames: UnpackedFrames, actions: Option<&Array2<f32>>, device: Device) -> Self {
+        let pixels = Pixels::OnDisk(frames, device);
+        Clips { pixels, actions: actions.map(|actions| to_device(actions, device)) }
     }
 
     /// Number of clips.
     pub fn len(&self) -> usize {
-        self.pixels.size()[0] as usize
+        match &self.pixels {
+            Pixels::InMemory(pixels) => pixels.size()[0] as usize,
+            Pixels::OnDisk(frames, _) => frames.clips(),
+        }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -39,13 +57,25 @@ impl Clips {
 
     /// Frames in a clip.
     pub fn time(&self) -> usize {
-        self.pixels.size()[1] as usize
+        match &self.pixels {
+            Pixels::InMemory(pixels) => pixels.size()[1] as usize,
+            Pixels::OnDisk(frames, _) => frames.time(),
+        }
     }
 
     /// The first `frames` frames of these clips, `[batch, frames, channels, S, S]` in \[0, 1\].
     pub fn batch(&self, clips: &[i64], frames: usize) -> Tensor {
-        let index = Tensor::from_slice(clips).to_device(self.pixels.device());
-        to_float(&self.pixels.narrow(1, 0, frames as i64).index_select(0, &index)).permute([0, 1, 4, 2, 3])
+        let pixels = match &self.pixels {
+            Pixels::InMemory(pixels) => {
+                let index = Tensor::from_slice(clips).to_device(pixels.device());
+                pixels.narrow(1, 0, frames as i64).index_select(0, &index)
+            }
+            Pixels::OnDisk(stored, device) => {
+                let firsts: Vec<_> = clips.iter().map(|clip| clip * stored.time() as i64).collect();
+                read(stored, &firsts, frames, *device)
+            }
+        };
+        to_float(&pixels).permute([0, 1, 4, 2, 3])
     }
 
     /// What acts from outside during these clips, if anything does.
@@ -58,8 +88,14 @@ impl Clips {
 
     /// Single frames by their place in the sequence of all frames, `[batch, channels, S, S]` in \[0, 1\].
     pub fn frames(&self, places: &[i64]) -> Tensor {
-        let index = Tensor::from_slice(places).to_device(self.pixels.device());
-        to_float(&self.pixels.flatten(0, 1).index_select(0, &index)).permute([0, 3, 1, 2])
+        let pixels = match &self.pixels {
+            Pixels::InMemory(pixels) => {
+                let index = Tensor::from_slice(places).to_device(pixels.device());
+                pixels.flatten(0, 1).index_select(0, &index)
+            }
+            Pixels::OnDisk(stored, device) => read(stored, places, 1, *device).squeeze_dim(1),
+        };
+        to_float(&pixels).permute([0, 3, 1, 2])
     }
 
     /// The places of the first `frames` frames of these clips in the sequence of all frames, clip by clip.
@@ -94,6 +130,18 @@ impl Clips {
         let places: Vec<_> = (0..count).map(|_| random.random_range(0..all)).collect();
         self.frames(&places).median_dim(0, false).0
     }
+}
+
+/// So many frames from each of these places on, uint8 `[places, frames, S, S, channels]`.
+///
+/// # Panics
+/// A disk that fails, with the error: the program ends with it as its message.
+fn read(stored: &UnpackedFrames, firsts: &[i64], frames: usize, device: Device) -> Tensor {
+    let bytes = stored.read(firsts.iter().map(|first| *first as usize), frames);
+    let bytes = bytes.unwrap_or_else(|error| std::panic::panic_any(error));
+    let [height, width, channels] = stored.frame_shape().map(|count| count as i64);
+    let shape = [firsts.len() as i64, frames as i64, height, width, channels];
+    Tensor::from_slice(&bytes).reshape(shape).to_device(device)
 }
 
 fn to_device<T: Element, D: Dimension>(array: &Array<T, D>, device: Device) -> Tensor {

@@ -1,8 +1,12 @@
 //! What a training reads: dataset files, true states for scoring, clips in batches.
 
+pub mod dataset;
 pub mod files;
 pub mod film;
 pub mod iterators;
 pub(crate) mod npz;
+mod reader;
 pub mod settings;
+mod shown;
 pub mod states;
+pub mod unpacked;

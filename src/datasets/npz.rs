@@ -52,11 +52,7 @@ impl Archive {
         self.check_size::<T>(name)?;
         let array: ArrayD<T> = self.reader.by_name(name).map_err(|error| match error {
             ReadNpzError::Npy(ReadNpyError::WrongDescriptor(found)) => {
-                anyhow!(
-                    "array {name:?} of {:?} has dtype {found}, expected {dtype}; save it as {dtype}{}",
-                    self.path,
-                    if dtype == "uint8" { ", 0 to 255" } else { "" }
-                )
+                anyhow!(self.wrong_dtype(name, &found.to_string(), dtype))
             }
             error => anyhow::Error::new(error).context(format!(
                 "cannot read array {name:?} of {:?}: the file is damaged; delete it and get it again",
@@ -66,13 +62,46 @@ impl Archive {
         Ok(if array.is_standard_layout() { array } else { array.as_standard_layout().into_owned() })
     }
 
-    /// Room is made for as many numbers as an array's header claims, so the claim must be that of the archive, too, and fit
-    /// into memory.
+    /// Room is made for as many numbers as an array's header claims, so the claim must fit into memory.
     fn check_size<T>(&self, name: &str) -> Result<()> {
+        self.entry(name, size_of::<T>(), |header, _| {
+            // The array, and its copy in row-major order.
+            memory::ensure_free(header.bytes.saturating_mul(2))
+                .with_context(|| format!("array {name:?} of {:?}", self.path))
+        })
+    }
+
+    /// What the header of an array of bytes says, checked against the archive.
+    pub(crate) fn header(&self, name: &str) -> Result<Header> {
+        self.entry(name, 1, |header, _| Ok(header))
+    }
+
+    /// Reads an array of bytes in row-major order piece by piece: `read` gets its header and what follows it.
+    pub(crate) fn stream<T>(&self, name: &str, read: impl FnOnce(Header, &mut dyn Read) -> Result<T>) -> Result<T> {
+        self.entry(name, 1, |header, file| {
+            ensure!(header.kind == "|u1", "{}", self.wrong_dtype(name, &header.kind, "uint8"));
+            ensure!(
+                header.row_major,
+                "array {name:?} of {:?} is in column-major (Fortran) order; to be read from the disk it must be saved in \
+                 row-major order",
+                self.path
+            );
+            read(header, file)
+        })
+    }
+
+    /// Opens an array of numbers of so many bytes. More numbers than the archive holds, or than its bytes can be unpacked to,
+    /// are damage.
+    fn entry<T>(
+        &self,
+        name: &str,
+        bytes_each: usize,
+        read: impl FnOnce(Header, &mut dyn Read) -> Result<T>,
+    ) -> Result<T> {
         let mut archive = zip::ZipArchive::new(BufReader::new(storage::open(&self.path)?))?;
         let named = [format!("{name}.npy"), name.to_string()];
         let entry = named.iter().find_map(|name| archive.index_for_name(name));
-        let entry = archive.by_index(entry.with_context(|| format!("{:?} has no array {name:?}", self.path))?)?;
+        let mut entry = archive.by_index(entry.with_context(|| format!("{:?} has no array {name:?}", self.path))?)?;
         let (held, packed) = (entry.size(), entry.compressed_size());
         let damaged = || format!("array {name:?} of {:?}: the file is damaged; delete it and get it again", self.path);
         ensure!(
@@ -80,11 +109,20 @@ impl Archive {
             "{}: it claims {held} bytes, which {packed} cannot be unpacked to",
             damaged()
         );
-        let claimed = claimed_elements(entry).with_context(damaged)?;
-        let claimed = claimed.checked_mul(size_of::<T>() as u64).filter(|bytes| *bytes <= held);
-        let bytes = claimed.with_context(|| format!("{}: its header claims more numbers than it holds", damaged()))?;
-        // The array, and its copy in row-major order.
-        memory::ensure_free(bytes.saturating_mul(2)).with_context(|| format!("array {name:?} of {:?}", self.path))
+        let mut header = Header::read(&mut entry).with_context(damaged)?;
+        let claimed = header.shape.iter().try_fold(bytes_each as u64, |product, count| product.checked_mul(*count));
+        let claimed = claimed.filter(|bytes| *bytes <= held);
+        header.bytes =
+            claimed.with_context(|| format!("{}: its header claims more numbers than it holds", damaged()))?;
+        read(header, &mut entry)
+    }
+
+    fn wrong_dtype(&self, name: &str, found: &str, expected: &str) -> String {
+        let range = if expected == "uint8" { ", 0 to 255" } else { "" };
+        format!(
+            "array {name:?} of {:?} has dtype {found}, expected {expected}; save it as {expected}{range}",
+            self.path
+        )
     }
 
     /// The same for numbers of either float type, as float32.
@@ -96,24 +134,40 @@ impl Archive {
     }
 }
 
-/// The number of elements that the header of an npy file claims.
-fn claimed_elements(mut file: impl Read) -> Result<u64> {
-    // No more is read than the header: what follows it may be damaged without being claimed.
-    let mut start = [0; 8];
-    file.read_exact(&mut start)?;
-    ensure!(start.starts_with(b"\x93NUMPY"), "it is no npy array");
-    // Version 1 gives the header's length in two bytes, later ones in four (the npy format, NEP 1).
-    let mut length = [0; 4];
-    file.read_exact(&mut length[..if start[6] == 1 { 2 } else { 4 }])?;
-    let mut header = Vec::new();
-    file.take(u64::from(u32::from_le_bytes(length)).min(MOST_HEADER)).read_to_end(&mut header)?;
-    let text = String::from_utf8_lossy(&header);
-    let shape = text.split_once("'shape'").and_then(|(_, rest)| rest.split_once('(')?.1.split_once(')'));
-    let (shape, _) = shape.context("its header has no shape")?;
-    let numbers = shape.split(',').map(str::trim).filter(|number| !number.is_empty());
-    let mut numbers = numbers.map(|number| number.trim_end_matches('L').parse::<u64>().ok());
-    let product = numbers.try_fold(1u64, |product, number| product.checked_mul(number?));
-    product.with_context(|| format!("its header claims the shape ({shape})"))
+/// What the header of an npy file says.
+#[derive(Debug)]
+pub(crate) struct Header {
+    /// As numpy writes it: `|u1` for uint8.
+    pub(crate) kind: String,
+    pub(crate) row_major: bool,
+    pub(crate) shape: Vec<u64>,
+    /// Of all numbers together.
+    pub(crate) bytes: u64,
+}
+
+impl Header {
+    /// Reads it, and no more: what follows may be damaged without being claimed.
+    fn read(file: &mut impl Read) -> Result<Self> {
+        let mut start = [0; 8];
+        file.read_exact(&mut start)?;
+        ensure!(start.starts_with(b"\x93NUMPY"), "it is no npy array");
+        // Version 1 gives the header's length in two bytes, later ones in four (the npy format, NEP 1).
+        let mut length = [0; 4];
+        file.read_exact(&mut length[..if start[6] == 1 { 2 } else { 4 }])?;
+        let mut header = Vec::new();
+        file.take(u64::from(u32::from_le_bytes(length)).min(MOST_HEADER)).read_to_end(&mut header)?;
+        let text = String::from_utf8_lossy(&header);
+        let after = |key: &str| text.split_once(key).map(|(_, rest)| rest);
+        let shape = after("'shape'").and_then(|rest| rest.split_once('(')?.1.split_once(')'));
+        let (shape, _) = shape.context("its header has no shape")?;
+        let numbers = shape.split(',').map(str::trim).filter(|number| !number.is_empty());
+        let numbers = numbers.map(|number| number.trim_end_matches('L').parse().ok());
+        let shape = numbers.collect::<Option<_>>().with_context(|| format!("its header claims the shape ({shape})"))?;
+        let kind = after("'descr'").and_then(|rest| rest.split('\'').nth(1)).unwrap_or_default().to_string();
+        let row_major =
+            !after("'fortran_order'").is_some_and(|rest| rest.trim_start_matches([':', ' ']).starts_with("True"));
+        Ok(Header { kind, row_major, shape, bytes: 0 })
+    }
 }
 
 /// Collects arrays into a compressed npz and puts it at `path` in one step.

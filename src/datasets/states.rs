@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use ndarray::{Array1, Array3, Ix1, Ix3};
 
-use super::files::{DatasetFile, Split};
+use super::files::{Frames, Split};
 use super::npz;
 use super::settings::Provenance;
 
@@ -70,7 +70,7 @@ impl States {
     ///
     /// # Errors
     /// A damaged file, or states of other frames (say, a dataset that was replaced and its states were not).
-    pub fn read(dataset: &Path, frames: &DatasetFile) -> Result<Option<Self>> {
+    pub fn read(dataset: &Path, frames: &impl Frames) -> Result<Option<Self>> {
         let path = Self::path_beside(dataset);
         if !path.exists() {
             return Ok(None);
@@ -86,7 +86,7 @@ impl States {
         let truth = archive.has("truth").then(|| archive.array::<f64>("truth", "float64")).transpose()?;
         let truth = truth.map(|values| values.into_iter().collect());
         let mut read = |split: Split| {
-            let (clips, length, ..) = frames.split(split).dim();
+            let [clips, length] = frames.lengths(split);
             let mut array = |quantity: &str| {
                 let name = format!("{}_{quantity}", split.name());
                 let array = archive.array::<f32>(&name, "float32")?;
@@ -109,7 +109,7 @@ impl States {
     ///
     /// # Errors
     /// No space, no permission.
-    pub fn write(&self, dataset: &Path, frames: &DatasetFile) -> Result<()> {
+    pub fn write(&self, dataset: &Path, frames: &impl Frames) -> Result<()> {
         npz::write(&Self::path_beside(dataset), |npz| {
             for split in Split::ALL {
                 let states = self.split(split);

@@ -18,7 +18,7 @@ use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::losses::{LossAccumulator, Losses, MeanLosses};
 use crate::runs::scores::Scores;
 
-pub use passes::{BATCH, each_pass};
+pub use passes::{batch, each_pass};
 pub use scored_clips::ScoredClips;
 
 /// The losses on the first `limit` clips, `batch` at a time. The whole clips are predicted. Original: `base.py`, `eval`.
@@ -44,7 +44,7 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
     let mut losses = LossAccumulator::default();
     let mut predicted_frames = FrameScores::default();
     let mut seen: [Vec<Tensor>; 3] = Default::default();
-    each_pass(model, clips, clips.len(), BATCH, |chosen, frames, pass| {
+    each_pass(model, clips, clips.len(), batch(clips), |chosen, frames, pass| {
         losses.add(&Losses::new(&pass, frames, system), chosen.len());
         let predicted = pass.predictions.size()[1];
         let truth = frames.narrow(1, system.input_steps as i64, predicted);

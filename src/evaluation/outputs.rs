@@ -3,7 +3,7 @@
 use anyhow::Result;
 use tch::{Device, Tensor};
 
-use super::passes::{BATCH, each_pass};
+use super::passes::{batch, each_pass};
 use crate::datasets::iterators::Clips;
 use crate::network::cells::State;
 use crate::network::physics_models::PhysicsNet;
@@ -30,7 +30,7 @@ impl Outputs {
     /// Clips shorter than L + T_pred.
     pub fn of(model: &PhysicsNet, clips: &Clips, count: usize) -> Result<Self> {
         let mut parts: [Vec<Tensor>; 5] = Default::default();
-        each_pass(model, clips, count, BATCH, |_, frames, pass| {
+        each_pass(model, clips, count, batch(clips), |_, frames, pass| {
             let states: Vec<_> = std::iter::once(&pass.initial).chain(&pass.states).map(State::joined).collect();
             let states = Tensor::stack(&states, 1);
             let results = [frames.shallow_clone(), pass.predictions, pass.reconstructions, pass.positions, states];

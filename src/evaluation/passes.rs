@@ -6,8 +6,13 @@ use tch::Tensor;
 use crate::datasets::iterators::Clips;
 use crate::network::physics_models::{ForwardPass, PhysicsNet};
 
-/// Clips in one pass, which bounds the memory.
-pub const BATCH: usize = 25;
+/// Frames in one pass, which bounds the memory.
+const FRAMES: usize = 300;
+
+/// So many of these clips make one pass.
+pub fn batch(clips: &Clips) -> usize {
+    (FRAMES / clips.time().max(1)).max(1)
+}
 
 /// Passes the first `count` clips (all, if there are fewer) through the model, `batch` at a time and without gradient.
 /// `see` is given the places of a batch's clips, their frames `[batch, time, channels, S, S]`, and the pass.

@@ -5,7 +5,8 @@ use std::path::Path;
 use anyhow::Result;
 use tch::Device;
 
-use crate::datasets::files::{ClipShape, DatasetFile, Split};
+use crate::datasets::dataset::Dataset;
+use crate::datasets::files::{ClipShape, Split};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::{SplitStates, States};
 use crate::tasks::{Task, TrueParameter};
@@ -29,9 +30,9 @@ impl ScoredClips {
     /// that lie beside it.
     ///
     /// # Errors
-    /// As for [`DatasetFile::read`] and [`States::read`].
+    /// As for [`Dataset::open`] and [`States::read`].
     pub fn read(path: &Path, task: &Task, split: Split, device: Device) -> Result<Self> {
-        let dataset = DatasetFile::read(path, &ClipShape::of_either(task, split))?;
+        let dataset = Dataset::open(path, &ClipShape::of_either(task, split))?;
         let states = States::read(path, &dataset)?;
         let truth = truth(path, task, states.as_ref());
         let mut notes = Vec::new();
@@ -46,7 +47,7 @@ impl ScoredClips {
         }
         let made_with = states.as_ref().map(|states| states.settings.text());
         let states = states.map(|states| states.split(split).clone());
-        let clips = Clips::new(dataset.split(split), dataset.actions(split), device);
+        let clips = dataset.clips(split, device);
         Ok(ScoredClips { clips, states, truth, made_with, notes })
     }
 

@@ -10,6 +10,10 @@ use super::masks;
 use super::sprites::{self, Drawn, Scene};
 use super::unet::{Kernel, Shape};
 
+/// The U-Net's kernels go through as many frames as a vector has lanes at a time, also where there are fewer. Below this
+/// number, libtorch is faster.
+const FEWEST_FRAMES: i64 = 5;
+
 /// The U-Net of one shape.
 #[derive(Debug)]
 pub struct UNetKernel(Kernel);
@@ -19,9 +23,10 @@ impl UNetKernel {
         UNetKernel(Kernel::new(instructions, shape))
     }
 
-    /// Whether these frames, and weights of this kind, can be computed with; the gradient by the frames is not computed.
+    /// Whether these frames, and weights of this kind, can be computed with, and should be; the gradient by the frames is
+    /// not computed.
     pub fn serves(&self, frames: &Tensor, weight: &Tensor) -> bool {
-        serve(&[frames, weight]) && !autograd::records(&[frames])
+        serve(&[frames, weight]) && frames.size()[0] >= FEWEST_FRAMES && !autograd::records(&[frames])
     }
 
     /// Frames `[frames, channels, S, S]` to logits `[frames, objects, S, S]`, differentiable by the weights. `layers` are

@@ -62,6 +62,16 @@ impl Shape {
         layers
     }
 
+    /// Numbers that a frame leaves in all layers, for each of its pixels.
+    pub fn numbers_per_pixel(&self) -> f64 {
+        let of_level = |level: usize| {
+            let inputs = if level == 0 { self.channels } else { self.width(level - 1) };
+            let up = if level < self.poolings { self.raised() + 2 * self.width(level) } else { 0 };
+            (inputs + 2 * self.width(level) + up) as f64 / 4f64.powi(level as i32)
+        };
+        self.levels().map(of_level).sum()
+    }
+
     /// The number of the first layer of a level on the way down.
     fn down(&self, level: usize) -> usize {
         2 * level

@@ -16,6 +16,7 @@ use tch::Tensor;
 use super::dynamics::Dynamics;
 use super::errors::Errors;
 use super::fit::{Fitted, Problem, Track};
+use super::normal_equations::NormalEquations;
 use crate::support::random::{named_generator, normal};
 
 /// Draws of what might have been found.
@@ -28,8 +29,6 @@ const CHANCE: f64 = 2.0;
 const KEPT_LAGS: usize = 60;
 /// A smallest number of independent residuals beyond the unknowns, so that there is a width at all.
 const LEAST_FREE: f64 = 1.0;
-/// Added to the diagonal of the normal equations, which is 1.
-const RIDGE: f64 = 1e-11;
 /// 97.5 % quantile of normal numbers.
 const NORMAL_QUANTILE: f64 = 1.959964;
 
@@ -80,7 +79,8 @@ pub fn bootstrap(
     let counted = fitted.residuals.iter().flatten().filter(|x| x.abs() <= fitted.huber).count() as f64;
     let all: usize = fitted.residuals.iter().map(Vec::len).sum();
     let normal_matrix = jacobian.transpose() * &jacobian * (counted / all as f64);
-    let inverse = scaled_inverse(&normal_matrix).context("the motion does not tell all unknowns apart")?;
+    let equations = NormalEquations::new(&normal_matrix).context("the motion does not tell all unknowns apart")?;
+    let inverse = equations.inverse();
     let longest = tracks.iter().map(|track| track.trained).max().unwrap_or(1);
     let (autocorrelation, frames_in_one, reach) = autocorrelation(&bounded);
     let least = (longest as f64).cbrt().ceil() as usize;
@@ -143,17 +143,6 @@ fn jacobian(problem: &Problem, fitted: &Fitted) -> DMatrix<f64> {
         row += length;
     }
     jacobian
-}
-
-/// The inverse of a matrix whose rows and columns may be of very different size.
-fn scaled_inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let scale = matrix.diagonal().map(|x| if x > 0.0 { x.sqrt().recip() } else { 1.0 });
-    // Unknowns that cannot be told apart come out with a width that says so.
-    let ridge = |i: usize, j: usize| if i == j { RIDGE } else { 0.0 };
-    let scaled =
-        DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * scale[i] * scale[j] + ridge(i, j));
-    let inverse = scaled.cholesky()?.inverse();
-    Some(DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| inverse[(i, j)] * scale[i] * scale[j]))
 }
 
 /// The normal equations of the first unknowns, the others eliminated.

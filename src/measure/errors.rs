@@ -6,6 +6,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::normal_equations::NormalEquations;
+
 /// Correlations that are tried.
 const MOST: f64 = 0.98;
 const TRIED: usize = 50;
@@ -52,16 +54,10 @@ impl Errors {
     /// The logarithm of the restricted likelihood but for what is the same for all, and the errors' variance.
     fn likelihood(&self, jacobian: &DMatrix<f64>, residuals: &DMatrix<f64>) -> Option<(f64, f64)> {
         let (white, left) = (self.whitened(jacobian), self.whitened(residuals));
-        // Columns may be of very different size.
-        let sizes = white.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect::<Vec<_>>();
-        let mut unit = white;
-        unit.column_iter_mut().zip(&sizes).for_each(|(mut column, size)| column /= *size);
-        let mut normal = unit.transpose() * &unit;
-        (0..normal.nrows()).for_each(|i| normal[(i, i)] += 1e-11);
-        let factor = normal.cholesky()?;
-        let explained = unit.transpose() * &left;
-        let squares = left.norm_squared() - explained.dot(&factor.solve(&explained));
-        let free = left.nrows() as f64 - unit.ncols() as f64;
+        let equations = NormalEquations::new(&(white.transpose() * &white))?;
+        let explained = white.transpose() * &left;
+        let squares = left.norm_squared() - explained.dot(&equations.solve(&explained.column(0).into_owned()));
+        let free = left.nrows() as f64 - white.ncols() as f64;
         if free < 1.0 || squares <= 0.0 {
             return None;
         }
@@ -69,27 +65,28 @@ impl Errors {
         let variance = squares / free;
         let firsts = (self.videos.len() * self.coordinates) as f64;
         let of_noise = -firsts * (1.0 - self.correlation.powi(2)).ln();
-        let of_unknowns =
-            2.0 * factor.l().diagonal().map(f64::ln).sum() + 2.0 * sizes.iter().map(|size| size.ln()).sum::<f64>();
-        let likelihood = -0.5 * (free * variance.ln() + of_noise + of_unknowns);
+        let likelihood = -0.5 * (free * variance.ln() + of_noise + equations.log_determinant());
         Some((likelihood, variance / (1.0 - self.correlation.powi(2))))
+    }
+
+    /// First row and number of rows of each video.
+    fn blocks(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let rows = self.videos.iter().map(|frames| frames * self.coordinates);
+        rows.scan(0, |end, rows| {
+            *end += rows;
+            Some((*end - rows, rows))
+        })
     }
 
     /// Rows made independent: each minus its share of the row of the frame before.
     fn whitened(&self, rows: &DMatrix<f64>) -> DMatrix<f64> {
         let mut white = rows.clone();
-        let mut begin = 0;
-        for frames in &self.videos {
-            for frame in 0..*frames {
-                for row in begin + frame * self.coordinates..begin + (frame + 1) * self.coordinates {
-                    let value = match frame {
-                        0 => rows.row(row) * (1.0 - self.correlation.powi(2)).sqrt(),
-                        _ => rows.row(row) - rows.row(row - self.coordinates) * self.correlation,
-                    };
-                    white.row_mut(row).copy_from(&value);
-                }
-            }
-            begin += frames * self.coordinates;
+        for (begin, length) in self.blocks() {
+            let later = length - self.coordinates;
+            let mut after = white.rows_mut(begin + self.coordinates, later);
+            after -= rows.rows(begin, later) * self.correlation;
+            let mut first = white.rows_mut(begin, self.coordinates);
+            first *= (1.0 - self.correlation.powi(2)).sqrt();
         }
         white
     }
@@ -105,18 +102,15 @@ impl Errors {
     /// Each row plus its correlation times the sum at the frame before, or after it.
     fn summed(&self, rows: &DMatrix<f64>, backwards: bool) -> DMatrix<f64> {
         let mut sums = rows.clone();
-        let mut begin = 0;
-        for frames in &self.videos {
-            for place in 1..*frames {
+        for (begin, length) in self.blocks() {
+            let frames = length / self.coordinates;
+            for place in 1..frames {
                 let (frame, other) = if backwards { (frames - 1 - place, frames - place) } else { (place, place - 1) };
-                for coordinate in 0..self.coordinates {
-                    let [row, other] = [frame, other].map(|frame| begin + frame * self.coordinates + coordinate);
-                    let add = sums.row(other) * self.correlation;
-                    let mut row = sums.row_mut(row);
-                    row += add;
-                }
+                let [frame, other] = [frame, other].map(|frame| begin + frame * self.coordinates);
+                let add = sums.rows(other, self.coordinates) * self.correlation;
+                let mut row = sums.rows_mut(frame, self.coordinates);
+                row += add;
             }
-            begin += frames * self.coordinates;
         }
         sums
     }

@@ -13,6 +13,7 @@ pub mod errors;
 pub mod explain;
 pub mod fit;
 pub mod motion;
+pub mod normal_equations;
 mod overlay;
 mod page;
 mod positions_file;
@@ -38,7 +39,8 @@ use self::results::{Alternative, HeldOut, Measurement, Quantity, Residuals};
 use self::scale::Scale;
 use self::sight::{Positions, Sight};
 use self::source::{Frames, Passed};
-use crate::datasets::files::{ClipShape, DatasetFile, Split};
+use crate::datasets::dataset::Dataset;
+use crate::datasets::files::{ClipShape, Split};
 use crate::datasets::film::{FILM, FilmFile};
 use crate::datasets::iterators::Clips;
 use crate::import::hold_out::Parts;
@@ -176,8 +178,8 @@ impl<'a> Subject<'a> {
         let path = config.data.train_path();
         let system = &model.system;
         let film = FilmFile::read(&path.with_file_name(FILM), record.sources.len(), system.side, system.channels)?;
-        let training = DatasetFile::read(&path, &ClipShape::training(task))?;
-        let train = Clips::new(training.split(Split::Train), training.actions(Split::Train), device);
+        let training = Dataset::open(&path, &ClipShape::training(task))?;
+        let train = training.clips(Split::Train, device);
         let (scale, ratio) = (Scale::new(record, system), record.step / film_step);
         let clocks = film.videos.iter().map(|frames| Clock::even(frames.dim().0)).collect();
         Ok(Subject { config, model, record, film, train, scale, ratio, clocks })

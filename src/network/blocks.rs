@@ -223,9 +223,16 @@ pub fn side_multiple(side: usize) -> usize {
 }
 
 impl UNet {
+    /// The shape of the U-Net the original uses for frames of this side.
+    pub fn shape(side: usize, channels: usize, objects: usize) -> Shape {
+        let (base, poolings) = if uses_deep_unet(side) { DEEP } else { SHALLOW };
+        Shape { side, channels, objects, base, poolings }
+    }
+
     /// The U-Net the original uses for frames of this side.
     pub fn for_side(layers: &mut Layers, side: usize, channels: usize, objects: usize, kernels: Kernels) -> Self {
-        let (base, poolings) = if uses_deep_unet(side) { DEEP } else { SHALLOW };
+        let shape = Self::shape(side, channels, objects);
+        let Shape { base, poolings, .. } = shape;
         let mut down = Vec::new();
         let (mut inputs, mut width) = (channels, base);
         for _ in 0..=poolings {
@@ -249,7 +256,6 @@ impl UNet {
             ));
             inputs = skip;
         }
-        let shape = Shape { side, channels, objects, base, poolings };
         let kernel = (kernels == Kernels::Own).then(|| UNetKernel::new(Instructions::best(), shape));
         UNet { down, up, logits: layers.conv2d(base, objects, 1, Activation::None), kernel }
     }

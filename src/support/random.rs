@@ -9,8 +9,30 @@ use super::fast_math::{cosine, logarithm, sine};
 
 /// 64-bit FNV-1a: a fixed, documented hash, so that seeds and checksums mean the same on every platform and version.
 pub fn fnv1a<'a>(bytes: impl IntoIterator<Item = &'a u8>) -> u64 {
-    let more = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3);
-    bytes.into_iter().fold(0xcbf2_9ce4_8422_2325, more)
+    let mut hash = Fnv1a::default();
+    hash.add(bytes);
+    hash.sum()
+}
+
+/// The same of bytes that come piece by piece.
+#[derive(Debug, Clone)]
+pub struct Fnv1a(u64);
+
+impl Default for Fnv1a {
+    fn default() -> Self {
+        Fnv1a(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Fnv1a {
+    pub fn add<'a>(&mut self, bytes: impl IntoIterator<Item = &'a u8>) {
+        let more = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3);
+        self.0 = bytes.into_iter().fold(self.0, more);
+    }
+
+    pub fn sum(&self) -> u64 {
+        self.0
+    }
 }
 
 /// A generator for one purpose of one run: equal for equal `(seed, purpose)`, unrelated for others.

@@ -29,6 +29,8 @@ pub trait Storage: Debug {
     fn create(&self, path: &Path) -> io::Result<Box<dyn Output>>;
     /// A file that is written at its end; made if it is not there.
     fn append(&self, path: &Path) -> io::Result<Box<dyn Output>>;
+    /// A new file in a folder, to write and to read, without a name: it is gone when it is closed.
+    fn nameless(&self, folder: &Path) -> io::Result<File>;
     /// A file to read.
     fn open(&self, path: &Path) -> io::Result<Box<dyn Input>>;
     /// Makes what a file or a folder holds last through a power cut.
@@ -62,6 +64,10 @@ impl Storage for FileSystem {
 
     fn append(&self, path: &Path) -> io::Result<Box<dyn Output>> {
         Ok(Box::new(OpenOptions::new().create(true).append(true).open(path)?))
+    }
+
+    fn nameless(&self, folder: &Path) -> io::Result<File> {
+        tempfile::tempfile_in(folder)
     }
 
     fn open(&self, path: &Path) -> io::Result<Box<dyn Input>> {
@@ -113,6 +119,14 @@ pub fn with<T>(backend: Rc<dyn Storage>, work: impl FnOnce() -> T) -> T {
 /// The backend of this thread.
 pub fn storage() -> Rc<dyn Storage> {
     BACKEND.with_borrow(Rc::clone)
+}
+
+/// A file without a name in this folder, or, where nothing can be written there, in the system's folder for such files.
+///
+/// # Errors
+/// Neither folder can be written to.
+pub fn nameless(folder: &Path) -> io::Result<File> {
+    storage().nameless(folder).or_else(|_| storage().nameless(&std::env::temp_dir()))
 }
 
 /// A file to read, if it is one: a pipe would make a program wait without a word.

@@ -7,6 +7,7 @@
 pub mod base;
 pub mod config;
 pub mod discover;
+pub mod footprint;
 pub mod identify;
 pub mod join;
 pub mod layers;

@@ -43,7 +43,7 @@ const WIDTH: f64 = 5.0;
 pub fn judge(config: &Config, model: &PhysicsNet, train: &Clips, held_out: &Clips) -> Result<Verdict> {
     let _guard = tch::no_grad_guard();
     let motion = Motion::measure(train, config.seed);
-    let seen = Seen::of(model, held_out, &motion, CLIPS, config.join.validation_clips.min(evaluation::BATCH));
+    let seen = Seen::of(model, held_out, &motion, CLIPS, config.join.validation_clips.min(evaluation::batch(held_out)));
     let mut checks = vec![objects(model, &seen), drawing(model, held_out, &motion)?];
     if model.black_box.is_some() {
         // Nothing was said of the motion that it could be judged by.
@@ -84,7 +84,7 @@ fn objects(model: &PhysicsNet, seen: &Seen) -> Check {
 /// How much of what moves is drawn.
 fn drawing(model: &PhysicsNet, clips: &Clips, motion: &Motion) -> Result<Check> {
     let (mut left, mut all) = (0.0, 0.0);
-    each_pass(model, clips, CLIPS, evaluation::BATCH, |chosen, frames, pass| {
+    each_pass(model, clips, CLIPS, evaluation::batch(clips), |chosen, frames, pass| {
         let encoded = pass.reconstructions.size()[1];
         let places = clips.places(chosen, encoded as usize);
         let truth = frames.narrow(1, 0, encoded).flatten(0, 1);
@@ -161,7 +161,7 @@ fn told_apart(model: &PhysicsNet, explanation: &Explanation) -> Option<Check> {
 
 /// The task's own limits of the losses, on held-out clips.
 fn losses(config: &Config, model: &PhysicsNet, held_out: &Clips) -> Result<Vec<Check>> {
-    let losses = evaluation::mean_losses(model, held_out, CLIPS, evaluation::BATCH)?;
+    let losses = evaluation::mean_losses(model, held_out, CLIPS, evaluation::batch(held_out))?;
     let limits = config.task.success.losses.iter();
     Ok(limits
         .filter_map(|(loss, limit)| {

@@ -8,9 +8,11 @@ use tch::{Device, Kind, Tensor};
 
 use crate::datasets::iterators::Clips;
 use crate::datasets::npz;
-use crate::evaluation::BATCH;
 use crate::evaluation::outputs::Outputs;
 use crate::network::physics_models::PhysicsNet;
+
+/// Clips of which the layers are written.
+const LAYERS_OF: usize = 25;
 
 /// Writes what [`super::write_artifacts`] says of the first `count` clips.
 pub(super) fn write_outputs(path: &Path, outputs: &Outputs, count: usize) -> Result<()> {
@@ -37,9 +39,9 @@ pub fn write_predictions(path: &Path, clips: &Tensor, predictions: &Tensor) -> R
     write(path, &[("input", channels_last(clips)), ("output", channels_last(predictions))])
 }
 
-/// Writes the decoder's and the encoder's layers for the first batch of clips, each frame as it is reconstructed.
+/// Writes the decoder's and the encoder's layers for the first clips, each frame as it is reconstructed.
 pub(super) fn write_extra_outputs(path: &Path, model: &PhysicsNet, test: &Clips) -> Result<()> {
-    let clips: Vec<i64> = (0..test.len().min(BATCH) as i64).collect();
+    let clips: Vec<i64> = (0..test.len().min(LAYERS_OF) as i64).collect();
     let frames = test.batch(&clips, model.system.input_steps + model.system.pred_steps);
     let encoding = model.encoder.forward(&frames.flatten(0, 1));
     let rendering = model.decoder.forward(&model.coordinates(&encoding));

@@ -154,6 +154,11 @@ impl Storage for Faulty {
         Ok(Box::new(File { inner, storage: self.clone() }))
     }
 
+    fn nameless(&self, folder: &Path) -> io::Result<fs::File> {
+        self.before(|| ())?;
+        FileSystem.nameless(folder)
+    }
+
     fn open(&self, path: &Path) -> io::Result<Box<dyn Input>> {
         self.before(|| ())?;
         Ok(Box::new(Source(FileSystem.open(path)?)))

@@ -6,7 +6,8 @@ use std::path::Path;
 use clap::Parser;
 use paig::cli::arguments::parse_seeds;
 use paig::cli::run::AnyTask;
-use paig::datasets::files::{ClipShape, DatasetFile, Split};
+use paig::datasets::dataset::Dataset;
+use paig::datasets::files::{ClipShape, Split};
 use paig::generators::source_images::SourceImages;
 use paig::import::sources::Video;
 use paig::import::tracker::TrackerFile;
@@ -183,7 +184,9 @@ pub const TARGETS: &[Target] = &[
         read: |bytes, folder| {
             let path = file(folder, "data.npz", bytes);
             let task = tasks::find("spring_color").unwrap();
-            drop(DatasetFile::read(&path, &ClipShape::of_either(&task, Split::Train)));
+            let shape = ClipShape::of_either(&task, Split::Train);
+            drop(Dataset::open_within(&path, &shape, u64::MAX));
+            drop(Dataset::open_within(&path, &shape, 0));
         },
         quick: false,
     },

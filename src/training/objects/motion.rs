@@ -5,7 +5,7 @@ use tch::{Kind, Tensor};
 use crate::datasets::iterators::Clips;
 
 /// Frames from which what stands behind is measured.
-const FRAMES: usize = 2000;
+pub const FRAMES: usize = 2000;
 const COMPARED_FRAMES: usize = 200;
 /// A frame's level of noise is the median difference of its pixels; what moves differs by more than this many of them.
 const LEVELS: f64 = 3.0;

@@ -201,17 +201,6 @@ pub fn write_film(
     gif::write(path, canvases.len(), |frame| Ok(canvases[frame].clone()))
 }
 
-/// The state at a step as the model foretold it from the last plan that is old enough, under what then acted.
-fn foretold(episode: &Episode, controller: &mut Controller, step: usize) -> Option<ControlState> {
-    let plan = episode.plans.iter().rev().find(|plan| plan.step + AHEAD <= step)?;
-    let acted: Vec<f32> = episode.actions[plan.step..step].iter().map(|action| *action as f32).collect();
-    controller.foretell(&plan.from, &acted).pop().filter(ControlState::is_finite)
-}
-
-fn corner(panel: u32) -> (u32, u32) {
-    (GAP + panel * (PANEL + GAP), HEAD)
-}
-
 /// Writes a frame, pixel by pixel.
 ///
 /// # Errors
@@ -221,6 +210,17 @@ pub fn write_frame(path: &Path, frame: &Tensor) -> Result<()> {
     let mut canvas = Canvas::new(side, side);
     canvas.paste(&picture(frame, 1)?, (0, 0));
     canvas.write_png(path)
+}
+
+/// The state at a step as the model foretold it from the last plan that is old enough, under what then acted.
+fn foretold(episode: &Episode, controller: &mut Controller, step: usize) -> Option<ControlState> {
+    let plan = episode.plans.iter().rev().find(|plan| plan.step + AHEAD <= step)?;
+    let acted: Vec<f32> = episode.actions[plan.step..step].iter().map(|action| *action as f32).collect();
+    controller.foretell(&plan.from, &acted).pop().filter(ControlState::is_finite)
+}
+
+fn corner(panel: u32) -> (u32, u32) {
+    (GAP + panel * (PANEL + GAP), HEAD)
 }
 
 fn panel(canvas: &mut Canvas, place: u32, name: &str, frame: &Tensor) -> Result<()> {

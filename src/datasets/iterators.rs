@@ -122,12 +122,16 @@ impl Clips {
         self.batch(&clips, self.time()).median_dim(1, false).0
     }
 
-    /// The median over time and clips of each pixel, `[channels, S, S]` in \[0, 1\], from `count` random frames: what
-    /// stands still.
+    /// The median over time and clips of each pixel, `[channels, S, S]` in \[0, 1\], from `count` random frames, or from all
+    /// if there are no more: what stands still.
     pub fn median_frame(&self, count: usize, seed: u64) -> Tensor {
         let all = (self.len() * self.time()) as i64;
         let mut random = named_generator(seed, "median frame");
-        let places: Vec<_> = (0..count).map(|_| random.random_range(0..all)).collect();
+        let places: Vec<_> = if all <= count as i64 {
+            (0..all).collect()
+        } else {
+            (0..count).map(|_| random.random_range(0..all)).collect()
+        };
         self.frames(&places).median_dim(0, false).0
     }
 }

@@ -3,15 +3,19 @@
 //!
 //! `cargo run --release --example resources -- STEPS` needs the programs in `target/release`.
 
+#[path = "common/programs.rs"]
+mod programs;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use ndarray::{Axis, concatenate};
 use paig::datasets::files::{ClipShape, DatasetFile};
 use paig::tasks;
+use programs::{done, last_weights};
 use serde_json::{Value, json};
 
 /// A training whose last phase goes on for as long as it is told.
@@ -28,10 +32,7 @@ fn main() -> Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let [steps] = &words[..] else { bail!("usage: resources STEPS") };
     let folder = tempfile::tempdir()?;
-    // target/release/examples/resources
-    let programs = std::env::current_exe()?.ancestors().nth(2).context("no folder of programs")?.to_path_buf();
-    ensure!(programs.join("run_physics").exists(), "build the programs first: cargo build --release");
-    let trial = Trial { place: folder.path().into(), programs };
+    let trial = Trial { place: folder.path().into(), programs: programs::folder()? };
     fs::write(trial.place.join("long.toml"), LONG)?;
     done(&trial.generate("data", 12)?)?;
     let held = trial.held_over(steps)?;
@@ -112,12 +113,6 @@ impl Trial {
     }
 }
 
-fn done(output: &Output) -> Result<()> {
-    let said = String::from_utf8_lossy(&output.stderr);
-    ensure!(output.status.success(), "a program failed with {}: {said}", output.status);
-    Ok(())
-}
-
 /// The step of the last whole line of metrics.jsonl of the phase join.
 fn last_step(metrics: &Path) -> u64 {
     let text = fs::read_to_string(metrics).unwrap_or_default();
@@ -134,10 +129,4 @@ fn holds(process: &Path, step: u64) -> Option<Value> {
     };
     let files = fs::read_dir(process.join("fd")).ok()?.count();
     Some(json!({"step": step, "memory_mb": number("VmRSS:")? >> 10, "files": files, "threads": number("Threads:")?}))
-}
-
-fn last_weights(run: &Path) -> Result<Vec<u8>> {
-    let index: Value = serde_json::from_slice(&fs::read(run.join("checkpoints/index.json"))?)?;
-    let last = index["last"].as_str().context("no last checkpoint")?;
-    Ok(fs::read(run.join("checkpoints").join(last).join("weights.safetensors"))?)
 }

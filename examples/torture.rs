@@ -5,6 +5,9 @@
 //! `cargo run --release --example torture -- KILLS SECONDS` ends after so many kills, or at the latest after so many
 //! seconds. It needs the programs in `target/release`.
 
+#[path = "common/programs.rs"]
+mod programs;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,6 +17,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail, ensure};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
+use programs::{done, last_weights};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
@@ -44,12 +48,9 @@ fn main() -> Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let [kills, seconds] = &words[..] else { bail!("usage: torture KILLS SECONDS") };
     let folder = tempfile::tempdir()?;
-    // target/release/examples/torture
-    let programs = std::env::current_exe()?.ancestors().nth(2).context("no folder of programs")?.to_path_buf();
-    ensure!(programs.join("run_physics").exists(), "build the programs first: cargo build --release");
     let mut torture = Torture {
         place: folder.path().into(),
-        programs,
+        programs: programs::folder()?,
         random: ChaCha8Rng::from_os_rng(),
         until: Instant::now() + Duration::from_secs(seconds.parse()?),
         kills: BTreeMap::new(),
@@ -381,21 +382,9 @@ fn ended(child: &mut Child) -> Result<Option<ExitStatus>> {
     child.try_wait().context("cannot wait")
 }
 
-fn done(output: &Output) -> Result<()> {
-    let said = String::from_utf8_lossy(&output.stderr);
-    ensure!(output.status.success(), "a program failed with {}: {said}", output.status);
-    Ok(())
-}
-
 fn said_panic(output: &Output) -> bool {
     let said = String::from_utf8_lossy(&output.stderr);
     said.contains("panicked") || said.contains("defect of the program")
-}
-
-fn last_weights(run: &Path) -> Result<Vec<u8>> {
-    let index: Value = serde_json::from_slice(&fs::read(run.join("checkpoints/index.json"))?)?;
-    let last = index["last"].as_str().context("no last checkpoint")?;
-    Ok(fs::read(run.join("checkpoints").join(last).join("weights.safetensors"))?)
 }
 
 /// metrics.jsonl without the times.

@@ -36,8 +36,17 @@ fn free_on_machine() -> Option<u64> {
 }
 
 fn left_in_group() -> Option<u64> {
-    let number = |name: &str| fs::read_to_string(format!("/sys/fs/cgroup/{name}")).ok()?.trim().parse::<u64>().ok();
-    Some(number("memory.max")?.saturating_sub(number("memory.current")?))
+    let text = |name: &str| fs::read_to_string(format!("/sys/fs/cgroup/{name}")).ok();
+    let number = |name: &str| text(name)?.trim().parse::<u64>().ok();
+    let taken = number("memory.current")?.saturating_sub(files_held(&text("memory.stat")?));
+    Some(number("memory.max")?.saturating_sub(taken))
+}
+
+/// Bytes of files that a group holds only until something else needs the room; they count as taken there.
+fn files_held(stat: &str) -> u64 {
+    let pages = stat.lines().filter_map(|line| line.split_once(' '));
+    let of_files = pages.filter(|(name, _)| ["inactive_file", "active_file"].contains(name));
+    of_files.filter_map(|(_, bytes)| bytes.trim().parse::<u64>().ok()).sum()
 }
 
 fn left_of_addresses() -> Option<u64> {
@@ -57,6 +66,12 @@ fn kilobytes(text: &str, name: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn files_that_were_read_take_no_memory_of_a_group() {
+        let stat = "anon 500\nfile 90\nshmem 20\ninactive_anon 7\nactive_anon 8\ninactive_file 30\nactive_file 40\n";
+        assert_eq!(files_held(stat), 70);
+    }
 
     #[test]
     fn what_does_not_fit_is_refused_with_both_numbers() {

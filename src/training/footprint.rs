@@ -11,8 +11,8 @@ const SORTED: f64 = 24.0;
 /// Bytes of a number.
 const FLOAT: f64 = 4.0;
 
-/// Bytes that a training on so many clips takes on a CPU beyond what its program and its data hold, about: what the largest step leaves in all
-/// layers for its gradient. Measured peaks of the built-in tasks were 0.6 to 1.1 of it.
+/// Bytes that a training on so many clips takes on a CPU beyond what its program and its data hold, about: what the largest
+/// step leaves in all layers for its gradient, or the median frame of what it is sorted from.
 pub fn footprint(config: &Config, clips: usize) -> u64 {
     let system = &config.task.system;
     let pixels = (system.side * system.side) as f64;

@@ -1,0 +1,31 @@
+//! The built programs, and what they leave.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use anyhow::{Context, Result, ensure};
+use serde_json::Value;
+
+/// The folder of the programs.
+pub fn folder() -> Result<PathBuf> {
+    // This is target/release/examples/NAME.
+    let programs = std::env::current_exe()?.ancestors().nth(2).context("no folder of programs")?.to_path_buf();
+    ensure!(programs.join("run_physics").exists(), "build the programs first: cargo build --release");
+    Ok(programs)
+}
+
+/// # Errors
+/// A program that failed.
+pub fn done(output: &Output) -> Result<()> {
+    let said = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "a program failed with {}: {said}", output.status);
+    Ok(())
+}
+
+/// The bytes of a run's last weights.
+pub fn last_weights(run: &Path) -> Result<Vec<u8>> {
+    let index: Value = serde_json::from_slice(&fs::read(run.join("checkpoints/index.json"))?)?;
+    let last = index["last"].as_str().context("no last checkpoint")?;
+    Ok(fs::read(run.join("checkpoints").join(last).join("weights.safetensors"))?)
+}

@@ -4,6 +4,7 @@
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
 # make baselines  other dynamics, decoders and models beside the physics: runs, reports/baselines (days; goes on)
 # make torture   kills, faults, fuzzing and bad calls; reports/torture (an hour; KILLS=n, FUZZ=seconds)
+# make engines   sweeps of 200 tiny runs by GNU parallel, HyperQueue and Slurm on this machine (an hour; as root)
 # make control   a pendulum that is learned from few clips is swung up by what is seen (a few minutes)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
 # make bench     training steps and inference beside PyTorch's, eager and compiled, in turns; benches/
@@ -18,7 +19,7 @@ SEED ?= 0
 JOBS ?= 2
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data stress baselines torture control compare bench compare-defects clean
+.PHONY: demo test lint libtorch build data stress baselines torture engines control compare bench compare-defects clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -55,7 +56,14 @@ torture: build
 	-$(CARGO) test --release --test invocations -- --nocapture > $(TORTURE)/invocations.txt
 	-$(CARGO) run --release --quiet --example fuzz -- $(FUZZ) > $(TORTURE)/fuzz.txt
 	-$(CARGO) run --release --quiet --example resources -- 10000 > $(TORTURE)/resources.txt
-	$(CARGO) run --release --quiet --example torture -- $(KILLS) 3600
+	-$(CARGO) run --release --quiet --example torture -- $(KILLS) 3600 > $(TORTURE)/kills.txt
+	$(CARGO) run --release --quiet --example torture_report
+
+# Needs the engines (tests/engines/engines.py says which), Slurm as root. `torture_report` shows what it prints.
+ENGINES ?= parallel hyperqueue slurm
+engines: build
+	mkdir -p $(TORTURE)
+	$(PYTHON) tests/engines/engines.py $(ENGINES) --runs 200 --kills 20 > $(TORTURE)/engines.txt
 
 CONTROL := runs/control/clips=100
 

@@ -1,9 +1,8 @@
 //! Kills the programs at random moments, lets them run into full and read-only disks and into each other, and looks at
-//! what is left. `make torture` runs it, with the counts of the faults, of the fuzzing and of the bad invocations that
-//! it finds in `target/torture`, and writes `reports/torture`.
+//! what is left. A part of `make torture`.
 //!
 //! `cargo run --release --example torture -- KILLS SECONDS` ends after so many kills, or at the latest after so many
-//! seconds. It needs the programs in `target/release`.
+//! seconds, and prints a line of JSON. It needs the programs in `target/release`.
 
 #[path = "common/programs.rs"]
 mod programs;
@@ -68,7 +67,10 @@ fn main() -> Result<()> {
         torture.kill_writers()?;
         torture.kill_sweep()?;
     }
-    torture.report(start.elapsed())
+    let Torture { kills, lost, notes, .. } = torture;
+    println!("{}", json!({"kills": kills, "lost": lost, "not_tried": notes, "seconds": start.elapsed().as_secs()}));
+    ensure!(lost.is_empty(), "something was lost");
+    Ok(())
 }
 
 impl Torture {
@@ -305,77 +307,6 @@ impl Torture {
         done(&self.train(&out).output()?)?;
         self.assert_same_run("clock", &out)
     }
-
-    /// Writes the numbers and a page.
-    fn report(&self, took: Duration) -> Result<()> {
-        let out = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/torture");
-        fs::create_dir_all(&out)?;
-        let others = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/torture");
-        let said = |name: &str| fs::read_to_string(others.join(name)).unwrap_or_default();
-        let (faults, fuzz, calls) = (said("faults.txt"), said("fuzz.txt"), said("invocations.txt"));
-        let sum = |text: &str, word: &str| -> u64 {
-            let lines =
-                text.lines().filter_map(|line| line.strip_suffix(word)?.rsplit(' ').next()?.parse::<u64>().ok());
-            lines.sum()
-        };
-        let last = |text: &str| -> Result<Value> {
-            let line = text.lines().rfind(|line| line.starts_with('{'));
-            Ok(line.map_or(Ok(json!({})), serde_json::from_str)?)
-        };
-        let (fuzz, held) = (last(&fuzz)?, last(&said("resources.txt"))?);
-        let failed = |text: &str| u64::from(!text.is_empty() && !text.contains("test result: ok"));
-        let kills: u32 = self.kills.values().sum();
-        let results = json!({
-            "kills": kills,
-            "lost": self.lost.len(),
-            "faults_injected": sum(&faults, " faults"),
-            "violations": failed(&faults),
-            "fuzz_executions": fuzz["fuzz_executions"].as_u64().unwrap_or(0),
-            "crashes": fuzz["crashes"].as_u64().unwrap_or(0),
-            "bad_invocations": sum(&calls, " bad invocations"),
-            "wrong": failed(&calls),
-            "resources": held,
-        });
-        fs::write(out.join("results.json"), serde_json::to_string_pretty(&results)? + "\n")?;
-        let rows: Vec<_> = self.kills.iter().map(|(what, kills)| format!("| {what} | {kills} |")).collect();
-        let lost = self.lost.iter().map(|what| format!("- {}\n", what.trim())).collect::<String>();
-        let notes = self.notes.iter().map(|what| format!("- {what}\n")).collect::<String>();
-        let page = format!(
-            "# Torture\n\nWritten by `make torture`; what is tried and what is promised: \
-             [docs/reliability.md](../../docs/reliability.md).\n\n\
-             {kills} kills (SIGKILL and SIGTERM at random moments) in {:.0} minutes; {} times something was lost.\n\n\
-             | program | kills |\n|---|---|\n{}\n\n\
-             Faults of the storage: {}. Inputs of the fuzzer: {}, of which {} broke a reader. Bad invocations: {}.\n{}{}{}",
-            took.as_secs_f64() / 60.0,
-            self.lost.len(),
-            rows.join("\n"),
-            results["faults_injected"],
-            results["fuzz_executions"],
-            results["crashes"],
-            results["bad_invocations"],
-            resources(&held),
-            if lost.is_empty() { String::new() } else { format!("\nLost or wrong:\n\n{lost}") },
-            if notes.is_empty() { String::new() } else { format!("\nNot tried:\n\n{notes}") },
-        );
-        fs::write(out.join("report.md"), &page)?;
-        println!("{page}");
-        ensure!(self.lost.is_empty(), "something was lost");
-        Ok(())
-    }
-}
-
-/// What a long training held, and whether a dataset larger than its memory was learned from.
-fn resources(held: &Value) -> String {
-    let Some(steps) = held["steps"].as_array() else { return String::new() };
-    let row = |at: &Value| format!("| {} | {} | {} | {} |\n", at["step"], at["memory_mb"], at["files"], at["threads"]);
-    let rows: String = steps.iter().map(row).collect();
-    let larger = &held["larger_than_memory"];
-    format!(
-        "\nOne training:\n\n| step | memory, MB | open files | threads |\n|---|---|---|---|\n{rows}\n\
-         {} MB of frames were learned from under a limit of {} MB of addresses, to the same bits as without: {}. A training \
-         that could not fit was refused: {}.\n",
-        larger["frames_mb"], larger["limit_mb"], larger["same_bits"], larger["too_large_refused"]
-    )
 }
 
 fn ended(child: &mut Child) -> Result<Option<ExitStatus>> {

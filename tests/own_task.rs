@@ -80,7 +80,7 @@ fn five_balls_are_generated_trained_scored_reported_predicted_and_resumed_from_a
     let steps = metrics.matches(r#""kind":"valid""#).count();
     let shown = || {
         let events = fs::read(of_run.join("events.out.tfevents.paig")).unwrap();
-        String::from_utf8_lossy(&events).matches("valid/pred_loss").count()
+        String::from_utf8_lossy(&events).matches("valid/recons_loss").count()
     };
     assert!(steps > 0 && shown() == steps, "{} of {steps} validations", shown());
     fs::remove_file(of_run.join("summary.json")).unwrap();

@@ -181,15 +181,22 @@ fn a_report_counts_every_folder_and_groups_by_what_was_learned_from() {
     fs::write(runs.join("moved/config.toml"), config.replace(place, "/another/place")).unwrap();
     let summary = fs::read_to_string(runs.join("moved/summary.json")).unwrap();
     fs::write(runs.join("moved/summary.json"), summary.replace("\"seed\": 0", "\"seed\": 3")).unwrap();
+    // Another data set of the same kind: the same recipe, too.
+    edit("fresh", "config.toml", "seed = 0", "seed = 4");
+    let summary = fs::read_to_string(runs.join("fresh/summary.json")).unwrap();
+    let of_other_data = summary.replace("\"seed\": 0", "\"seed\": 4").replace(", seed 0, ", ", seed 5, ");
+    fs::write(runs.join("fresh/summary.json"), of_other_data).unwrap();
     let out = folder.path().join("report");
     let done = Command::new(env!("CARGO_BIN_EXE_report")).arg(&runs).arg("--out").arg(&out).output().unwrap();
     assert!(done.status.success(), "{}", text(&done));
-    assert!(text(&done).contains("2 finished, 0 unfinished, 2 unreadable"), "{}", text(&done));
+    assert!(text(&done).contains("3 finished, 0 unfinished, 2 unreadable"), "{}", text(&done));
     let page = fs::read_to_string(out.join("report.md")).unwrap();
     for words in ["runs/other", "runs/bare", "different runs"] {
         assert!(page.contains(words), "{words:?} is not in the report");
     }
     let results: Value = serde_json::from_slice(&fs::read(out.join("results.json")).unwrap()).unwrap();
-    let springs = results["tasks"].as_array().unwrap().iter().filter(|task| task["task"] == "spring_color").count();
-    assert_eq!(springs, 1, "one recipe, two groups: {results}");
+    let tasks = results["tasks"].as_array().unwrap().iter();
+    let springs: Vec<_> = tasks.filter(|task| task["task"] == "spring_color").collect();
+    assert_eq!(springs.len(), 1, "one recipe, two groups: {results}");
+    assert_eq!((&springs[0]["tried"], &springs[0]["datasets"]), (&3.into(), &2.into()));
 }

@@ -121,10 +121,10 @@ fn all_runs_are_counted_and_nothing_is_selected() {
     let page = fs::read_to_string(out.join("report.md")).unwrap();
     for line in [
         "**Run folders that cannot be read, in no count and listed at the end: 1.**",
-        "- spring_color, fast: **2 of 5** seeds succeeded; k 4.000 [3.980, 4.200] (ERROR), l 6.000 [5.990, 6.010]",
-        "| spring_color | fast | 5 | 4 | **2** |",
+        "- spring_color, fast: **2 of 5** runs succeeded; k 4.000 [3.980, 4.200] (ERROR), l 6.000 [5.990, 6.010]",
+        "| spring_color | fast | 1 | 5 | 4 | **2** |",
         "- spring_color: k within 1 %, l within 0.5 %",
-        "| mnist_spring_color | no run | 0 | 0 | 0 |",
+        "| mnist_spring_color | no run | 0 | 0 | 0 | 0 |",
         "| spring_color | k | 4 | 4.26 | +6.50\u{a0}% | fast | **4.000 [3.980, 4.200]** | ERROR | 2 / 5 |",
         "| 3bp_color | g | 60 | 65.7 | +9.50\u{a0}% | fast | – | – | 0 / 1 |",
         "| spring_color | paper | no | 0.63 | 1.39 |",
@@ -299,7 +299,7 @@ fn runs_of_the_paper_recipe_that_were_cut_off_are_shown_as_far_as_they_went() {
          from its truth 4; l",
         "| 1 | cut off after 55 steps (5.5 epochs) | missing |",
         "| 1 | 8.2 min until it was cut off |",
-        "| spring_color | paper | 1 | 0 | **0** |",
+        "| spring_color | paper | 1 | 1 | 0 | **0** |",
         "Not run with this recipe: spring_color (not to its end), mnist_spring_color (not at all)",
         "generate --task spring_color --train 1000 --valid 100 --test 10 --seed 3",
     ] {

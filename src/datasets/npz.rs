@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use ndarray::ArrayD;
 use ndarray_npy::{NpzReader, NpzWriter, ReadNpyError, ReadNpzError, ReadableElement};
+use zip::write::SimpleFileOptions;
 
 use crate::support::storage::{self, Input, storage};
 use crate::support::{atomic, memory};
@@ -15,6 +16,8 @@ pub(crate) type Writer = NpzWriter<Cursor<Vec<u8>>>;
 
 /// Bytes that one byte of a deflated file can unpack to.
 const MOST_PACKED: u64 = 1032;
+/// The fastest level of compression: floating-point numbers get no smaller by a higher one.
+const FASTEST: i64 = 1;
 /// Bytes in which the header of an array must lie.
 const MOST_HEADER: u64 = 4096;
 
@@ -175,9 +178,19 @@ pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -
     write_whole(path, &compressed(path, fill)?)
 }
 
+/// The same for floating-point numbers.
+pub(crate) fn write_floats(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+    let options = SimpleFileOptions::default().compression_level(Some(FASTEST));
+    write_whole(path, &collected(path, options, fill)?)
+}
+
 /// Collects arrays into a compressed npz that is to be written to `path`.
 pub(crate) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
-    let mut npz = NpzWriter::new_compressed(Cursor::new(Vec::new()));
+    collected(path, SimpleFileOptions::default(), fill)
+}
+
+fn collected(path: &Path, options: SimpleFileOptions, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
+    let mut npz = NpzWriter::new_with_options(Cursor::new(Vec::new()), options);
     let bytes = fill(&mut npz).and_then(|()| Ok(npz.finish()?.into_inner()));
     bytes.with_context(|| format!("cannot compress the arrays of {path:?}"))
 }

@@ -19,8 +19,14 @@ pub(super) fn commands(group: &Group) -> Result<Vec<String>> {
         let data = generate(run)?;
         lines.extend(data.into_iter().filter(|line| !lines.contains(line)).collect::<Vec<_>>());
     }
-    if let Some(sweep) = sweep(group) {
-        lines.extend(["# all runs:".into(), sweep.shell("sweep")?, "# or one by one:".into()]);
+    // One for each folder of data.
+    let of_data = group.runs.chunk_by(|a, b| data_folder(a) == data_folder(b));
+    if let Some(sweeps) = of_data.map(|runs| sweep(runs, group)).collect::<Option<Vec<_>>>() {
+        lines.push("# all runs:".into());
+        for sweep in sweeps {
+            lines.push(sweep.shell("sweep")?);
+        }
+        lines.push("# or one by one:".into());
     }
     for run in &group.runs {
         lines.push(one(run, group).shell("run_physics")?);
@@ -34,11 +40,10 @@ fn generate(run: &Run) -> Result<Vec<String>> {
     let options = CommandOptions::default().with("task", &task.name);
     let options = options.with_each("out", data_folder(run));
     let unknown = "# no run says how these data were made:";
-    let Some(RunData { clips: [train, valid, test], made_with }) = &run.data else {
-        return Ok(vec![unknown.into(), options.shell("generate")?]);
-    };
+    let Some(data) = &run.data else { return Ok(vec![unknown.into(), options.shell("generate")?]) };
+    let RunData { clips: [train, valid, test], made_with } = data;
     let options = options.with("train", train.to_string()).with("valid", valid.to_string());
-    let seed = made_with.as_deref().and_then(seed);
+    let seed = data.seed();
     let options = options.with("test", test.to_string()).with_each("seed", seed.map(|seed| seed.to_string()));
     let counts = Counts { train: *train, valid: *valid, test: *test };
     let plain = seed.map(|seed| plain_test_settings(task, counts, seed)).transpose()?.flatten();
@@ -50,28 +55,28 @@ fn generate(run: &Run) -> Result<Vec<String>> {
     Ok(remark.into_iter().chain([options.shell("generate")?]).collect())
 }
 
-/// The seed in a dataset's settings: `.., seed 0, ..`.
-fn seed(made_with: &str) -> Option<u64> {
-    made_with.split(", ").find_map(|part| part.strip_prefix("seed ")?.parse().ok())
-}
-
-/// The command for all runs of a group; none where `--set` cannot say what differs, or the runs' machines differ.
-fn sweep(group: &Group) -> Option<CommandOptions> {
-    let first = &group.runs[0];
-    let alike = |run: &Run| {
-        let machine = |run: &Run| (threads(run), run.config.device.clone(), data_folder(run));
-        machine(run) == machine(first)
-    };
-    if !group.runs.iter().all(alike) || !said_by_changes(first, group) {
+/// The command for runs of a group on the same data; none where `--set` cannot say what differs, or the runs' machines
+/// differ.
+fn sweep(runs: &[Run], group: &Group) -> Option<CommandOptions> {
+    let first = &runs[0];
+    let machine = |run: &Run| (threads(run), run.config.device.clone());
+    if !runs.iter().all(|run| machine(run) == machine(first)) || !said_by_changes(first, group) {
         return None;
     }
-    let seeds: Vec<_> = group.runs.iter().map(|run| run.config.seed.to_string()).collect();
+    let seeds: Vec<_> = runs.iter().map(|run| run.config.seed.to_string()).collect();
     // 0 is what a run had that left the number to the machine and did not finish.
     let threads = Some(threads(first)).filter(|threads| *threads > 0);
     let options = task_and_recipe(group).with("seeds", seeds.join(",")).with_each("set", &group.changes);
     let options = options.with_each("name", (!group.changes.is_empty()).then(|| name(group)));
     let options = options.with_each("threads-per-run", threads.map(|threads| threads.to_string()));
-    Some(options.with("device", &first.config.device).with_each("data", data_folder(first)))
+    let options = options.with("device", &first.config.device).with_each("data", data_folder(first));
+    Some(options.with_each("out", runs_of_data(first, group)))
+}
+
+/// Where the runs on the data of a run go, if the usual place is that of several data sets.
+fn runs_of_data(run: &Run, group: &Group) -> Option<String> {
+    let seed = run.data.as_ref().and_then(RunData::seed).filter(|_| group.datasets() > 1);
+    seed.map(|seed| format!("runs/data={seed}"))
 }
 
 /// The command for one run. With its own config file where `--set` cannot say what differs; what is changed goes to a
@@ -84,7 +89,10 @@ fn one(run: &Run, group: &Group) -> CommandOptions {
         options.with("config", run.folder.join("config.toml"))
     };
     let (task, recipe, seed) = (&group.task.name, &group.recipe, run.config.seed);
-    let out = (!group.changes.is_empty()).then(|| format!("runs/{task}/{recipe}-{}/seed={seed}", name(group)));
+    let runs = runs_of_data(run, group);
+    let label = if group.changes.is_empty() { recipe.clone() } else { format!("{recipe}-{}", name(group)) };
+    let usual = runs.is_none() && group.changes.is_empty();
+    let out = (!usual).then(|| format!("{}/{task}/{label}/seed={seed}", runs.unwrap_or_else(|| "runs".into())));
     let options = options.with("seed", seed.to_string()).with_each("out", out);
     options.with("threads", threads(run).to_string()).with("device", &run.config.device)
 }
@@ -113,15 +121,4 @@ fn name(group: &Group) -> String {
 /// What the run had, where the config leaves it to the machine.
 fn threads(run: &Run) -> usize {
     run.summary.as_ref().map_or(run.config.threads, |summary| summary.threads)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_seed_of_the_data_is_read_from_their_settings() {
-        assert_eq!(seed("generator 1, task spring_color, seed 7, clips 10+10+500 of 30 frames, side 32"), Some(7));
-        assert_eq!(seed("made by hand"), None);
-    }
 }

@@ -1,6 +1,7 @@
-//! Runs that differ in nothing but their seed, and in what does not change what is learned.
+//! Runs that differ in nothing but their seeds, those of the data and of the training, and in what does not change what is
+//! learned.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use serde::Serialize;
@@ -10,7 +11,7 @@ use super::criteria::{self, Status};
 use super::protocol::protocol;
 use crate::network::cells::PhysicalParameter;
 use crate::network::physics_models::losses::Loss;
-use crate::runs::run::Run;
+use crate::runs::run::{Run, RunData};
 use crate::runs::run_config::{RunConfig, choices};
 use crate::runs::scores::{FrameSpread, StateErrors};
 use crate::runs::summary::Summary;
@@ -72,6 +73,12 @@ impl Group {
     pub(super) fn found(&self) -> (usize, usize) {
         let verdicts: Vec<_> = self.finished().filter_map(|(_, summary)| summary.verdict.as_ref()).collect();
         (verdicts.iter().filter(|verdict| verdict.found).count(), verdicts.len())
+    }
+
+    /// How many data sets the runs learned from, as far as they say.
+    pub(super) fn datasets(&self) -> usize {
+        let made: BTreeSet<_> = self.runs.iter().filter_map(|run| run.data.as_ref()?.made_with.as_ref()).collect();
+        made.len().max(1)
     }
 
     /// Whether the state at the start of a roll-out is refined on the input frames.
@@ -170,15 +177,20 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
     let place = |group: &Group| known.iter().position(|name| *name == group.task.name).unwrap_or(known.len());
     groups
         .sort_by_cached_key(|group| (place(group), group.task.name.clone(), group.recipe.clone(), group.label.clone()));
-    groups.iter_mut().for_each(|group| group.runs.sort_by_cached_key(|run| (run.config.seed, run.folder.clone())));
+    groups.iter_mut().for_each(|group| {
+        group
+            .runs
+            .sort_by_cached_key(|run| (run.data.as_ref().and_then(RunData::seed), run.config.seed, run.folder.clone()))
+    });
     groups
 }
 
-/// Whether two runs differ in nothing that decides what is learned. Where the data lie is not that: what they are is.
+/// Whether two runs differ in nothing that decides what is learned. Where the data lie is not that, nor the seed that they
+/// were made with: what they show is.
 fn alike(a: &Run, b: &Run) -> bool {
     let what =
         |run: &Run| (run.config.task.name.clone(), run.config.recipe.clone(), without_place(&run.config.choices));
-    let made = |run: &Run| run.data.as_ref().and_then(|data| data.made_with.clone());
+    let made = |run: &Run| run.data.as_ref().and_then(RunData::kind);
     let place = |run: &Run| run.config.choices.get(DATA_FOLDER).cloned();
     what(a) == what(b) && made(a) == made(b) && (made(a).is_some() || place(a) == place(b))
 }

@@ -30,6 +30,8 @@ struct TaskResults {
     /// What was changed in the recipe, as `key=value`.
     overrides: Vec<String>,
     seeds: Vec<u64>,
+    /// Data sets that the runs learned from.
+    datasets: usize,
     tried: usize,
     finished: usize,
     /// Null for a task without a criterion.
@@ -67,6 +69,7 @@ impl TaskResults {
             base_recipe: group.recipe.clone(),
             overrides: group.changes.clone(),
             seeds: group.runs.iter().map(|run| run.config.seed).collect(),
+            datasets: group.datasets(),
             tried: group.runs.len(),
             finished: group.finished().count(),
             succeeded: group.succeeded(),

@@ -53,6 +53,7 @@ pub(super) fn of_group(group: &Group, pictures: &GroupPictures) -> Result<Value>
         role => value(group.role()),
         is_protocol => group.is_protocol(),
         tried => group.runs.len(),
+        datasets => group.datasets(),
         finished => group.finished().count(),
         // None of a task without a criterion.
         succeeded => group.succeeded(),

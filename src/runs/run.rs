@@ -32,6 +32,30 @@ pub struct RunData {
     pub made_with: Option<String>,
 }
 
+impl RunData {
+    /// The seed of the generated files.
+    pub fn seed(&self) -> Option<u64> {
+        self.settings().find_map(seed)
+    }
+
+    /// How the files were made but for their seed: what is the same for all data sets of one kind.
+    pub fn kind(&self) -> Option<String> {
+        let kind = self.settings().filter(|part| seed(part).is_none()).collect::<Vec<_>>().join(SEPARATOR);
+        self.made_with.as_ref().map(|_| kind)
+    }
+
+    fn settings(&self) -> impl Iterator<Item = &str> {
+        self.made_with.as_deref().unwrap_or_default().split(SEPARATOR)
+    }
+}
+
+/// What stands between the settings of a data set.
+const SEPARATOR: &str = ", ";
+
+fn seed(setting: &str) -> Option<u64> {
+    setting.strip_prefix("seed ")?.parse().ok()
+}
+
 impl Run {
     /// Reads a run folder.
     ///
@@ -84,5 +108,21 @@ impl Run {
     /// where they cannot be read.
     pub(super) fn config_and_course(&self) -> [Vec<u8>; 2] {
         [CONFIG, METRICS].map(|name| storage::read(&self.folder.join(name)).unwrap_or_default())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::RunData;
+
+    #[test]
+    fn data_sets_of_one_kind_differ_in_their_seed_alone() {
+        let data = |text: &str| RunData { clips: [1, 1, 1], made_with: Some(text.into()) };
+        let one = data("generator 1, task spring_color, seed 7, clips 10+10+500 of 30 frames, side 32");
+        let other = data("generator 1, task spring_color, seed 8, clips 10+10+500 of 30 frames, side 32");
+        assert_eq!((one.seed(), other.seed()), (Some(7), Some(8)));
+        assert_eq!(one.kind(), other.kind());
+        assert!(one.kind().is_some_and(|kind| kind.contains("task spring_color") && kind.contains("side 32")));
+        assert_eq!(data("made by hand").seed(), None);
     }
 }

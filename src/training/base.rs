@@ -9,7 +9,7 @@ use std::time::Instant;
 use anyhow::{Result, bail, ensure};
 use tch::Tensor;
 
-use super::objective::{Objective, StepLoss};
+use super::objective::{Objective, StepLoss, Validated};
 use super::observer::{Event, Observer};
 use super::optimizers::{Optimizer, OptimizerKind};
 use crate::datasets::iterators::Clips;
@@ -178,16 +178,16 @@ impl Session<'_> {
     /// Scores the model on the validation split; keeps the weights of the last phase's best score.
     fn validate(&mut self, phase: &str, objective: &dyn Objective) -> Result<()> {
         let Validation { clips, batch } = self.validation;
-        let losses = evaluation::mean_losses(self.model, self.valid, clips, batch)?;
-        let score = objective.score(self.model, &losses);
+        let losses = || evaluation::mean_losses(self.model, self.valid, clips, batch);
+        let Validated { score, recons_loss, pred_loss, extrap_loss } = objective.validate(self.model, &losses)?;
         ensure!(score.is_finite(), "{phase}: the validation score is not finite after step {}", self.state.steps);
         let steps_per_epoch = (self.train.len() / batch).max(1) as u64;
         let record = Record {
             epoch: Some(self.state.steps / steps_per_epoch),
             score: Some(score),
-            recons_loss: Some(losses.recons_loss),
-            pred_loss: Some(losses.pred_loss),
-            extrap_loss: losses.extrap_loss,
+            recons_loss,
+            pred_loss,
+            extrap_loss,
             ..self.record(Kind::Valid, phase)
         };
         self.tell(&Event::Recorded(&record))?;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use super::base::{Outcome, Session};
-use super::objective::{Objective, StepLoss};
+use super::objective::{Objective, StepLoss, Validated};
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
 use super::ranges::{at_least_one, not_negative};
@@ -158,7 +158,8 @@ impl Objective for Joint<'_> {
     }
 
     /// `L_pred + alpha L_rec` on the validation split.
-    fn score(&self, _model: &PhysicsNet, scores: &MeanLosses) -> f64 {
-        scores.pred_loss + self.config.alpha * scores.recons_loss
+    fn validate(&self, _model: &PhysicsNet, losses: &dyn Fn() -> Result<MeanLosses>) -> Result<Validated> {
+        let losses = losses()?;
+        Ok(Validated::new(losses.pred_loss + self.config.alpha * losses.recons_loss, &losses))
     }
 }

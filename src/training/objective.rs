@@ -25,7 +25,28 @@ pub trait Objective {
     /// The rate of a group of variables before annealing.
     fn learning_rate(&self, group: VariableGroup) -> f64;
 
-    /// The score (lower is better) by which the phase ends and the best weights are told; `scores` are the model's losses
-    /// on the validation split.
-    fn score(&self, model: &PhysicsNet, scores: &MeanLosses) -> f64;
+    /// Validates the model; `losses` computes all of its losses on the validation split.
+    ///
+    /// # Errors
+    /// Those of `losses`.
+    fn validate(&self, model: &PhysicsNet, losses: &dyn Fn() -> Result<MeanLosses>) -> Result<Validated>;
+}
+
+/// What a validation found.
+#[derive(Debug)]
+pub struct Validated {
+    /// Lower is better: by it the phase ends and the best weights are told.
+    pub score: f64,
+    /// On the validation split, as far as the phase asks for them.
+    pub recons_loss: Option<f64>,
+    pub pred_loss: Option<f64>,
+    pub extrap_loss: Option<f64>,
+}
+
+impl Validated {
+    /// With all losses.
+    pub fn new(score: f64, losses: &MeanLosses) -> Self {
+        let MeanLosses { recons_loss, pred_loss, extrap_loss } = *losses;
+        Validated { score, recons_loss: Some(recons_loss), pred_loss: Some(pred_loss), extrap_loss }
+    }
 }

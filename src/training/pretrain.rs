@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor};
 
 use super::base::{Outcome, Session};
-use super::objective::{Objective, StepLoss};
+use super::objective::{Objective, StepLoss, Validated};
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
 use super::ranges::{at_least_one, not_negative};
@@ -128,9 +128,10 @@ impl Objective for Imitation<'_> {
     }
 
     /// Root mean square of the rolled-out positions' errors on validation clips, in a coordinate's unit.
-    fn score(&self, model: &PhysicsNet, _scores: &MeanLosses) -> f64 {
+    fn validate(&self, model: &PhysicsNet, losses: &dyn Fn() -> Result<MeanLosses>) -> Result<Validated> {
         let _guard = tch::no_grad_guard();
         let (rolled, seen) = self.valid.rolled_out(model, 0);
-        (rolled - seen).square().mean(Kind::Double).sqrt().double_value(&[])
+        let error = (rolled - seen).square().mean(Kind::Double).sqrt().double_value(&[]);
+        Ok(Validated::new(error, &losses()?))
     }
 }

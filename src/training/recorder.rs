@@ -29,20 +29,19 @@ impl Recorder {
 
 /// The original's line for a record, if it has one.
 pub fn line(record: &Record) -> Option<String> {
-    let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
     match record.kind {
         Kind::Train => {
             let parameters = record.parameters_text();
-            let line = format!("train - iter={} train_loss={:.4} {parameters}", record.step, number(record.train_loss));
+            let loss = record.train_loss.unwrap_or(f64::NAN);
+            let line = format!("train - iter={} train_loss={loss:.4} {parameters}", record.step);
             Some(line.trim_end().to_string())
         }
-        Kind::Valid => Some(format!(
-            "valid - epoch={} eval_extrap_loss={:.4} eval_pred_loss={:.4} eval_recons_loss={:.4}",
-            record.epoch.unwrap_or_default(),
-            number(record.extrap_loss),
-            number(record.pred_loss),
-            number(record.recons_loss)
-        )),
+        Kind::Valid => {
+            // Of a phase that predicts nothing only the last.
+            let losses = [("extrap", record.extrap_loss), ("pred", record.pred_loss), ("recons", record.recons_loss)];
+            let losses = losses.into_iter().filter_map(|(name, loss)| Some(format!(" eval_{name}_loss={:.4}", loss?)));
+            Some(format!("valid - epoch={}{}", record.epoch.unwrap_or_default(), losses.collect::<String>()))
+        }
         Kind::Begin | Kind::Identify | Kind::Other => None,
     }
 }

@@ -69,7 +69,7 @@ pub(super) fn channels_last(x: &Tensor) -> Tensor {
 
 /// Writes tensors as float32 arrays of a compressed npz.
 pub(super) fn write(path: &Path, arrays: &[(&str, Tensor)]) -> Result<()> {
-    npz::write(path, |npz| {
+    npz::write_floats(path, |npz| {
         for (name, tensor) in arrays {
             let tensor = tensor.to_device(Device::Cpu).to_kind(Kind::Float).contiguous();
             let shape: Vec<usize> = tensor.size().iter().map(|&n| n as usize).collect();

@@ -64,7 +64,12 @@ impl Encoder {
 
     /// Masked frames `[objects, frames, channels, S, S]` to positions `[frames, 2 * objects]`.
     pub fn localise(&self, masked: &Tensor) -> Tensor {
-        let logits = self.localisation[2].forward(&self.localisation_features(masked));
+        self.positions_of(&self.localisation_features(masked))
+    }
+
+    /// What the output layer of the localisation network makes of `features`, `[frames, 2 * objects]`.
+    fn positions_of(&self, features: &Tensor) -> Tensor {
+        let logits = self.localisation[2].forward(features);
         let half = self.side as f64 / 2.0;
         let positions = logits.tanh() * half + half;
         positions.reshape([self.objects, -1, 2]).transpose(0, 1).flatten(1, 2)
@@ -80,17 +85,18 @@ impl Encoder {
     }
 
     /// Solves the output layer of the localisation network for `positions` (`[frames, 2 * objects]`) of these frames, by
-    /// least squares on the logits with a ridge around the present weights.
+    /// least squares on the logits with a ridge around the present weights. Returns the positions that it then has there.
     ///
     /// # Errors
     /// A system that cannot be solved.
-    pub fn solve_localiser(&self, frames: &Tensor, positions: &Tensor, ridge: f64) -> Result<()> {
+    pub fn solve_localiser(&self, frames: &Tensor, positions: &Tensor, ridge: f64) -> Result<Tensor> {
         let _guard = tch::no_grad_guard();
         let features = self.localisation_features(&self.forward(frames).masked);
         let half = self.side as f64 / 2.0;
         let wanted = positions.reshape([-1, self.objects, 2]).transpose(0, 1).reshape([-1, 2]);
         let logits = ((wanted / half - 1.0).clamp(-LARGEST_TANH, LARGEST_TANH)).atanh();
-        self.localisation[2].solve(&features, &logits, ridge)
+        self.localisation[2].solve(&features, &logits, ridge)?;
+        Ok(self.positions_of(&features))
     }
 
     /// Scales the output layer of the localisation network: below 1, positions begin near the middle of the frame.

@@ -13,7 +13,7 @@ use tch::Tensor;
 
 pub use self::guide::Guide;
 use super::base::{Outcome, Session};
-use super::objective::{Objective, StepLoss};
+use super::objective::{Objective, StepLoss, Validated};
 use super::objects::blobs;
 use super::objects::motion::{Motion, Moving};
 use super::objects::names::Names;
@@ -269,8 +269,8 @@ impl Objective for Discovery<'_> {
         self.config.learning_rate
     }
 
-    /// L_rec on frames of the validation split.
-    fn score(&self, model: &PhysicsNet, _scores: &MeanLosses) -> f64 {
+    /// L_rec on frames of the validation split. What would be predicted before the parameters are known says nothing.
+    fn validate(&self, model: &PhysicsNet, _losses: &dyn Fn() -> Result<MeanLosses>) -> Result<Validated> {
         let _guard = tch::no_grad_guard();
         let mut mean = RunningMean::default();
         for frames in self.validation.split(VALIDATION_BATCH, 0) {
@@ -280,6 +280,7 @@ impl Objective for Discovery<'_> {
                 frames.size()[0] as f64,
             );
         }
-        mean.value()
+        let score = mean.value();
+        Ok(Validated { score, recons_loss: Some(score), pred_loss: None, extrap_loss: None })
     }
 }

@@ -22,11 +22,11 @@ const RIDGE: f64 = 1e-6;
 pub fn recentre(model: &PhysicsNet, frames: &Tensor, positions: &Tensor, offsets: &[f64]) -> Result<f64> {
     let _guard = tch::no_grad_guard();
     let positions = positions.to_device(frames.device()).to_kind(Kind::Float);
-    model.encoder.solve_localiser(frames, &positions, RIDGE)?;
+    let solved = model.encoder.solve_localiser(frames, &positions, RIDGE)?;
     // A sprite that turns about the frame's middle has no place of its own.
     if model.system.cell.coordinates == Coordinates::Position {
         model.decoder.shift_sprites(&Tensor::from_slice(offsets).to_device(frames.device()).to_kind(Kind::Float));
     }
-    let error = model.encoder.forward(frames).positions - positions;
+    let error = solved - positions;
     Ok(error.square().mean(Kind::Double).sqrt().double_value(&[]))
 }

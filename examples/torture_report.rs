@@ -145,7 +145,7 @@ fn engines(records: &Value) -> String {
     }
     format!(
         "Sweeps of tiny runs. Overhead is the share of the time in which the sweep ran nothing; the plain one has one run \
-         at a time, the engines two.\n\n\
+         at a time, the engines up to two.\n\n\
          | engine | runs | killed | other bits than the plain sweep | seconds | overhead |\n|---|---|---|---|---|---|\n{rows}"
     )
 }

@@ -3,6 +3,7 @@
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
 # make baselines  other dynamics, decoders and models beside the physics: runs, reports/baselines (days; goes on)
+# make ablations  the recipe without each of its parts: runs, reports/ablations (hours; goes on)
 # make torture   kills, faults, fuzzing and bad calls; reports/torture (an hour; KILLS=n, FUZZ=seconds)
 # make engines   sweeps of 200 tiny runs by GNU parallel, HyperQueue and Slurm on this machine (an hour; as root)
 # make control   a pendulum that is learned from few clips is swung up by what is seen (a few minutes)
@@ -19,7 +20,7 @@ SEED ?= 0
 JOBS ?= 2
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data stress baselines torture engines control compare bench compare-defects clean
+.PHONY: demo test lint libtorch build data stress baselines torture engines control compare bench compare-defects ablations clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -44,6 +45,26 @@ stress: build
 
 baselines: build
 	$(CARGO) run --release --quiet --bin baselines -- --jobs $(JOBS) --efficiency
+
+# Two tasks and two scenes of the stress suite; what is left out or changed, each alone.
+ABLATED := spring_color 3bp_color configs/stress/spring_noise_10.toml configs/stress/spring_same_colour.toml
+ABLATIONS := discover.guide.coverage=0 discover.guide.identity=0 discover.guide.tie=0 \
+	discover.start.median_background=false discover.start.sprites=false discover.start.mask_spread=0 \
+	discover.start.localiser_scale=0 "discover.end_at_best=false join.end_at_best=false" \
+	"identify.max_iterations=0 identify.recentre=false" identify.recentre=false join.max_steps=0 \
+	"join.position_consistency=0 join.velocity_consistency=0" model.alignment_steps=0 \
+	"model.refinement_steps=0 identify.velocity_steps=3000" model.names_by_continuity=false
+ABLATION_SEEDS ?= 0-2
+
+ablations: build
+	for task in $(ABLATED); do \
+		$(CARGO) run --release --quiet --bin generate -- --task $$task --out data/ablations || exit 1; \
+	done
+	for variant in $(ABLATIONS); do set -- "$$@" --variant "$$variant"; done; \
+	for task in $(ABLATED); do set -- "$$@" --task $$task; done; \
+	$(CARGO) run --release --quiet --bin sweep -- "$$@" --seeds $(ABLATION_SEEDS) --data data/ablations \
+		--out runs/ablations --jobs $(JOBS) --threads-per-run 1
+	$(CARGO) run --release --quiet --bin report -- runs/ablations --out reports/ablations
 
 # Each part leaves what it printed in target/torture; the last one makes the report of all. What fails stops no other part.
 KILLS ?= 300

@@ -1,5 +1,5 @@
 //! Writes `reports/torture` from what the parts of `make torture` printed, which it finds in `target/torture`. A part that
-//! is not there counts for nothing, and is left out of the page.
+//! is not there is left out of the page.
 //!
 //! `cargo run --release --example torture_report`
 
@@ -75,30 +75,16 @@ impl Parts {
 }
 
 fn page(results: &Value) -> String {
-    let of_programs = results["kills_of"].as_object().cloned().unwrap_or_default();
-    let rows: String = of_programs.iter().map(|(program, kills)| format!("| {program} | {kills} |\n")).collect();
     [
         "# Torture\n\nWritten by `make torture`; what is tried and what is promised: \
          [docs/reliability.md](../../docs/reliability.md).\n"
             .to_string(),
-        format!(
-            "{} kills (SIGKILL and SIGTERM at random moments) in {:.0} minutes; {} times something was lost.\n\n\
-             | program | kills |\n|---|---|\n{rows}",
-            results["kills"],
-            results["kill_seconds"].as_f64().unwrap_or(0.0) / 60.0,
-            results["lost"],
-        ),
+        kills(results),
         list("Lost or wrong", &results["what_was_lost"]),
         list("Not tried", &results["not_tried"]),
-        format!(
-            "Faults of the storage: {}, promises broken: {}. Inputs of the fuzzer: {}, of which {} broke a reader. Bad \
-             invocations: {}.\n",
-            results["faults_injected"],
-            results["violations"],
-            results["fuzz_executions"],
-            results["crashes"],
-            results["bad_invocations"],
-        ),
+        tried("Faults of the storage", results, "faults_injected", "violations", "promises broken"),
+        tried("Inputs of the fuzzer", results, "fuzz_executions", "crashes", "that broke a reader"),
+        tried("Bad invocations", results, "bad_invocations", "wrong", "tests failed"),
         resources(&results["resources"]),
         engines(&results["engines"]),
     ]
@@ -106,6 +92,29 @@ fn page(results: &Value) -> String {
     .filter(|part| !part.is_empty())
     .collect::<Vec<_>>()
     .join("\n")
+}
+
+fn kills(results: &Value) -> String {
+    let Some(of_programs) = results["kills_of"].as_object().filter(|kills| !kills.is_empty()) else {
+        return String::new();
+    };
+    let rows: String = of_programs.iter().map(|(program, kills)| format!("| {program} | {kills} |\n")).collect();
+    format!(
+        "{} kills (SIGKILL and SIGTERM at random moments) in {:.0} minutes; {} times something was lost.\n\n\
+         | program | kills |\n|---|---|\n{rows}",
+        results["kills"],
+        results["kill_seconds"].as_f64().unwrap_or(0.0) / 60.0,
+        results["lost"],
+    )
+}
+
+/// How often something was tried, and how often it went wrong.
+fn tried(title: &str, results: &Value, tries: &str, failures: &str, failed: &str) -> String {
+    if results[tries] == 0 {
+        String::new()
+    } else {
+        format!("{title}: {}; {failed}: {}.\n", results[tries], results[failures])
+    }
 }
 
 fn list(title: &str, items: &Value) -> String {
@@ -145,7 +154,7 @@ fn engines(records: &Value) -> String {
     }
     format!(
         "Sweeps of tiny runs. Overhead is the share of the time in which the sweep ran nothing; the plain one has one run \
-         at a time, the engines up to two.\n\n\
+         at a time, so had Slurm (two threads of one core); the others two.\n\n\
          | engine | runs | killed | other bits than the plain sweep | seconds | overhead |\n|---|---|---|---|---|---|\n{rows}"
     )
 }

@@ -46,6 +46,10 @@ struct Arguments {
     /// Try each of these values of a key, with those of every other --grid; may be repeated. The values name the folders
     #[arg(long, value_name = "KEY=V1,V2,..")]
     grid: Vec<String>,
+    /// Beside the recipe as it is, try it with these changes alone; may be repeated, as in an ablation. The changes name
+    /// the folders
+    #[arg(long, value_name = "KEY=VALUE ..", conflicts_with = "grid")]
+    variant: Vec<String>,
     /// Name of a changed recipe, for the run folders; --set and --config need one
     #[arg(long)]
     name: Option<String>,
@@ -98,7 +102,14 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
         "more than {MOST_RUNS} runs; give a part of them"
     );
     device::threads(plan.threads).context("--threads-per-run")?;
-    let plans = grid(plan, &arguments.grid)?;
+    let plans = match &arguments.variant[..] {
+        [] => grid(plan, &arguments.grid)?,
+        variants => one_change_each(plan, variants)?,
+    };
+    ensure!(
+        plans.iter().map(|plan| plan.tasks.len() * plan.seeds.len()).sum::<usize>() <= MOST_RUNS,
+        "more than {MOST_RUNS} runs"
+    );
     let mut jobs = Vec::new();
     for plan in &plans {
         jobs.extend(plan.jobs()?);
@@ -137,18 +148,27 @@ fn grid(plan: SweepPlan, axes: &[String]) -> Result<Vec<SweepPlan>> {
         let values: Vec<_> = values.split(',').map(str::trim).collect();
         ensure!(!key.is_empty() && values.iter().all(|value| !value.is_empty()), wrong());
         ensure!(plans.len().saturating_mul(values.len()) <= MOST_RUNS, "--grid: more than {MOST_RUNS} combinations");
-        let with = |plan: &SweepPlan, value: &&str| {
-            let set = format!("{key}={value}");
-            let name = plan.name.iter().cloned().chain([set.clone()]).collect::<Vec<_>>().join("-");
-            SweepPlan { name: Some(name), set: [plan.set.clone(), vec![set]].concat(), ..plan.clone() }
-        };
+        let with = |plan: &SweepPlan, value: &&str| changed(plan, vec![format!("{key}={value}")]);
         plans = plans.iter().flat_map(|plan| values.iter().map(move |value| with(plan, value))).collect();
     }
-    ensure!(
-        plans.iter().map(|plan| plan.tasks.len() * plan.seeds.len()).sum::<usize>() <= MOST_RUNS,
-        "more than {MOST_RUNS} runs"
-    );
     Ok(plans)
+}
+
+/// The plan as it is, and one for each variant.
+fn one_change_each(plan: SweepPlan, variants: &[String]) -> Result<Vec<SweepPlan>> {
+    let with = |variant: &String| {
+        let sets: Vec<_> = variant.split_whitespace().map(String::from).collect();
+        ensure!(!sets.is_empty(), "--variant {variant:?}: expected key=value, for example discover.guide.tie=0");
+        Ok(changed(&plan, sets))
+    };
+    let variants = variants.iter().map(with).collect::<Result<Vec<_>>>()?;
+    Ok([vec![plan], variants].concat())
+}
+
+/// The plan with more changes, named after them.
+fn changed(plan: &SweepPlan, sets: Vec<String>) -> SweepPlan {
+    let name = plan.name.iter().chain(&sets).cloned().collect::<Vec<_>>().join("-");
+    SweepPlan { name: Some(name), set: [plan.set.clone(), sets].concat(), ..plan.clone() }
 }
 
 /// A line for each run.

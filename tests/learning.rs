@@ -1,21 +1,17 @@
 //! Small trainings of other tasks than the spring: from networks that know nothing to the equation's parameter, on 300
 //! clips and in a fraction of the steps.
 
-use std::fs;
-use std::path::Path;
-use std::process::{Command, Output};
+#[path = "common/programs.rs"]
+mod programs;
 
+use std::fs;
+
+use programs::run;
 use serde_json::Value;
 
 /// The recipe with fewer steps; guides, fit and joint training are those of the recipe.
 const SHORT: &str = "[discover]\nmax_steps = 200\n[discover.guide]\nfull_until = 80\nzero_from = 160\n\
     [identify]\nclips = 150\n[join]\nmax_steps = 40\nbatch = 10\nvalidation_clips = 20\n[output]\nexamples = 0\n";
-
-fn call(program: &str, arguments: &[&str], folder: &Path) -> Output {
-    let output = Command::new(program).args(arguments).current_dir(folder).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    output
-}
 
 /// The summary of a short training on a small dataset of the task.
 fn learned(task: &str) -> Value {
@@ -23,14 +19,14 @@ fn learned(task: &str) -> Value {
     let folder = folder.path();
     fs::write(folder.join("short.toml"), SHORT).unwrap();
     let counts = ["--task", task, "--train", "300", "--valid", "40", "--test", "20", "--out", "data"];
-    call(env!("CARGO_BIN_EXE_generate"), &counts, folder);
-    let run = ["--task", task, "--config", "short.toml", "--threads", "1", "--data", "data", "--out", "run"];
-    call(env!("CARGO_BIN_EXE_run_physics"), &run, folder);
+    run(folder, "generate", &counts);
+    let training = ["--task", task, "--config", "short.toml", "--threads", "1", "--data", "data", "--out", "run"];
+    run(folder, "run_physics", &training);
     serde_json::from_slice(&fs::read(folder.join("run/summary.json")).unwrap()).unwrap()
 }
 
 /// The parameter lies within so many per cent of its truth, and the predicted frames show the objects: a blank frame
-/// costs 9.25 for each ball of radius 2.
+/// costs 9.25 for each ball of radius 2, and more for larger ones.
 fn assert_learned(summary: &Value, symbol: &str, percent: f64, balls: f64) {
     let parameter = &summary["parameters"][symbol];
     let (learned, truth) = (parameter["learned"].as_f64().unwrap(), parameter["truth"].as_f64().unwrap());

@@ -151,6 +151,21 @@ fn a_grid_names_its_runs_and_the_status_shows_them() {
     assert!(finished.contains("finished") && finished.contains("join"), "{finished}");
 }
 
+#[test]
+fn variants_run_beside_the_recipe_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let tie = ["--variant", "discover.guide.tie=0", "--name", "tiny"];
+    let variants = [&tie[..], &["--variant", "identify.recentre=false join.max_steps=0"]].concat();
+    let printed = sweep(folder.path(), &[&variants[..], &["--dry-run"]].concat());
+    let printed = String::from_utf8(printed.stdout).unwrap();
+    let lines: Vec<&str> = printed.lines().collect();
+    assert_eq!(lines.len(), 3, "{printed}");
+    assert!(!lines[0].contains("tie") && lines[1].contains("tiny-discover.guide.tie=0"), "{printed}");
+    assert!(lines[2].contains("identify.recentre=false-join.max_steps=0") && !lines[2].contains("tie"), "{printed}");
+    let empty = sweep(folder.path(), &["--variant", " ", "--dry-run"]);
+    assert!(!empty.status.success() && text(&empty).contains("expected key=value"), "{}", text(&empty));
+}
+
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for name in ["config.toml", "metrics.jsonl", "summary.json"] {

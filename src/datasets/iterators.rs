@@ -110,12 +110,6 @@ impl Clips {
         let mut random = named_generator(seed, &format!("frames of step {step}"));
         (0..count).map(|_| random.random_range(0..all)).collect()
     }
-
-    /// Those frames.
-    pub fn random_frames(&self, count: usize, seed: u64, step: u64) -> Tensor {
-        self.frames(&self.random_places(count, seed, step))
-    }
-
     /// For each frame, by its place, the median over time of the clip it is of: `[places, channels, S, S]` in \[0, 1\].
     pub fn clip_medians(&self, places: &[i64]) -> Tensor {
         let clips: Vec<i64> = places.iter().map(|place| place / self.time() as i64).collect();

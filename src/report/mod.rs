@@ -16,6 +16,7 @@ mod protocol;
 mod records;
 mod results;
 mod template;
+mod times;
 mod view;
 
 use std::fs;

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::groups::Group;
+use super::times::TimeToAnswer;
 use crate::network::cells::PhysicalParameter;
 use crate::network::physics_models::losses::Loss;
 use crate::runs::scores::FrameSpread;
@@ -18,6 +19,8 @@ const FORMAT: u32 = 1;
 pub(super) struct Results {
     format: u32,
     tasks: Vec<TaskResults>,
+    /// Of each finished run, when it had its answer.
+    rows: Vec<TimeToAnswer>,
 }
 
 /// Runs of one task with one recipe. Spreads are over all finished runs, successes or not.
@@ -53,7 +56,11 @@ struct ParameterResults {
 
 impl Results {
     pub(super) fn of(groups: &[Group]) -> Self {
-        Results { format: FORMAT, tasks: groups.iter().map(TaskResults::of).collect() }
+        Results {
+            format: FORMAT,
+            tasks: groups.iter().map(TaskResults::of).collect(),
+            rows: groups.iter().flat_map(TimeToAnswer::of).collect(),
+        }
     }
 }
 

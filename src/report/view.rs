@@ -10,10 +10,12 @@ use super::commands::commands;
 use super::criteria;
 use super::groups::{Group, Role};
 use super::pictures::GroupPictures;
+use super::times::TimeToAnswer;
 use crate::network::cells::PhysicalParameter;
 use crate::network::physics_models::losses::Loss;
 use crate::runs::run::Run;
 use crate::runs::summary::Summary;
+use crate::support::statistics::Spread;
 use crate::tasks::Task;
 use crate::tasks::published::published;
 
@@ -69,12 +71,28 @@ pub(super) fn of_group(group: &Group, pictures: &GroupPictures) -> Result<Value>
         states => value(BTreeMap::from(group.states())),
         // How many times the true velocity at the last input frame is estimated.
         velocity_slope => value(group.spread(|summary| summary.test.scores.states.as_ref()?.initial_velocity_slope)),
+        answer => answer(group),
         wall_seconds => value(group.spread(|summary| Some(summary.wall_seconds))),
         frames => value(group.frames()),
         runs => group.runs.iter().map(|run| of_run(group, run)).collect::<Vec<_>>(),
         pictures => value(pictures),
         commands => commands(group)?,
     })
+}
+
+/// When the runs of a group had their answer, and how many of them ever had; seconds.
+fn answer(group: &Group) -> Value {
+    let times = TimeToAnswer::of(group);
+    let spread = |of: fn(&TimeToAnswer) -> Option<f64>| {
+        let known: Vec<f64> = times.iter().filter_map(of).collect();
+        context! { count => known.len(), seconds => value(Spread::of(known)) }
+    };
+    context! {
+        objects => spread(|times| times.seconds_to_objects),
+        two_percent => spread(|times| times.seconds_to_2_percent),
+        half_percent => spread(|times| times.seconds_to_half_percent),
+        end => spread(|times| Some(times.seconds)),
+    }
 }
 
 /// A parameter that a group learned; all none without one.

@@ -4,7 +4,7 @@
 //! checksum. The last two are kept: where the last one is damaged, the one before it is taken.
 //! `checkpoints/index.json` says for people and scripts which is the last. Folders and index each appear in one step, so a
 //! run killed at any moment finds a complete checkpoint. `checkpoints/best.safetensors` holds the weights with the best
-//! validation score of the last phase.
+//! validation score of the last phase, `checkpoints/best_<phase>.safetensors` those of an earlier one.
 
 use std::fs;
 use std::io::{ErrorKind, Write};
@@ -119,6 +119,13 @@ pub enum SavedWeights {
     Best,
 }
 
+/// The phase whose best weights are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BestOf<'a> {
+    LastPhase,
+    Earlier(&'a str),
+}
+
 /// What a checkpoint holds besides the weights.
 #[derive(Debug)]
 pub struct Loaded {
@@ -208,15 +215,30 @@ impl Store {
         remove_others(&folder, &index)
     }
 
-    /// Keeps the weights beside the checkpoints, in the place of those that were the best before.
+    /// Keeps the weights beside the checkpoints, in the place of those that were the best of a phase before.
     ///
     /// # Errors
     /// A full disk; the earlier ones stay. A variable that is not finite.
-    pub fn save_best(&self, model: &PhysicsNet, steps: u64) -> Result<()> {
+    pub fn save_best(&self, model: &PhysicsNet, steps: u64, of: BestOf) -> Result<()> {
         let _guard = tch::no_grad_guard();
-        let folder = self.folder();
-        make_folder(&folder)?;
-        weights::write(&folder.join(BEST), &finite_weights(model, steps)?)
+        make_folder(&self.folder())?;
+        weights::write(&self.best(of), &finite_weights(model, steps)?)
+    }
+
+    /// Gives the model the weights that [`Self::save_best`] kept last.
+    ///
+    /// # Errors
+    /// A file that is missing or damaged.
+    pub fn load_best(&self, model: &PhysicsNet, of: BestOf) -> Result<()> {
+        weights::load(&self.best(of), model)
+    }
+
+    /// Each phase has a file of its own: a run that goes back to an earlier checkpoint may go back to an earlier phase.
+    fn best(&self, of: BestOf) -> PathBuf {
+        match of {
+            BestOf::LastPhase => self.folder().join(BEST),
+            BestOf::Earlier(phase) => self.folder().join(format!("best_{phase}.safetensors")),
+        }
     }
 
     /// Loads the last checkpoint that is whole, if there is any, and cuts off what was logged after it.

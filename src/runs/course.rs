@@ -37,6 +37,17 @@ impl Course {
         self.records.iter().rev().find_map(|record| record.value("seconds"))
     }
 
+    /// Seconds of training from which on a parameter stays within so many per cent of its truth; none if it ends outside.
+    pub fn seconds_within(&self, parameter: &str, truth: f64, percent: f64) -> Option<f64> {
+        let known = self.records.iter().filter_map(|record| Some((record.value("seconds")?, record.value(parameter)?)));
+        let mut since = None;
+        for (seconds, value) in known {
+            let near = (value - truth).abs() <= percent / 100.0 * truth.abs();
+            since = if near { since.or(Some(seconds)) } else { None };
+        }
+        since
+    }
+
     /// The first value of this name, the one half-way to the last step, and the last one.
     pub fn start_middle_end(&self, name: &str) -> Option<[f64; 3]> {
         let points = self.points(None, name);
@@ -53,5 +64,26 @@ impl Course {
     /// (step, value) of the records of a kind (of any, if none is given) that hold a value.
     pub(crate) fn points(&self, kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
         metrics::points(&self.records, kind, name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_counts_from_where_it_stays() {
+        // Right by chance, wrong again, right to the end; a record without a time says nothing.
+        let record = |(seconds, k): (Option<f64>, f64)| Record {
+            seconds,
+            parameters: [("k".into(), k)].into(),
+            ..Record::new(Kind::Valid, "join", 0)
+        };
+        let values = [(Some(1.0), 4.0), (Some(2.0), 5.0), (Some(3.0), 4.07), (None, 9.0), (Some(5.0), 3.99)];
+        let course = Course { records: values.map(record).into() };
+        assert_eq!(course.seconds_within("k", 4.0, 2.0), Some(3.0));
+        assert_eq!(course.seconds_within("k", 4.0, 0.5), Some(5.0));
+        assert_eq!(course.seconds_within("k", 4.0, 0.1), None);
+        assert_eq!(course.seconds_within("l", 4.0, 2.0), None);
     }
 }

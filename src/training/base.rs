@@ -15,9 +15,9 @@ use super::optimizers::{Optimizer, OptimizerKind};
 use crate::datasets::iterators::Clips;
 use crate::evaluation;
 use crate::network::physics_models::PhysicsNet;
-use crate::runs::checkpoint::{RunState, Store};
+use crate::runs::checkpoint::{BestOf, RunState, Store};
 use crate::runs::metrics::{Kind, Record};
-use crate::runs::weights::{Named, is_finite};
+use crate::runs::weights::{self, Named, is_finite};
 
 /// How a training or a phase ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,8 +52,10 @@ pub struct Session<'a> {
     pub seed: u64,
     pub validation: Validation,
     pub(super) intervals: Intervals,
-    /// The phase at hand is the last one: the weights of its best score are kept.
+    /// The phase at hand is the last one: the weights of its best score are kept, as of those that end with them.
     pub(super) last_phase: bool,
+    /// Those weights, where no store holds them.
+    pub(super) best: Option<Named>,
     pub state: RunState,
     /// Where checkpoints go; without one nothing is saved.
     pub(super) store: Option<Store>,
@@ -151,8 +153,35 @@ impl Session<'_> {
                 break;
             }
         }
+        if outcome == Outcome::Finished && objective.ends_at_best() {
+            self.return_to_best(phase, objective)?;
+        }
         self.tell(&Event::PhaseEnds { phase })?;
         Ok(outcome)
+    }
+
+    /// Gives the model the weights of the phase's best validation, if the last is not the best.
+    fn return_to_best(&mut self, phase: &'static str, objective: &dyn Objective) -> Result<()> {
+        if !self.state.step.is_multiple_of(objective.timetable().validate_every()) {
+            self.validate(phase, objective)?;
+        }
+        let scores = &self.state.validations;
+        let best = scores.iter().copied().fold(f64::INFINITY, f64::min);
+        if scores.last().is_none_or(|last| *last == best) {
+            return Ok(());
+        }
+        match (&self.store, self.best.take()) {
+            (Some(store), _) => store.load_best(self.model, self.best_of(phase))?,
+            (None, Some(best)) => weights::fill(self.model, &best)?,
+            (None, None) => bail!("{phase}: the best weights were not kept"),
+        }
+        let place = scores.iter().position(|score| *score == best).unwrap_or(0) as u64;
+        let step = place * objective.timetable().validate_every();
+        self.tell(&Event::Note(&format!("{phase} - back to its step {step}, the best by validation")))
+    }
+
+    fn best_of<'p>(&self, phase: &'p str) -> BestOf<'p> {
+        if self.last_phase { BestOf::LastPhase } else { BestOf::Earlier(phase) }
     }
 
     /// A record of this moment with the physical parameters.
@@ -192,8 +221,14 @@ impl Session<'_> {
         };
         self.tell(&Event::Recorded(&record))?;
         let best = self.state.validations.iter().all(|&before| score < before);
-        if let Some(store) = self.store.as_ref().filter(|_| self.last_phase && best) {
-            store.save_best(self.model, self.state.steps)?;
+        if best && (self.last_phase || objective.ends_at_best()) {
+            match &self.store {
+                Some(store) => store.save_best(self.model, self.state.steps, self.best_of(phase))?,
+                None => {
+                    let weights = self.model.named_variables().into_iter();
+                    self.best = Some(weights.map(|(name, weight)| (name, weight.detach().copy())).collect());
+                }
+            }
         }
         self.state.validations.push(score);
         Ok(())

@@ -45,6 +45,9 @@ pub struct Join {
     pub max_steps: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub epochs: Option<u64>,
+    /// Whether the phase ends with the weights of its best validation; otherwise with its last ones, as the original.
+    #[serde(default)]
+    pub end_at_best: bool,
     pub schedule: LrSchedule,
     /// Weight of the smooth-L1 between rolled-out and encoded positions.
     pub position_consistency: f64,
@@ -98,7 +101,7 @@ struct Joint<'a> {
     config: &'a Join,
     train: &'a Clips,
     batches: ShuffledBatches,
-    timetable: Timetable<'a>,
+    timetable: Timetable,
 }
 
 impl<'a> Joint<'a> {
@@ -107,8 +110,10 @@ impl<'a> Joint<'a> {
     fn new(config: &'a Join, train: &'a Clips, seed: u64) -> Result<Self> {
         let batches = ShuffledBatches::new(train.len(), config.batch, seed)?;
         let timetable = match (config.max_steps, config.epochs) {
-            (Some(steps), _) => Timetable::new(&config.schedule, steps, 1, 0),
-            (None, epochs) => Timetable::new(&config.schedule, epochs.unwrap_or(0), batches.steps_per_epoch(), 0),
+            (Some(steps), _) => Timetable::new(config.schedule.clone(), steps, 1, 0),
+            (None, epochs) => {
+                Timetable::new(config.schedule.clone(), epochs.unwrap_or(0), batches.steps_per_epoch(), 0)
+            }
         };
         Ok(Joint { config, train, batches, timetable })
     }
@@ -132,7 +137,7 @@ impl<'a> Joint<'a> {
 }
 
 impl Objective for Joint<'_> {
-    fn timetable(&self) -> &Timetable<'_> {
+    fn timetable(&self) -> &Timetable {
         &self.timetable
     }
 
@@ -155,6 +160,10 @@ impl Objective for Joint<'_> {
             VariableGroup::Dynamics => self.config.dynamics_learning_rate.unwrap_or(self.config.learning_rate),
             VariableGroup::Encoder | VariableGroup::Velocity | VariableGroup::Decoder => self.config.learning_rate,
         }
+    }
+
+    fn ends_at_best(&self) -> bool {
+        self.config.end_at_best
     }
 
     /// `L_pred + alpha L_rec` on the validation split.

@@ -18,12 +18,17 @@ pub struct StepLoss {
 /// A loss that a phase descends. A step is a function of the model, the step's number and the scores so far.
 pub trait Objective {
     /// When rates fall and the phase ends.
-    fn timetable(&self) -> &Timetable<'_>;
+    fn timetable(&self) -> &Timetable;
 
     fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss>;
 
     /// The rate of a group of variables before annealing.
     fn learning_rate(&self, group: VariableGroup) -> f64;
+
+    /// Whether the phase ends with the weights of its best validation, and not with its last ones.
+    fn ends_at_best(&self) -> bool {
+        false
+    }
 
     /// Validates the model; `losses` computes all of its losses on the validation split.
     ///

@@ -55,7 +55,7 @@ impl Phase for Pretrain {
         let valid = Paths::encoded(model, session.valid, SCORED_CLIPS, batch)?;
         let mut imitation = Imitation {
             config: self,
-            timetable: Timetable::new(&self.schedule, self.max_steps, 1, 0),
+            timetable: Timetable::new(self.schedule.clone(), self.max_steps, 1, 0),
             batches: ShuffledBatches::new(session.train.len(), self.batch, session.seed)?,
             train,
             valid,
@@ -100,14 +100,14 @@ impl Paths {
 #[derive(Debug)]
 struct Imitation<'a> {
     config: &'a Pretrain,
-    timetable: Timetable<'a>,
+    timetable: Timetable,
     batches: ShuffledBatches,
     train: Paths,
     valid: Paths,
 }
 
 impl Objective for Imitation<'_> {
-    fn timetable(&self) -> &Timetable<'_> {
+    fn timetable(&self) -> &Timetable {
         &self.timetable
     }
 

@@ -38,21 +38,28 @@ impl LrSchedule {
 
 /// A schedule laid out over a number of steps.
 #[derive(Debug)]
-pub struct Timetable<'a> {
-    schedule: &'a LrSchedule,
+pub struct Timetable {
+    schedule: LrSchedule,
     max_steps: u64,
     /// The step from which the rates are divided at the latest.
     anneal_from: u64,
     /// Validations at the start that do not count.
     ignored: usize,
+    /// Scores above this one are not good enough to stop at, however slowly they fall.
+    good_enough: f64,
 }
 
-impl<'a> Timetable<'a> {
+impl Timetable {
     /// Over `units` of `steps_per_unit` steps (the original counts epochs, and anneals at the start of a whole one). The
     /// first `ignored` validations do not enter the criterion.
-    pub fn new(schedule: &'a LrSchedule, units: u64, steps_per_unit: u64, ignored: usize) -> Self {
+    pub fn new(schedule: LrSchedule, units: u64, steps_per_unit: u64, ignored: usize) -> Self {
         let anneal_from = (schedule.anneal_at * units as f64) as u64 * steps_per_unit;
-        Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, ignored }
+        Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, ignored, good_enough: f64::INFINITY }
+    }
+
+    /// The same, in which nothing falls or ends early before a score is as good as this one.
+    pub fn until(self, good_enough: f64) -> Self {
+        Timetable { good_enough, ..self }
     }
 
     pub fn max_steps(&self) -> u64 {
@@ -65,12 +72,12 @@ impl<'a> Timetable<'a> {
 
     /// The step from which the rates are divided, as far as the scores so far tell.
     fn anneal_start(&self, validations: &[f64]) -> u64 {
-        let LrSchedule { plateau, patience, validate_every, .. } = *self.schedule;
+        let LrSchedule { plateau, patience, validate_every, .. } = self.schedule;
         if plateau == 0.0 {
             return self.anneal_from;
         }
         let counted = validations.get(self.ignored..).unwrap_or_default();
-        plateau_at(counted, patience, plateau)
+        plateau_at(counted, patience, plateau, self.good_enough)
             .map_or(self.anneal_from, |place| self.anneal_from.min((place + self.ignored) as u64 * validate_every))
     }
 
@@ -86,12 +93,13 @@ impl<'a> Timetable<'a> {
 }
 
 /// The first validation (as an index) at which the best of the last `patience` scores is less than a share of `plateau`
-/// below the best before them.
-fn plateau_at(validations: &[f64], patience: usize, plateau: f64) -> Option<usize> {
+/// below the best before them, and good enough.
+fn plateau_at(validations: &[f64], patience: usize, plateau: f64, good_enough: f64) -> Option<usize> {
     let least = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
     (patience + 1..=validations.len()).map(|seen| &validations[..seen]).find_map(|seen| {
         let (before, recent) = seen.split_at(seen.len() - patience);
-        (least(recent) > (1.0 - plateau) * least(before)).then_some(seen.len() - 1)
+        let stands = least(recent) > (1.0 - plateau) * least(before);
+        (stands && least(seen) <= good_enough).then_some(seen.len() - 1)
     })
 }
 
@@ -99,22 +107,32 @@ fn plateau_at(validations: &[f64], patience: usize, plateau: f64) -> Option<usiz
 mod tests {
     use super::{LrSchedule, Timetable, plateau_at};
 
+    const ANY: f64 = f64::INFINITY;
+
     #[test]
     fn a_plateau_is_where_the_recent_scores_stopped_falling() {
         let falling = [8.0, 4.0, 2.0, 1.0, 0.5];
-        assert_eq!(plateau_at(&falling, 2, 0.1), None);
+        assert_eq!(plateau_at(&falling, 2, 0.1, ANY), None);
         let standing = [8.0, 4.0, 2.0, 1.95, 1.9, 1.0];
         // At index 4 the best of two, 1.9, is within 10 % of the best before, 2.0.
-        assert_eq!(plateau_at(&standing, 2, 0.1), Some(4));
-        assert_eq!(plateau_at(&standing, 2, 0.01), None);
-        assert_eq!(plateau_at(&[1.0, 1.0], 2, 0.1), None);
+        assert_eq!(plateau_at(&standing, 2, 0.1, ANY), Some(4));
+        assert_eq!(plateau_at(&standing, 2, 0.01, ANY), None);
+        assert_eq!(plateau_at(&[1.0, 1.0], 2, 0.1, ANY), None);
+    }
+
+    #[test]
+    fn a_plateau_that_is_not_good_enough_does_not_count() {
+        let scores = [8.0, 8.0, 8.0, 8.0, 1.0, 1.0, 1.0];
+        assert_eq!(plateau_at(&scores, 2, 0.1, 9.0), Some(2));
+        assert_eq!(plateau_at(&scores, 2, 0.1, 2.0), Some(6));
+        assert_eq!(plateau_at(&scores, 2, 0.1, 0.5), None);
     }
 
     #[test]
     fn the_original_anneals_at_epoch_three_quarters() {
         let schedule =
             LrSchedule { validate_every: 250, anneal_at: 0.75, anneal_factor: 5.0, plateau: 0.0, patience: 0 };
-        let timetable = Timetable::new(&schedule, 10, 50, 0);
+        let timetable = Timetable::new(schedule, 10, 50, 0);
         // int(0.75 * 10) = 7 epochs of 50 steps.
         assert_eq!([349, 350].map(|step| timetable.factor(step, &[1.0; 9])), [1.0, 0.2]);
         assert_eq!([499, 500].map(|step| timetable.finished(step, &[1.0; 9])), [false, true]);
@@ -123,7 +141,7 @@ mod tests {
     #[test]
     fn a_plateau_brings_annealing_and_end_forward() {
         let schedule = LrSchedule { validate_every: 10, anneal_at: 0.5, anneal_factor: 5.0, plateau: 0.1, patience: 2 };
-        let timetable = Timetable::new(&schedule, 200, 1, 1);
+        let timetable = Timetable::new(schedule, 200, 1, 1);
         // The first score does not count; the plateau of the rest is seen at their index 2, validation 3, step 30.
         let scores = [0.1, 4.0, 4.0, 4.0];
         assert_eq!([29, 30].map(|step| timetable.factor(step, &scores)), [1.0, 0.2]);

@@ -39,6 +39,7 @@ impl<'a> Trainer<'a> {
             validation: Validation { clips: config.join.validation_clips, batch: config.join.batch },
             intervals: Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every },
             last_phase: false,
+            best: None,
             state: RunState::new(&config.task.name),
             store: None,
             observers: Vec::new(),

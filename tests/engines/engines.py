@@ -262,26 +262,29 @@ def main():
         folder.mkdir(parents=True, exist_ok=True)
         os.chdir(folder)
         try:
-            right = all([try_out(name, arguments, folder) for name in ["none", *arguments.engines]])
+            plainly(arguments.runs, folder)
+            right = all([try_out(name, arguments, folder) for name in arguments.engines])
         finally:
             for daemon in slurm.daemons:
                 daemon.terminate()
     sys.exit(0 if right else 1)
 
 
+def plainly(runs, folder):
+    """Makes the data and the runs that all engines are compared with, if they are not there; prints what that took."""
+    if finished("plain", runs) == runs:
+        return
+    (folder / "tiny.toml").write_text(TINY)
+    call(PROGRAMS / "generate", "--task", "spring_color", "--train", 12, "--valid", 4, "--test", 4, "--out", "data",
+         stdout=subprocess.DEVNULL)
+    took, idle = plain_sweep(runs)
+    print(json.dumps({"engine": "none", "runs": runs, "seconds": round(took, 1), "overhead": round(idle / took, 4)}),
+          flush=True)
+
+
 def try_out(name, arguments, folder):
-    """Runs the sweep on an engine, or plainly; prints what came of it, and says whether all is as it should be."""
+    """Runs the sweep on an engine; prints what came of it, and says whether all is as it should be."""
     runs, before = arguments.runs, time.monotonic()
-    if name == "none":
-        if finished("plain", runs) == runs:
-            return True
-        (folder / "tiny.toml").write_text(TINY)
-        call(PROGRAMS / "generate", "--task", "spring_color", "--train", 12, "--valid", 4, "--test", 4, "--out", "data",
-             stdout=subprocess.DEVNULL)
-        took, idle = plain_sweep(runs)
-        print(json.dumps({"engine": name, "runs": runs, "seconds": round(took, 1), "overhead": round(idle / took, 4)}),
-              flush=True)
-        return True
     killed, rounds = on_engine(name, runs, arguments.kills, folder)
     pairs = zip(folders("plain", runs), folders(f"runs-{name}", runs))
     wrong = sum(has_other_bits(one, other) for one, other in pairs)

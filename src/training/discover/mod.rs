@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
+use tch::{Kind, Tensor};
 
 pub use self::guide::Guide;
 use super::base::{Outcome, Session};
@@ -36,6 +36,8 @@ use crate::support::random::named_generator;
 const VALIDATION_FRAMES: usize = 500;
 /// Frames from which the looks of the objects are learned.
 const NAMED_FRAMES: usize = 500;
+/// Of what moves, the share that may be undrawn where the phase ends early.
+const UNDRAWN: f64 = 0.03;
 /// Frames in one validation batch.
 const VALIDATION_BATCH: i64 = 250;
 /// A sprite's share of its networks' initial kernels.
@@ -61,6 +63,9 @@ pub struct Discover {
     /// Frames in a step.
     pub frames: usize,
     pub max_steps: u64,
+    /// Whether the phase ends with the weights of its best validation; otherwise with its last ones.
+    #[serde(default)]
+    pub end_at_best: bool,
     pub schedule: LrSchedule,
     pub start: DiscoverStart,
     pub guide: Guide,
@@ -101,9 +106,12 @@ impl Discover {
     }
 }
 
+/// The phase's name in a run's files.
+pub const NAME: &str = "discover";
+
 impl Phase for Discover {
     fn name(&self) -> &'static str {
-        "discover"
+        NAME
     }
 
     fn frames(&self, _system: &System) -> f64 {
@@ -129,7 +137,7 @@ impl Phase for Discover {
 #[derive(Debug)]
 struct Discovery<'a> {
     config: &'a Discover,
-    timetable: Timetable<'a>,
+    timetable: Timetable,
     train: &'a Clips,
     seed: u64,
     motion: Motion,
@@ -152,13 +160,19 @@ impl<'a> Discovery<'a> {
         } else {
             None
         };
-        // Objects that look alike are told by their order in the frame, which is harder to learn: a round for each more.
+        // Objects that look alike are told by their order in the frame, which is harder to learn: a round for each more, in
+        // steps that are so much smaller. So scores fall slower, and scatter more.
         let rounds = 1 + names.as_ref().map_or(0, Names::alike) as u64;
+        let validate_every = rounds * rounds * config.schedule.validate_every;
+        let schedule = LrSchedule { validate_every, ..config.schedule.clone() };
         // Scores under the guides say nothing about the plain loss.
-        let guided = (rounds * config.guide.zero_from).div_ceil(config.schedule.validate_every) as usize;
+        let guided = (rounds * config.guide.zero_from).div_ceil(validate_every) as usize;
+        let places = valid.random_places(VALIDATION_FRAMES, seed, u64::MAX);
+        let validation = valid.frames(&places);
+        let timetable = Timetable::new(schedule, config.max_steps, rounds, guided);
         Ok(Discovery {
             config,
-            timetable: Timetable::new(&config.schedule, config.max_steps, rounds, guided),
+            timetable: timetable.until(drawn_enough(&motion, valid, &places, &validation)),
             train,
             seed,
             motion,
@@ -167,7 +181,7 @@ impl<'a> Discovery<'a> {
             few: model.system.cell.coordinates == Coordinates::Position
                 && train.len() * train.time() < pasting::FEW_FRAMES,
             pixel_centres: model.pixel_centres(),
-            validation: valid.random_frames(VALIDATION_FRAMES, seed, u64::MAX),
+            validation,
         })
     }
 
@@ -211,6 +225,18 @@ impl<'a> Discovery<'a> {
     }
 }
 
+/// L_rec on these frames where enough of what moves is drawn before the median frame, and elsewhere nothing else.
+fn drawn_enough(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor) -> f64 {
+    let _guard = tch::no_grad_guard();
+    let moves = motion.of(clips, places, frames).share.gt(0.5).unsqueeze(1);
+    let error = (frames - &motion.median).square();
+    let sum = |x: Tensor| x.sum(Kind::Double).double_value(&[]);
+    let (moving, count) = (sum(&error * &moves), sum(moves.expand_as(&error)));
+    let all = error.numel() as f64;
+    let still = (sum(error) - moving) / (all - count).max(1.0) * all;
+    (still + UNDRAWN * moving) / places.len() as f64
+}
+
 impl Discovery<'_> {
     /// Makes the second half of these frames pasted ones.
     fn paste_half(&self, model: &PhysicsNet, places: &[i64], frames: &mut Tensor, step: u64) {
@@ -232,7 +258,7 @@ impl Discovery<'_> {
 }
 
 impl Objective for Discovery<'_> {
-    fn timetable(&self) -> &Timetable<'_> {
+    fn timetable(&self) -> &Timetable {
         &self.timetable
     }
 
@@ -266,7 +292,11 @@ impl Objective for Discovery<'_> {
     }
 
     fn learning_rate(&self, _group: VariableGroup) -> f64 {
-        self.config.learning_rate
+        self.config.learning_rate / self.rounds as f64
+    }
+
+    fn ends_at_best(&self) -> bool {
+        self.config.end_at_best
     }
 
     /// L_rec on frames of the validation split. What would be predicted before the parameters are known says nothing.

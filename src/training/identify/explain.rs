@@ -40,7 +40,7 @@ const KEEPING_ROUNDS: usize = 3;
 /// The largest residual of a motion that is explained, pixels or radians.
 const LARGEST_RESIDUAL: f64 = 0.5;
 /// The worse measure of the positions is still a witness while its residual is at most so many times the better one's.
-const WITNESS: f64 = 2.0;
+const WITNESS: f64 = 1.5;
 
 /// The best explanation.
 #[derive(Debug)]

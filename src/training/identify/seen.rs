@@ -14,6 +14,9 @@ use crate::training::objects::motion::Motion;
 /// stands for it.
 const LEAST_MASS: f64 = 0.5;
 
+/// Of a pixel, the share of the object that has most of it.
+const MOST: f64 = 0.5;
+
 /// Positions in pixels, in the encoder's order of objects: `[clips, time, 2 * objects]`.
 #[derive(Debug)]
 pub struct Seen {
@@ -94,10 +97,11 @@ struct Masses {
 }
 
 impl Masses {
-    /// The masks count squared: where two share a pixel it is hardly either's.
+    /// A pixel counts for the object that has most of it: a tenth of another object would draw the centroid towards that.
     fn of(model: &PhysicsNet, masks: &Tensor, excess: &Tensor) -> Self {
         let centres = model.pixel_centres();
-        let owned = masks.narrow(1, 0, model.system.objects as i64).square() * excess.unsqueeze(1);
+        let masks = masks.narrow(1, 0, model.system.objects as i64);
+        let owned = masks.square() * masks.gt(MOST) * excess.unsqueeze(1);
         let mass = owned.sum_dim_intlist([2i64, 3].as_slice(), false, None);
         let along = |axis: i64| {
             let by_pixel = owned.sum_dim_intlist([axis].as_slice(), false, None);

@@ -1,7 +1,8 @@
 //! Runs the stress suite and writes its report. See `stress --help`.
 
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
@@ -13,7 +14,7 @@ use paig::cli::interrupt;
 use paig::cli::sweep_display::SweepDisplay;
 use paig::generators::generate;
 use paig::say;
-use paig::stress::{self, Scene, StressList, outcome};
+use paig::stress::{self, Outcome, Scene, StressList, outcome};
 use paig::sweep;
 
 /// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
@@ -44,6 +45,10 @@ struct Arguments {
     /// Folder of the report
     #[arg(long, default_value = "reports/stress")]
     out: PathBuf,
+    /// The results.json of the suite's runs on another machine, by the same version of the program; may be repeated. Of what
+    /// was run here, too, its rows are left out
+    #[arg(long)]
+    add: Vec<PathBuf>,
     /// Runs at a time, one thread each
     #[arg(long, default_value_t = 1)]
     jobs: usize,
@@ -106,9 +111,24 @@ fn report(arguments: &Arguments, list: &StressList, data_seeds: &[u64]) -> Resul
             }
         }
     }
+    for file in &arguments.add {
+        add(&mut outcomes, file)?;
+    }
+    let place = |outcome: &Outcome| list.scenes.iter().position(|scene| scene.name == outcome.scene);
+    outcomes.sort_by_key(|outcome| (place(outcome), outcome.data_seed, outcome.seed));
     ensure!(!outcomes.is_empty(), "{} holds no finished run of the suite", arguments.runs.display());
     let succeeded = outcomes.iter().filter(|outcome| outcome.succeeded).count();
     stress::write(&arguments.out, list, &outcomes, &pictured)?;
     say!("{succeeded} of {} runs succeeded; {}", outcomes.len(), arguments.out.join("report.md").display());
+    Ok(())
+}
+
+/// Adds those outcomes of a file whose run is not among them.
+fn add(outcomes: &mut Vec<Outcome>, file: &Path) -> Result<()> {
+    let read = || Ok::<Vec<Outcome>, anyhow::Error>(serde_json::from_reader(File::open(file)?)?);
+    let run = |outcome: &Outcome| (outcome.scene.clone(), outcome.data_seed, outcome.seed);
+    let here: BTreeSet<_> = outcomes.iter().map(run).collect();
+    let others = read().with_context(|| format!("results of another machine, {}", file.display()))?;
+    outcomes.extend(others.into_iter().filter(|other| !here.contains(&run(other))));
     Ok(())
 }

@@ -83,6 +83,7 @@ fn fitted(task: &Task, states: &[State], actions: &Actions) -> Fit {
         logs: raw.collect(),
         learned: parameters.iter().map(|parameter| parameter.fixed.is_none()).collect(),
         free_offsets: false,
+        states: None,
     };
     let settings = Identify {
         clips: CLIPS as usize,

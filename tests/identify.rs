@@ -44,7 +44,12 @@ fn fitted(task: &Task, positions: &Tensor, actions: &Actions, start: &[f64], lea
 }
 
 fn begin(start: &[f64], learned: &[bool]) -> Start {
-    Start { logs: start.iter().map(|value| value.ln()).collect(), learned: learned.into(), free_offsets: true }
+    Start {
+        logs: start.iter().map(|value| value.ln()).collect(),
+        learned: learned.into(),
+        free_offsets: true,
+        states: None,
+    }
 }
 
 fn log(value: f64) -> Tensor {

@@ -13,6 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::{Error, Result};
 
 use super::progress;
+use crate::kernels::flush_subnormals;
 
 /// The input is sound and the work has begun.
 static AT_WORK: AtomicBool = AtomicBool::new(false);
@@ -32,6 +33,7 @@ pub fn begin_work() {
 /// Runs a program to its end and gives its exit code. An error is printed with its causes on one line; where it marks a
 /// place in a text, with the lines that show it. Output that could not be written is an error.
 pub fn exit_code(program: impl FnOnce() -> Result<ExitCode>) -> ExitCode {
+    flush_subnormals();
     panic::set_hook(Box::new(note));
     one_line_on_abort();
     match panic::catch_unwind(AssertUnwindSafe(program)) {

@@ -7,7 +7,7 @@
 //! to layer. The mathematics is that of libtorch, in float32; sums are in another order.
 //!
 //! This is the only module with unsafe code: vectors of the processor's own width, chosen at run time; the tensors'
-//! memory; and the node in libtorch's autograd graph. All pointers come from slices whose lengths are checked once for
+//! memory; the processor's control register; and the node in libtorch's autograd graph. All pointers come from slices whose lengths are checked once for
 //! each operation, on the way into it; checks for every pixel would cost as much as the arithmetic.
 
 use serde::{Deserialize, Serialize};
@@ -21,6 +21,7 @@ mod mix;
 mod planes;
 mod resample;
 mod sprites;
+mod subnormals;
 mod tensors;
 mod threads;
 mod unet;
@@ -30,6 +31,7 @@ mod winograd;
 pub use adam::AdamStep;
 pub use lanes::Instructions;
 pub use sprites::Scene;
+pub use subnormals::flush_subnormals;
 pub use tensors::{UNetKernel, adam, draw, masked, serve, squared_error};
 pub use unet::Shape;
 

@@ -55,6 +55,7 @@ pub struct Scene {
     pub plain: Task,
     /// The task file.
     pub file: PathBuf,
+    pub objects: usize,
     pub clips: Counts,
     /// Whether each dataset is learned with three seeds.
     pub nine: bool,
@@ -86,7 +87,8 @@ impl StressList {
                     valid: valid.unwrap_or(clips.valid),
                     test: clips.test,
                 };
-                Ok(Scene { plain: tasks::find(&plain)?, name, file, clips, nine })
+                let objects = tasks::find(&file.to_string_lossy())?.system.objects;
+                Ok(Scene { plain: tasks::find(&plain)?, name, file, objects, clips, nine })
             };
             Ok(StressList { scenes: scenes.into_iter().map(scene).collect::<Result<_>>()? })
         };

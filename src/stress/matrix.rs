@@ -23,7 +23,7 @@ pub struct Outcome {
     pub task: String,
     pub data_seed: u64,
     pub seed: u64,
-    /// Within the plain task's limits, those of losses raised by the floor.
+    /// Within the plain task's limits, those of losses in proportion to the objects and raised by the floor.
     pub succeeded: bool,
     /// What of it was beyond its limit.
     pub missed: Vec<String>,
@@ -56,9 +56,11 @@ pub fn outcome(scene: &Scene, data_seed: u64, run: &Run) -> Result<Option<Outcom
             missed.push(name.clone());
         }
     }
+    // A loss sums over the frame, so it grows with the objects in it.
+    let crowd = scene.objects as f64 / scene.plain.system.objects as f64;
     for (loss, limit) in &limits.losses {
         let floor = noise_floor.map_or(0.0, |floor| floor.of(*loss));
-        if losses.of(*loss).is_none_or(|value| value > limit + FLOORS * floor) {
+        if losses.of(*loss).is_none_or(|value| value > crowd * limit + FLOORS * floor) {
             missed.push(loss.symbol().into());
         }
     }

@@ -59,8 +59,9 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
     let _ = writeln!(
         page,
         "# Scenes unlike the paper's\n\nMade by `make stress`. {} scenes ({}), {} of which have runs, each with \
-         the plain `fast` recipe: no key is changed for a scene. A run succeeds within the limits of the plain task; where \
-         noise sets a floor, a loss may be 1.1 floors larger. *Found* is the run's own verdict, made without the \
+         the plain `fast` recipe: no key is changed for a scene. A run succeeds within the limits of the plain task, \
+         those of losses in proportion to the number of objects; where noise sets a floor, a loss may be 1.1 floors \
+         larger. *Found* is the run's own verdict, made without the \
          truth.\n\n\
          **{succeeded} of {} runs succeeded.** {}\n",
         list.scenes.len(),

@@ -161,7 +161,7 @@ impl Session<'_> {
     }
 
     /// Gives the model the weights of the phase's best validation, if the last is not the best.
-    fn return_to_best(&mut self, phase: &'static str, objective: &dyn Objective) -> Result<()> {
+    fn return_to_best(&mut self, phase: &'static str, objective: &mut dyn Objective) -> Result<()> {
         if !self.state.step.is_multiple_of(objective.timetable().validate_every()) {
             self.validate(phase, objective)?;
         }
@@ -205,7 +205,7 @@ impl Session<'_> {
     }
 
     /// Scores the model on the validation split; keeps the weights of the last phase's best score.
-    fn validate(&mut self, phase: &str, objective: &dyn Objective) -> Result<()> {
+    fn validate(&mut self, phase: &str, objective: &mut dyn Objective) -> Result<()> {
         let Validation { clips, batch } = self.validation;
         let losses = || evaluation::mean_losses(self.model, self.valid, clips, batch);
         let Validated { score, recons_loss, pred_loss, extrap_loss } = objective.validate(self.model, &losses)?;
@@ -231,6 +231,9 @@ impl Session<'_> {
             }
         }
         self.state.validations.push(score);
+        if let Some(done) = objective.after_validation(self.model, &self.state.validations)? {
+            self.tell(&Event::Note(&done))?;
+        }
         Ok(())
     }
 

@@ -35,6 +35,14 @@ pub trait Objective {
     /// # Errors
     /// Those of `losses`.
     fn validate(&self, model: &PhysicsNet, losses: &dyn Fn() -> Result<MeanLosses>) -> Result<Validated>;
+
+    /// What the phase does after a validation, by all scores so far: a line on it, if it did anything.
+    ///
+    /// # Errors
+    /// Those of what it does.
+    fn after_validation(&mut self, _model: &PhysicsNet, _validations: &[f64]) -> Result<Option<String>> {
+        Ok(None)
+    }
 }
 
 /// What a validation found.

@@ -13,6 +13,9 @@ pub struct LrSchedule {
     /// Share of the steps after which the rates are divided by `anneal_factor`, at the latest.
     pub anneal_at: f64,
     pub anneal_factor: f64,
+    /// Whether the rates fall to that little by little, to the end of the phase; otherwise at once, as in the original.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub anneal_gradually: bool,
     /// They are divided earlier once the best validation score fell by less than this share over `patience` validations,
     /// and the phase ends as much earlier; 0 switches that off.
     pub plateau: f64,
@@ -23,7 +26,7 @@ impl LrSchedule {
     /// # Errors
     /// A value out of range.
     pub(crate) fn check(&self) -> Result<()> {
-        let LrSchedule { validate_every, anneal_at, anneal_factor, plateau, patience } = *self;
+        let LrSchedule { validate_every, anneal_at, anneal_factor, plateau, patience, .. } = *self;
         ensure!(validate_every > 0, "validate_every must be at least 1");
         ensure!((0.0..=1.0).contains(&anneal_at), "anneal_at = {anneal_at}: must lie between 0 and 1 (1: never)");
         ensure!(
@@ -47,6 +50,8 @@ pub struct Timetable {
     ignored: usize,
     /// Scores above this one are not good enough to stop at, however slowly they fall.
     good_enough: f64,
+    /// A score as good as this one is, however fast they fall.
+    good: f64,
 }
 
 impl Timetable {
@@ -54,12 +59,13 @@ impl Timetable {
     /// first `ignored` validations do not enter the criterion.
     pub fn new(schedule: LrSchedule, units: u64, steps_per_unit: u64, ignored: usize) -> Self {
         let anneal_from = (schedule.anneal_at * units as f64) as u64 * steps_per_unit;
-        Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, ignored, good_enough: f64::INFINITY }
+        let (good_enough, good) = (f64::INFINITY, f64::NEG_INFINITY);
+        Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, ignored, good_enough, good }
     }
 
-    /// The same, in which nothing falls or ends early before a score is as good as this one.
-    pub fn until(self, good_enough: f64) -> Self {
-        Timetable { good_enough, ..self }
+    /// The same, in which the rates do not fall early before a score is `good_enough`, and fall as soon as one is `good`.
+    pub fn until(self, good_enough: f64, good: f64) -> Self {
+        Timetable { good_enough, good, ..self }
     }
 
     pub fn max_steps(&self) -> u64 {
@@ -77,18 +83,41 @@ impl Timetable {
             return self.anneal_from;
         }
         let counted = validations.get(self.ignored..).unwrap_or_default();
-        plateau_at(counted, patience, plateau, self.good_enough)
-            .map_or(self.anneal_from, |place| self.anneal_from.min((place + self.ignored) as u64 * validate_every))
+        let standing = plateau_at(counted, patience, plateau, self.good_enough);
+        let good = counted.iter().position(|score| *score <= self.good);
+        let first = standing.into_iter().chain(good).min();
+        first.map_or(self.anneal_from, |place| self.anneal_from.min((place + self.ignored) as u64 * validate_every))
+    }
+
+    /// Whether the last of these scores is the first one that is good enough.
+    pub fn is_now_good_enough(&self, validations: &[f64]) -> bool {
+        let counted = validations.get(self.ignored..).unwrap_or_default();
+        counted.split_last().is_some_and(|(last, before)| {
+            *last <= self.good_enough && before.iter().all(|score| *score > self.good_enough)
+        })
+    }
+
+    /// Steps from where the rates begin to fall to the end.
+    fn anneal_steps(&self) -> u64 {
+        self.max_steps - self.anneal_from
     }
 
     /// What a learning rate is multiplied by at a step.
     pub fn factor(&self, step: u64, validations: &[f64]) -> f64 {
-        if step >= self.anneal_start(validations) { 1.0 / self.schedule.anneal_factor } else { 1.0 }
+        let (from, least) = (self.anneal_start(validations), 1.0 / self.schedule.anneal_factor);
+        if step < from {
+            1.0
+        } else if self.schedule.anneal_gradually {
+            let share = (step - from) as f64 / self.anneal_steps() as f64;
+            1.0 - (1.0 - least) * share
+        } else {
+            least
+        }
     }
 
     /// Whether as many steps have been taken at the divided rates as there are at the end of the whole timetable.
     pub fn finished(&self, step: u64, validations: &[f64]) -> bool {
-        step >= self.anneal_start(validations) + (self.max_steps - self.anneal_from)
+        step >= self.anneal_start(validations) + self.anneal_steps()
     }
 }
 
@@ -108,6 +137,10 @@ mod tests {
     use super::{LrSchedule, Timetable, plateau_at};
 
     const ANY: f64 = f64::INFINITY;
+
+    fn schedule(validate_every: u64, anneal_at: f64, plateau: f64, patience: usize) -> LrSchedule {
+        LrSchedule { validate_every, anneal_at, anneal_factor: 5.0, anneal_gradually: false, plateau, patience }
+    }
 
     #[test]
     fn a_plateau_is_where_the_recent_scores_stopped_falling() {
@@ -129,9 +162,16 @@ mod tests {
     }
 
     #[test]
+    fn a_score_is_good_enough_for_the_first_time_once() {
+        let timetable = Timetable::new(schedule(10, 0.5, 0.1, 2), 200, 1, 1).until(2.0, 1.0);
+        let scores = [0.5, 4.0, 1.5, 0.9];
+        let first = (0..=scores.len()).map(|seen| timetable.is_now_good_enough(&scores[..seen]));
+        assert_eq!(first.collect::<Vec<_>>(), [false, false, false, true, false]);
+    }
+
+    #[test]
     fn the_original_anneals_at_epoch_three_quarters() {
-        let schedule =
-            LrSchedule { validate_every: 250, anneal_at: 0.75, anneal_factor: 5.0, plateau: 0.0, patience: 0 };
+        let schedule = schedule(250, 0.75, 0.0, 0);
         let timetable = Timetable::new(schedule, 10, 50, 0);
         // int(0.75 * 10) = 7 epochs of 50 steps.
         assert_eq!([349, 350].map(|step| timetable.factor(step, &[1.0; 9])), [1.0, 0.2]);
@@ -140,11 +180,23 @@ mod tests {
 
     #[test]
     fn a_plateau_brings_annealing_and_end_forward() {
-        let schedule = LrSchedule { validate_every: 10, anneal_at: 0.5, anneal_factor: 5.0, plateau: 0.1, patience: 2 };
-        let timetable = Timetable::new(schedule, 200, 1, 1);
+        let timetable = Timetable::new(schedule(10, 0.5, 0.1, 2), 200, 1, 1);
         // The first score does not count; the plateau of the rest is seen at their index 2, validation 3, step 30.
         let scores = [0.1, 4.0, 4.0, 4.0];
         assert_eq!([29, 30].map(|step| timetable.factor(step, &scores)), [1.0, 0.2]);
         assert_eq!([129, 130].map(|step| timetable.finished(step, &scores)), [false, true]);
+    }
+
+    #[test]
+    fn rates_fall_little_by_little_from_the_first_good_score_on() {
+        let schedule = LrSchedule { anneal_gradually: true, ..schedule(10, 0.5, 0.1, 2) };
+        let timetable = Timetable::new(schedule, 200, 1, 1).until(3.0, 1.0);
+        let falling = [0.5, 4.0, 2.0, 0.9, 0.4];
+        // The first score does not count; the fourth, of step 30, is the first that is good. 100 steps to the end.
+        for (step, expected) in [(30, 1.0), (80, 0.6), (130, 0.2)] {
+            // To the rounding of a share.
+            assert!((timetable.factor(step, &falling) - expected).abs() < 1e-12, "{step}");
+        }
+        assert_eq!([129, 130].map(|step| timetable.finished(step, &falling)), [false, true]);
     }
 }

@@ -9,6 +9,7 @@ use super::config::Config;
 use super::observer::Observer;
 use crate::datasets::iterators::Clips;
 use crate::evaluation;
+use crate::kernels::flush_subnormals;
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{RunState, Store};
 use crate::support::device::COMMIT;
@@ -97,6 +98,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// A loss that is not a number, a full disk, a damaged checkpoint.
     pub fn run(&mut self) -> Result<Outcome> {
+        flush_subnormals();
         self.session.load_last()?;
         if self.session.state.steps == 0 {
             self.check_start()?;

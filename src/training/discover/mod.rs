@@ -13,6 +13,7 @@ use tch::{Kind, Tensor};
 
 pub use self::guide::Guide;
 use super::base::{Outcome, Session};
+use super::identify;
 use super::objective::{Objective, StepLoss, Validated};
 use super::objects::blobs;
 use super::objects::motion::{Motion, Moving};
@@ -36,8 +37,11 @@ use crate::support::random::named_generator;
 const VALIDATION_FRAMES: usize = 500;
 /// Frames from which the looks of the objects are learned.
 const NAMED_FRAMES: usize = 500;
-/// Of what moves, the share that may be undrawn where the phase ends early.
-const UNDRAWN: f64 = 0.03;
+/// The rates fall early where no more than this share of what moves is undrawn and L_rec has stopped falling, or where no
+/// more than the smaller share is.
+const UNDRAWN: [f64; 2] = [0.02, 0.01];
+/// So many objects are learned in the config's number of steps; twice as many need twice the steps.
+const FEW_OBJECTS: usize = 3;
 /// Frames in one validation batch.
 const VALIDATION_BATCH: i64 = 250;
 /// A sprite's share of its networks' initial kernels.
@@ -66,6 +70,10 @@ pub struct Discover {
     /// Whether the phase ends with the weights of its best validation; otherwise with its last ones.
     #[serde(default)]
     pub end_at_best: bool,
+    /// Training clips to which the equation is fitted for the first time, as soon as the objects are drawn well enough; with
+    /// 0 not before `identify`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub first_fit: usize,
     pub schedule: LrSchedule,
     pub start: DiscoverStart,
     pub guide: Guide,
@@ -87,6 +95,10 @@ pub struct DiscoverStart {
     pub localiser_scale: f64,
     /// Spread of the objects' mask logits on what moves, after centring.
     pub mask_spread: f64,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 impl Discover {
@@ -144,6 +156,8 @@ struct Discovery<'a> {
     names: Option<Names>,
     /// How many times as long as the config says the phase lasts at most.
     rounds: u64,
+    /// What the learning rate is divided by.
+    smaller_steps: f64,
     /// Whether there are so few frames that others are made of them.
     few: bool,
     pixel_centres: Tensor,
@@ -162,22 +176,25 @@ impl<'a> Discovery<'a> {
         };
         // Objects that look alike are told by their order in the frame, which is harder to learn: a round for each more, in
         // steps that are so much smaller. So scores fall slower, and scatter more.
-        let rounds = 1 + names.as_ref().map_or(0, Names::alike) as u64;
-        let validate_every = rounds * rounds * config.schedule.validate_every;
+        let alike = 1 + names.as_ref().map_or(0, Names::alike) as u64;
+        let rounds = alike.max(model.system.objects.div_ceil(FEW_OBJECTS) as u64);
+        let validate_every = alike * alike * config.schedule.validate_every;
         let schedule = LrSchedule { validate_every, ..config.schedule.clone() };
         // Scores under the guides say nothing about the plain loss.
         let guided = (rounds * config.guide.zero_from).div_ceil(validate_every) as usize;
         let places = valid.random_places(VALIDATION_FRAMES, seed, u64::MAX);
         let validation = valid.frames(&places);
         let timetable = Timetable::new(schedule, config.max_steps, rounds, guided);
+        let [good_enough, good] = drawn_enough(&motion, valid, &places, &validation);
         Ok(Discovery {
             config,
-            timetable: timetable.until(drawn_enough(&motion, valid, &places, &validation)),
+            timetable: timetable.until(good_enough, good),
             train,
             seed,
             motion,
             names,
             rounds,
+            smaller_steps: alike as f64,
             few: model.system.cell.coordinates == Coordinates::Position
                 && train.len() * train.time() < pasting::FEW_FRAMES,
             pixel_centres: model.pixel_centres(),
@@ -225,8 +242,9 @@ impl<'a> Discovery<'a> {
     }
 }
 
-/// L_rec on these frames where enough of what moves is drawn before the median frame, and elsewhere nothing else.
-fn drawn_enough(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor) -> f64 {
+/// L_rec on these frames where but the shares [`UNDRAWN`] of what moves are drawn before the median frame, and elsewhere
+/// nothing else.
+fn drawn_enough(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor) -> [f64; 2] {
     let _guard = tch::no_grad_guard();
     let moves = motion.of(clips, places, frames).share.gt(0.5).unsqueeze(1);
     let error = (frames - &motion.median).square();
@@ -234,7 +252,7 @@ fn drawn_enough(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor)
     let (moving, count) = (sum(&error * &moves), sum(moves.expand_as(&error)));
     let all = error.numel() as f64;
     let still = (sum(error) - moving) / (all - count).max(1.0) * all;
-    (still + UNDRAWN * moving) / places.len() as f64
+    UNDRAWN.map(|share| (still + share * moving) / places.len() as f64)
 }
 
 impl Discovery<'_> {
@@ -292,11 +310,27 @@ impl Objective for Discovery<'_> {
     }
 
     fn learning_rate(&self, _group: VariableGroup) -> f64 {
-        self.config.learning_rate / self.rounds as f64
+        self.config.learning_rate / self.smaller_steps
     }
 
     fn ends_at_best(&self) -> bool {
         self.config.end_at_best
+    }
+
+    /// The first fit of the equation. The networks go on without it; it is the answer until `identify` has a better one.
+    fn after_validation(&mut self, model: &PhysicsNet, validations: &[f64]) -> Result<Option<String>> {
+        let clips = self.config.first_fit;
+        if clips == 0 || model.learned().next().is_none() || !self.timetable.is_now_good_enough(validations) {
+            return Ok(None);
+        }
+        let explanation = identify::first_answer(model, self.train, &self.motion, clips)?;
+        let values: Vec<String> =
+            model.parameter_values().iter().map(|(name, value)| format!("{name}={value:.4}")).collect();
+        Ok(Some(if explanation.explains() {
+            format!("first fit - {} by {clips} clips", values.join(" "))
+        } else {
+            format!("first fit - the equation does not explain {clips} clips yet")
+        }))
     }
 
     /// L_rec on frames of the validation split. What would be predicted before the parameters are known says nothing.

@@ -71,6 +71,12 @@ impl Explanation {
         self.explained >= LEAST_KEPT && self.independent_residual <= LARGEST_RESIDUAL
     }
 
+    /// Gives the model the parameters, if the equation explains what was seen.
+    pub(super) fn apply(&self, model: &PhysicsNet) {
+        let learned = model.parameters.iter().zip(&self.fit.logs).filter(|(parameter, _)| parameter.learned);
+        learned.filter(|_| self.explains()).for_each(|(parameter, log)| model.set_raw(parameter, *log));
+    }
+
     /// The learned parameters that the motion does not tell apart, if there are any.
     pub fn indistinct(&self, model: &PhysicsNet) -> Option<Indistinct> {
         let places: Vec<i64> =
@@ -181,22 +187,27 @@ impl Fits<'_> {
         fit(self.config, &self.model.system, at, &self.seen.actions, start, trust)
     }
 
-    /// A fit that begins at the parameters of another.
+    /// A fit that begins where another ended.
     fn go_on(&self, at: &Tensor, from: &Fit, free_offsets: bool, trust: &Trust) -> Result<Fit> {
-        self.fit(at, &Start { logs: from.logs.clone(), free_offsets, ..self.start.clone() }, trust)
+        let (logs, states) = (from.logs.clone(), Some(from.states.shallow_clone()));
+        self.fit(at, &Start { logs, learned: self.start.learned.clone(), free_offsets, states }, trust)
     }
 
     /// The fit from the given start, or from one of the others where that leaves much.
     fn best_of_starts(&self, at: &Tensor) -> Result<Fit> {
-        let start = Start { free_offsets: false, ..self.start.clone() };
-        let mut best = self.fit(at, &start, &Trust::default())?;
-        let changes = if start.learned.contains(&true) { &OTHER_STARTS[..] } else { &[] };
+        let Start { logs, learned, .. } = self.start;
+        let from = |logs: Vec<f64>| {
+            let start = Start { logs, learned: learned.clone(), free_offsets: false, states: None };
+            self.fit(at, &start, &Trust::default())
+        };
+        let mut best = from(logs.clone())?;
+        let changes = if learned.contains(&true) { &OTHER_STARTS[..] } else { &[] };
         for change in changes {
             if best.usual_residual <= TRY_OTHERS {
                 break;
             }
-            let logs = start.logs.iter().zip(&start.learned).map(|(log, &it)| if it { log + change } else { *log });
-            let other = self.fit(at, &Start { logs: logs.collect(), ..start.clone() }, &Trust::default())?;
+            let other =
+                from(logs.iter().zip(learned).map(|(log, &it)| if it { log + change } else { *log }).collect())?;
             if other.usual_residual < best.usual_residual {
                 best = other;
             }

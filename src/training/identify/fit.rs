@@ -35,7 +35,7 @@ pub(super) const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 const CONVERGED: f64 = 1e-5;
 
 /// Where a fit begins, and what is free.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Start {
     /// Log-parameters in the cell's order.
     pub logs: Vec<f64>,
@@ -43,6 +43,9 @@ pub struct Start {
     pub learned: Vec<bool>,
     /// Whether each object may be seen beside its place by an offset of its own.
     pub free_offsets: bool,
+    /// Positions and velocities of each clip at its first frame, `[clips, 2 * coordinates]`, from an earlier fit: then only
+    /// the longest horizon is fitted. None: what the first two positions say.
+    pub states: Option<Tensor>,
 }
 
 /// Which residuals count, and how.
@@ -61,6 +64,7 @@ impl Start {
             logs: model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect(),
             learned: model.parameters.iter().map(|parameter| parameter.learned).collect(),
             free_offsets: true,
+            states: None,
         }
     }
 }
@@ -157,13 +161,12 @@ pub fn fit(
         positions.isfinite().all().int64_value(&[]) == 1,
         "identify: encoded positions are not finite; the encoder has diverged"
     );
-    let first = positions.select(1, 0);
-    let velocity = (positions.select(1, 1) - &first) / system.dt;
-    let coordinates = first.size()[1];
+    let coordinates = positions.size()[2];
+    let states = start.states.as_ref().map_or_else(|| first_states(&positions, system.dt), Tensor::shallow_clone);
     let mut unknowns = Unknowns {
         logs: Tensor::from_slice(&start.logs),
         offsets: Tensor::zeros([coordinates], (Kind::Double, positions.device())),
-        states: Tensor::cat(&[first, velocity], 1),
+        states,
     };
     let problem = |horizon: usize| Problem {
         system,
@@ -176,11 +179,12 @@ pub fn fit(
         actions,
         horizon,
     };
+    let longest = config.horizons.last().copied().unwrap_or(positions.size()[1] as usize);
     let mut iterations = 0;
-    for &horizon in &config.horizons {
+    for &horizon in config.horizons.iter().filter(|&&horizon| start.states.is_none() || horizon == longest) {
         iterations += problem(horizon).minimise(&mut unknowns, config.max_iterations);
     }
-    let longest = problem(config.horizons.last().copied().unwrap_or(positions.size()[1] as usize));
+    let longest = problem(longest);
     let (deviations, curvature) = longest.certainty(&unknowns);
     let residuals = Problem { weights: None, ..longest }.residual(&unknowns);
     let counted = longest.masked(residuals.ones_like()).sum(Kind::Double).clamp_min(1.0);
@@ -199,6 +203,13 @@ pub fn fit(
         curvature,
         iterations,
     })
+}
+
+/// The states at the first frame by the first two positions.
+fn first_states(positions: &Tensor, dt: f64) -> Tensor {
+    let first = positions.select(1, 0);
+    let velocity = (positions.select(1, 1) - &first) / dt;
+    Tensor::cat(&[first, velocity], 1)
 }
 
 fn values(x: &Tensor) -> Vec<f64> {

@@ -21,11 +21,16 @@ use super::objects::motion::Motion;
 use super::observer::Event;
 use super::phase::Phase;
 use super::ranges::at_least_one;
-use crate::network::physics_models::DecoderKind;
+use crate::datasets::iterators::Clips;
+use crate::network::physics_models::{DecoderKind, PhysicsNet};
 use crate::runs::metrics::{Kind, Record};
 
 /// Clips on which the positions are re-centred.
 const RECENTRE_CLIPS: usize = 200;
+
+/// Frames of a clip in the first answer, at most, and clips that are seen at a time.
+const LONGEST_OF_FIRST: usize = 12;
+const FIRST_BATCH: usize = 25;
 
 /// The phase's config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -87,6 +92,19 @@ impl Identify {
     }
 }
 
+/// Fits the equation to the first `clips` clips as they are encoded now, and gives the model its parameters if that explains
+/// them. Positions and templates stay.
+///
+/// # Errors
+/// Positions that are not finite.
+pub(super) fn first_answer(model: &PhysicsNet, train: &Clips, motion: &Motion, clips: usize) -> Result<Explanation> {
+    let config = Identify { clips, ..Identify::usual(train.time().min(LONGEST_OF_FIRST)) };
+    let seen = Seen::of(model, train, motion, clips, FIRST_BATCH);
+    let explanation = explain::explain(&config, model, &seen, &Start::of(model))?;
+    explanation.apply(model);
+    Ok(explanation)
+}
+
 impl Phase for Identify {
     fn name(&self) -> &'static str {
         "identify"
@@ -98,14 +116,9 @@ impl Phase for Identify {
         let motion = Motion::measure(session.train, session.seed);
         let seen = Seen::of(model, session.train, &motion, self.clips, session.validation.batch);
         let explanation = explain::explain(self, model, &seen, &Start::of(model))?;
+        explanation.apply(model);
         let fit = &explanation.fit;
-        let explains = explanation.explains();
-        for (parameter, log) in
-            model.parameters.iter().zip(&fit.logs).filter(|(parameter, _)| explains && parameter.learned)
-        {
-            model.set_raw(parameter, *log);
-        }
-        let recentred = explains && self.recentre(session, &explanation)?;
+        let recentred = explanation.explains() && self.recentre(session, &explanation)?;
         let unit = model.system.cell.coordinates.unit();
         let mut record = Record {
             residual: Some(fit.residual),

@@ -15,6 +15,10 @@ const LARGEST_STEP: f64 = 5.0;
 /// over a few frames, small against the length on which forces vary.
 const PROBE: f64 = 0.05;
 
+/// A residual of this size, in a coordinate's unit, counts half, larger ones ever less (Cauchy's weights): what the encoder
+/// misread in one frame says nothing against what it saw in the others.
+const HALF: f64 = 0.5;
+
 /// What the roll-outs of the input have in common.
 struct Input<'a> {
     cell: &'a dyn Cell,
@@ -65,7 +69,8 @@ impl Input<'_> {
             firsts = self.gauss_newton_step(&firsts, &actions, &observed);
         }
         let residual = self.trajectory(&firsts, &actions) - observed;
-        let misfit = residual.square().sum_dim_intlist([1i64].as_slice(), false, None).reshape([count, -1]);
+        let misfit = (residual / HALF).square().log1p();
+        let misfit = misfit.sum_dim_intlist([1i64].as_slice(), false, None).reshape([count, -1]);
         let (batch, unknowns) = (positions.size()[0], firsts.size()[1]);
         let best = misfit.argmin(0, true).unsqueeze(-1).expand([1, batch, unknowns], false);
         firsts.reshape([count, batch, unknowns]).gather(0, &best, false).squeeze_dim(0)
@@ -74,8 +79,8 @@ impl Input<'_> {
     /// One damped Gauss-Newton step of states at the first frame towards the observed positions
     /// `[batch, (frames + 1) * coordinates * objects]`.
     fn gauss_newton_step(&self, first: &Tensor, actions: &Actions, observed: &Tensor) -> Tensor {
-        let inverse = self.pseudo_inverse(&self.jacobian(&first.detach(), actions));
         let residual = self.trajectory(first, actions) - observed;
+        let inverse = self.pseudo_inverse(&self.jacobian(&first.detach(), actions), &residual.detach());
         let step = inverse.bmm(&residual.unsqueeze(-1)).squeeze_dim(-1);
         first - step.clamp(-LARGEST_STEP, LARGEST_STEP)
     }
@@ -103,11 +108,13 @@ impl Input<'_> {
         ((ends.select(1, 0) - ends.select(1, 1)) / (2.0 * PROBE)).transpose(1, 2)
     }
 
-    /// `(J^T J + damping)^-1 J^T`, without gradient.
-    fn pseudo_inverse(&self, jacobian: &Tensor) -> Tensor {
+    /// `(J^T W J + damping)^-1 J^T W` with the weights of these residuals, without gradient.
+    fn pseudo_inverse(&self, jacobian: &Tensor, residual: &Tensor) -> Tensor {
         let _guard = tch::no_grad_guard();
-        let transposed = jacobian.transpose(1, 2).to_kind(Kind::Double);
-        let normal = transposed.bmm(&transposed.transpose(1, 2));
+        let weight = ((residual.to_kind(Kind::Double) / HALF).square() + 1.0).reciprocal().unsqueeze(1);
+        let exact = jacobian.to_kind(Kind::Double);
+        let transposed = exact.transpose(1, 2) * weight;
+        let normal = transposed.bmm(&exact);
         let half = [normal.size()[1] / 2];
         let positions = Tensor::full(half, DAMPING, (Kind::Double, normal.device()));
         let damping = Tensor::cat(&[&positions, &(&positions * self.dt.powi(2))], 0).diag(0);

@@ -11,6 +11,8 @@ use super::names::Names;
 const LEAST_FRAMES: usize = 10;
 /// A sprite's window reaches so many of the largest blob's radii to each side of its centre.
 const REACH: f64 = 3.0;
+/// An object that differs from the background by less than this everywhere is not seen.
+const LEAST_SEEN: f64 = 0.02;
 /// A pixel that differs from the background by this share of the object's largest difference is all object.
 const SOLID: f64 = 0.85;
 
@@ -48,7 +50,11 @@ pub fn learn(moving: &Moving, frames: &[FrameBlobs], names: &Names, window: i64)
     let colours: Vec<Tensor> = places.iter().map(|places| around(&moving.sharp, places, reach, window)).collect();
     let colours = Tensor::stack(&colours, 0);
     let size = colours.square().sum_dim_intlist([1i64].as_slice(), false, None).sqrt();
-    let largest = size.amax([1i64, 2].as_slice(), true).clamp_min(f64::MIN_POSITIVE);
+    let largest = size.amax([1i64, 2].as_slice(), true);
+    // Where something else is taken for an object now and then, the median shows nothing.
+    if largest.min().double_value(&[]) < LEAST_SEEN {
+        return Ok(None);
+    }
     let visible = (size / (largest * SOLID)).clamp_max(1.0);
     let colours = colours / visible.clamp_min(0.1).unsqueeze(1);
     Ok(Some(Seen { visible, colours, reach }))

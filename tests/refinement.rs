@@ -43,8 +43,7 @@ fn spring_states_are_found_from_positions_alone() {
     assert!(share > 0.98, "{share} of the states found");
 }
 
-/// In a tenth of the clips one frame shows both objects half-way between their places, as an encoder does that cannot tell
-/// them apart.
+/// One frame shows both objects half-way between their places, as an encoder does that cannot tell them apart.
 #[test]
 fn a_frame_that_was_misread_does_not_spoil_the_state() {
     let logs = [4f64.ln(), 6f64.ln()].map(|log| Tensor::from(log).to_kind(Kind::Double));

@@ -83,6 +83,15 @@ fn metrics(run: &Path) -> Vec<Value> {
         .collect()
 }
 
+/// Steps of `join` at its best validation and at its last.
+fn best_and_last_of_join(metrics: &[Value]) -> (u64, u64) {
+    let validations = metrics.iter().filter(|record| record["kind"] == "valid" && record["phase"] == "join");
+    let scores: Vec<_> = validations.map(|it| (it["step"].as_u64().unwrap(), it["score"].as_f64().unwrap())).collect();
+    let begin = scores[0].0;
+    let best = scores.iter().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+    (best.0 - begin, scores.last().unwrap().0 - begin)
+}
+
 #[test]
 fn a_killed_run_resumes_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
@@ -122,7 +131,9 @@ fn a_killed_run_resumes_to_the_same_bits() {
     assert_eq!(fs::read(whole.join("log.txt")).unwrap(), fs::read(killed.join("log.txt")).unwrap());
     // At this rate joint training ends in harm: that must be undone, after kills as well.
     let log = fs::read_to_string(whole.join("log.txt")).unwrap();
-    assert!(log.contains("join - back to its step "), "{log}");
+    let (best, last) = best_and_last_of_join(&metrics(&whole));
+    assert!(best < last, "{log}");
+    assert!(log.contains(&format!("join - back to its step {best}, the best by validation")), "{log}");
     assert!(last_weights(&whole) == fs::read(whole.join("checkpoints/best.safetensors")).unwrap());
 }
 

@@ -7,8 +7,9 @@
 //! to layer. The mathematics is that of libtorch, in float32; sums are in another order.
 //!
 //! This is the only module with unsafe code: vectors of the processor's own width, chosen at run time; the tensors'
-//! memory; the processor's control register; and the node in libtorch's autograd graph. All pointers come from slices whose lengths are checked once for
-//! each operation, on the way into it; checks for every pixel would cost as much as the arithmetic.
+//! memory; the processor's control register; and the node in libtorch's autograd graph. All pointers come from slices
+//! whose lengths are checked once for each operation, on the way into it; checks for every pixel would cost as much as
+//! the arithmetic.
 
 use serde::{Deserialize, Serialize};
 

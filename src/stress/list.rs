@@ -53,9 +53,9 @@ pub struct Scene {
     pub name: String,
     /// The task with the same motion on a plain scene, whose limits of success count.
     pub plain: Task,
-    /// The task file.
+    /// The task, and its file.
+    pub task: Task,
     pub file: PathBuf,
-    pub objects: usize,
     pub clips: Counts,
     /// Whether each dataset is learned with three seeds.
     pub nine: bool,
@@ -87,8 +87,8 @@ impl StressList {
                     valid: valid.unwrap_or(clips.valid),
                     test: clips.test,
                 };
-                let objects = tasks::find(&file.to_string_lossy())?.system.objects;
-                Ok(Scene { plain: tasks::find(&plain)?, name, file, objects, clips, nine })
+                let task = tasks::find(&file.to_string_lossy())?;
+                Ok(Scene { plain: tasks::find(&plain)?, name, task, file, clips, nine })
             };
             Ok(StressList { scenes: scenes.into_iter().map(scene).collect::<Result<_>>()? })
         };
@@ -121,8 +121,7 @@ impl Scene {
     /// # Errors
     /// A scene that cannot be drawn.
     pub fn dataset(&self, data: &Path, seed: DataSeed) -> Result<DatasetJob> {
-        let task = tasks::find(&self.file.to_string_lossy())?;
-        let variant = Variant::new(&task, seed)?;
+        let variant = Variant::new(&self.task, seed)?;
         let images = SourceImages::of(&variant)?;
         Ok(DatasetJob { images, variant, counts: self.clips, folder: data_folder(data, seed), force: false })
     }

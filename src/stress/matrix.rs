@@ -57,7 +57,7 @@ pub fn outcome(scene: &Scene, data_seed: u64, run: &Run) -> Result<Option<Outcom
         }
     }
     // A loss sums over the frame, so it grows with the objects in it.
-    let crowd = scene.objects as f64 / scene.plain.system.objects as f64;
+    let crowd = scene.task.system.objects as f64 / scene.plain.system.objects as f64;
     for (loss, limit) in &limits.losses {
         let floor = noise_floor.map_or(0.0, |floor| floor.of(*loss));
         if losses.of(*loss).is_none_or(|value| value > crowd * limit + FLOORS * floor) {

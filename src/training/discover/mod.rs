@@ -22,7 +22,7 @@ use super::objects::pasting;
 use super::objects::sprites;
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
-use super::ranges::{at_least_one, not_negative};
+use super::ranges::{at_least_one, is_zero, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::Clips;
 use crate::network::System;
@@ -95,10 +95,6 @@ pub struct DiscoverStart {
     pub localiser_scale: f64,
     /// Spread of the objects' mask logits on what moves, after centring.
     pub mask_spread: f64,
-}
-
-fn is_zero(count: &usize) -> bool {
-    *count == 0
 }
 
 impl Discover {
@@ -319,11 +315,11 @@ impl Objective for Discovery<'_> {
 
     /// The first fit of the equation. The networks go on without it; it is the answer until `identify` has a better one.
     fn after_validation(&mut self, model: &PhysicsNet, validations: &[f64]) -> Result<Option<String>> {
-        let clips = self.config.first_fit;
+        let clips = self.config.first_fit.min(self.train.len());
         if clips == 0 || model.learned().next().is_none() || !self.timetable.is_now_good_enough(validations) {
             return Ok(None);
         }
-        let explanation = identify::first_answer(model, self.train, &self.motion, clips)?;
+        let explanation = identify::first_fit(model, self.train, &self.motion, clips)?;
         let values: Vec<String> =
             model.parameter_values().iter().map(|(name, value)| format!("{name}={value:.4}")).collect();
         Ok(Some(if explanation.explains() {

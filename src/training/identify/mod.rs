@@ -20,7 +20,7 @@ use super::base::{Outcome, Session};
 use super::objects::motion::Motion;
 use super::observer::Event;
 use super::phase::Phase;
-use super::ranges::at_least_one;
+use super::ranges::{at_least_one, is_zero};
 use crate::datasets::iterators::Clips;
 use crate::network::physics_models::{DecoderKind, PhysicsNet};
 use crate::runs::metrics::{Kind, Record};
@@ -28,7 +28,7 @@ use crate::runs::metrics::{Kind, Record};
 /// Clips on which the positions are re-centred.
 const RECENTRE_CLIPS: usize = 200;
 
-/// Frames of a clip in the first answer, at most, and clips that are seen at a time.
+/// Frames of a clip in the first fit, at most, and clips that are seen at a time.
 const LONGEST_OF_FIRST: usize = 12;
 const FIRST_BATCH: usize = 25;
 
@@ -49,10 +49,6 @@ pub struct Identify {
     /// Steps on the velocity estimator, towards the fitted trajectories' velocities. A config without it means none.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub velocity_steps: u64,
-}
-
-fn is_zero(count: &u64) -> bool {
-    *count == 0
 }
 
 impl Identify {
@@ -97,7 +93,7 @@ impl Identify {
 ///
 /// # Errors
 /// Positions that are not finite.
-pub(super) fn first_answer(model: &PhysicsNet, train: &Clips, motion: &Motion, clips: usize) -> Result<Explanation> {
+pub(super) fn first_fit(model: &PhysicsNet, train: &Clips, motion: &Motion, clips: usize) -> Result<Explanation> {
     let config = Identify { clips, ..Identify::usual(train.time().min(LONGEST_OF_FIRST)) };
     let seen = Seen::of(model, train, motion, clips, FIRST_BATCH);
     let explanation = explain::explain(&config, model, &seen, &Start::of(model))?;

@@ -24,7 +24,7 @@ use paig::tasks;
 ///
 /// Read are mp4 and mov (H.264; anything else with ffmpeg on the PATH), gif, a folder of png or jpeg, and npz (uint8,
 /// [frames, height, width, 3] or [frames, height, width]). The first three quarters of each video become training clips,
-/// the last quarter is held out for validation and test.
+/// the last quarter is held out for validation and test. Of four and more short throws the last quarter is held out.
 #[derive(Parser)]
 #[command(
     version,
@@ -48,7 +48,8 @@ struct Arguments {
     /// Replace the files of an --out that holds something already
     #[arg(long)]
     force: bool,
-    /// Only these frames of each video, counted from 0, without the last: 118..202, or 118.. to the end
+    /// Only these frames of each video, counted from 0, without the last: 118..202, or 118.. to the end. Several throws
+    /// are several parts: 30..62,120..155
     #[arg(long, value_name = "START..END", help_heading = "Frames", conflicts_with = "seconds")]
     frames: Option<String>,
     /// The same in seconds from the first frame, as a player shows them: 1.5..9
@@ -170,7 +171,7 @@ fn request(arguments: Arguments) -> Result<Request> {
         out: arguments.out,
         force: arguments.force,
         name: arguments.name,
-        part: part(arguments.frames.as_deref(), arguments.seconds.as_deref())?,
+        parts: parts(arguments.frames.as_deref(), arguments.seconds.as_deref())?,
         step: arguments.step,
         fps: arguments.fps.or(tracker.and_then(|file| file.fps)),
         crop: crop(&arguments.crop)?,
@@ -213,7 +214,8 @@ fn numbers<const N: usize>(option: &str, text: &str) -> Result<[f64; N]> {
     numbers.with_context(|| format!("--{option} {text:?}: expected {N} numbers with commas between them"))
 }
 
-fn part(frames: Option<&str>, seconds: Option<&str>) -> Result<Part> {
+/// The parts of a video, with commas between them.
+fn parts(frames: Option<&str>, seconds: Option<&str>) -> Result<Vec<Part>> {
     fn bounds<T: FromStr>(option: &str, text: &str) -> Result<(Option<T>, Option<T>)> {
         let wrong = || format!("--{option} {text:?}: expected START..END, START.. or ..END");
         let (start, end) = text.split_once("..").with_context(wrong)?;
@@ -223,25 +225,25 @@ fn part(frames: Option<&str>, seconds: Option<&str>) -> Result<Part> {
         };
         Ok((bound(start)?, bound(end)?))
     }
-    Ok(match (frames, seconds) {
-        (Some(text), _) => {
-            let (start, end) = bounds("frames", text)?;
-            Part::Frames(start.unwrap_or(0), end)
-        }
-        (None, Some(text)) => {
-            let (start, end) = bounds::<f64>("seconds", text)?;
-            ensure!(
-                start.is_none_or(f64::is_finite) && end.is_none_or(f64::is_finite),
-                "--seconds {text:?}: not finite"
-            );
-            Part::Seconds(start.unwrap_or(0.0), end)
-        }
-        (None, None) => Part::All,
-    })
+    let by_frames = |text: &str| {
+        let (start, end) = bounds("frames", text)?;
+        Ok(Part::Frames(start.unwrap_or(0), end))
+    };
+    let by_seconds = |text: &str| {
+        let (start, end) = bounds::<f64>("seconds", text)?;
+        let finite = start.is_none_or(f64::is_finite) && end.is_none_or(f64::is_finite);
+        ensure!(finite, "--seconds {text:?}: not finite");
+        Ok(Part::Seconds(start.unwrap_or(0.0), end))
+    };
+    match (frames, seconds) {
+        (Some(text), _) => text.split(',').map(by_frames).collect(),
+        (None, Some(text)) => text.split(',').map(by_seconds).collect(),
+        (None, None) => Ok(vec![Part::All]),
+    }
 }
 
 fn summarize(request: &Request, imported: &Imported) {
-    for video in &imported.videos {
+    for video in &imported.takes {
         let kept = &video.kept;
         let rate = request.step as f64 / kept.interval;
         let clock = match kept.clock {

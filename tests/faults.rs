@@ -315,7 +315,7 @@ fn an_imported_task_is_whole_or_not_there() {
         out: folder.join("task"),
         force: false,
         name: None,
-        part: Part::All,
+        parts: vec![Part::All],
         step: 1,
         fps: Some(30.0),
         crop: CropChoice::Full,

@@ -38,7 +38,7 @@ fn request(videos: &[&Path], out: &Path) -> Request {
         out: out.into(),
         force: false,
         name: None,
-        part: Part::All,
+        parts: vec![Part::All],
         step: 1,
         fps: None,
         crop: CropChoice::Auto,
@@ -234,20 +234,26 @@ fn refused_again(out: &Path) -> String {
     format!("{:#}", import(&request(&[&numbered()], out), &|_, _| {}).unwrap_err())
 }
 
-/// Every frame of the made video has a level of its own, so a clip's frames can be told.
+/// The level of its upper half tells a frame; below it something moves.
+fn levelled(number: usize) -> RgbImage {
+    RgbImage::from_fn(64, 64, |x, y| match y {
+        0..32 => Rgb([number as u8; 3]),
+        _ if (x as usize + number).is_multiple_of(16) => Rgb([255; 3]),
+        _ => Rgb([0; 3]),
+    })
+}
+
+/// The numbers of the frames in each clip of [`levelled`] ones.
+fn numbers(clips: &ndarray::Array5<u8>) -> Vec<Vec<usize>> {
+    let of_clip = |clip: ndarray::ArrayView4<u8>| clip.outer_iter().map(|it| usize::from(it[[4, 4, 0]])).collect();
+    clips.outer_iter().map(of_clip).collect()
+}
+
 #[test]
 fn held_out_frames_are_later_than_all_training_frames() {
     let folder = tempfile::tempdir().unwrap();
-    // The level of a strip tells the frame, that of a moving block below it that something moves.
-    let frame = |number: usize| {
-        RgbImage::from_fn(64, 64, |x, y| match y {
-            0..32 => Rgb([number as u8; 3]),
-            _ if (x as usize + number).is_multiple_of(16) => Rgb([255; 3]),
-            _ => Rgb([0; 3]),
-        })
-    };
     let (first, second) = (folder.path().join("a"), folder.path().join("b"));
-    let (a, b) = (pictures(&first, (0..100).map(frame)), pictures(&second, (100..216).map(frame)));
+    let (a, b) = (pictures(&first, (0..100).map(levelled)), pictures(&second, (100..216).map(levelled)));
     let out = folder.path().join("out");
     let full = Request { fps: Some(30.0), crop: CropChoice::Full, ..request(&[&a, &b], &out) };
     let done = imported(&full);
@@ -255,10 +261,6 @@ fn held_out_frames_are_later_than_all_training_frames() {
     assert!((task.system.dt - 1.0 / 30.0).abs() < 1e-9);
     let train = DatasetFile::read(&out.join("train.npz"), &ClipShape::training(&task)).unwrap();
     let test = DatasetFile::read(&out.join("test.npz"), &ClipShape::test(&task)).unwrap();
-    let numbers = |clips: &ndarray::Array5<u8>| -> Vec<Vec<usize>> {
-        let of_clip = |clip: ndarray::ArrayView4<u8>| clip.outer_iter().map(|it| usize::from(it[[4, 4, 0]])).collect();
-        clips.outer_iter().map(of_clip).collect()
-    };
     let parts = [numbers(&train.train), numbers(&train.valid), numbers(&test.test)];
     assert_eq!(parts.each_ref().map(Vec::len), done.clips);
     for clip in parts.iter().flatten() {
@@ -276,6 +278,39 @@ fn held_out_frames_are_later_than_all_training_frames() {
         assert!(test.iter().all(|number| *number >= test_from), "{test:?}");
         assert!(!valid.is_empty() && !test.is_empty());
     }
+}
+
+#[test]
+fn short_throws_of_one_video_are_held_out_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = pictures(&folder.path().join("film"), (0..80).map(levelled));
+    let throws = [(0, 14), (14, 30), (32, 46), (50, 64), (66, 80)];
+    let parts = throws.map(|(first, end)| Part::Frames(first, Some(end)));
+    let plain = Request { fps: Some(25.0), ..request(&[&path], &folder.path().join("out")) };
+    let done = imported(&Request { parts: parts.to_vec(), crop: CropChoice::Full, ..plain.clone() });
+    let task = tasks::find(done.task_file.to_str().unwrap()).unwrap();
+    let train = DatasetFile::read(&folder.path().join("out/train.npz"), &ClipShape::training(&task)).unwrap();
+    let test = DatasetFile::read(&folder.path().join("out/test.npz"), &ClipShape::test(&task)).unwrap();
+    // Every clip lies within one of its part's throws, and every throw has clips.
+    let of_throws = |clips: &ndarray::Array5<u8>, throws: &[(usize, usize)]| {
+        let clips = numbers(clips);
+        let of = |clip: &[usize], (first, end): (usize, usize)| clip.iter().all(|frame| (first..end).contains(frame));
+        clips.iter().all(|clip| throws.iter().any(|throw| of(clip, *throw)))
+            && throws.iter().all(|throw| clips.iter().any(|clip| of(clip, *throw)))
+    };
+    assert!(of_throws(&train.train, &throws[..3]), "{:?}", numbers(&train.train));
+    assert!(of_throws(&train.valid, &throws[3..4]), "{:?}", numbers(&train.valid));
+    assert!(of_throws(&test.test, &throws[4..]), "{:?}", numbers(&test.test));
+    let sources = &task.video().unwrap().sources;
+    assert!(sources[..3].iter().all(|source| source.is_learned_from() && !source.is_held_out()), "{sources:?}");
+    assert!(sources[3..].iter().all(|source| source.is_held_out() && !source.is_learned_from()), "{sources:?}");
+    assert_eq!(task.video().unwrap().source_names()[1].split_once(' ').unwrap().1, "14..30");
+    // Neither may parts overlap, nor are three throws enough.
+    let out = folder.path().join("refused");
+    let overlapping = vec![parts[1], Part::Frames(20, Some(40)), parts[3], parts[4]];
+    let again = Request { out, crop: CropChoice::Full, ..plain };
+    assert_says(&refused(&Request { parts: overlapping, ..again.clone() }), &["14..30 and 20..", "follow each other"]);
+    assert_says(&refused(&Request { parts: parts[..3].to_vec(), ..again }), &["16 frames are too few", "4 throws"]);
 }
 
 #[test]
@@ -298,7 +333,7 @@ fn the_proposed_crop_lies_around_the_ball() {
     let (left, right) = (square.x, square.x + i64::from(square.side));
     assert!(left <= 16 && right >= 102 && square.side <= 120 && square.y + i64::from(square.side) >= 54, "{square:?}");
     assert!(done.warnings.iter().all(|warning| !warning.contains('%')), "{done:?}");
-    let part = Request { part: Part::Frames(0, Some(20)), ..small("part") };
+    let part = Request { parts: vec![Part::Frames(0, Some(20))], ..small("part") };
     let fewer = Request { fps: Some(25.0), input_steps: 1, pred_steps: 1, ..part };
     let square = imported(&fewer).square;
     assert!(square.x <= 16 && square.x + i64::from(square.side) >= 62 && square.side <= 75, "{square:?}");
@@ -311,17 +346,17 @@ fn a_given_rate_replaces_the_times_and_uneven_times_are_said() {
     let out = |name: &str| folder.path().join(name);
     let slow = Request { fps: Some(100.0), ..request(&[&path], &out("slow")) };
     let done = imported(&slow);
-    assert_eq!((done.videos[0].kept.clock, done.interval), (Clock::Given, 0.01));
+    assert_eq!((done.takes[0].kept.clock, done.interval), (Clock::Given, 0.01));
     let steps =
         Request { step: 2, time_unit: "ms".into(), input_steps: 1, pred_steps: 1, ..request(&[&path], &out("ms")) };
-    assert_eq!(imported(&steps).videos[0].kept.frames.len(), 30);
+    assert_eq!(imported(&steps).takes[0].kept.frames.len(), 30);
     let task = Task::from_toml(&fs::read_to_string(out("ms").join("task.toml")).unwrap()).unwrap();
     assert!((task.system.dt - 80.0).abs() < 1e-6);
     // One frame of a gif stands five times as long as the others.
     let uneven = folder.path().join("uneven.gif");
     gif(&uneven, &(0..60).map(|it| (ball(it % 40), if it == 20 { 200 } else { 40 })).collect::<Vec<_>>());
     let done = imported(&request(&[&uneven], &out("uneven")));
-    assert_eq!(done.videos[0].kept.clock, Clock::Resampled { repeated: 4, left_out: 0 });
+    assert_eq!(done.takes[0].kept.clock, Clock::Resampled { repeated: 4, left_out: 0 });
     assert!(done.warnings.iter().any(|warning| warning.contains("frame rate varies")), "{:?}", done.warnings);
 }
 
@@ -383,8 +418,8 @@ fn what_cannot_be_imported_is_refused() {
     let plain = || request(&[&path], &out);
     let outside = CropChoice::Rectangle(Rectangle { x: 40, y: 0, width: 30, height: 30 });
     assert_says(&refused(&Request { crop: outside, ..plain() }), &["40,0,30,30", "64 x 48"]);
-    assert_says(&refused(&Request { part: Part::Frames(30, Some(70)), ..plain() }), &["30..70", "it has 60"]);
-    assert_says(&refused(&Request { part: Part::Frames(0, Some(20)), ..plain() }), &["20 frames are too few"]);
+    assert_says(&refused(&Request { parts: vec![Part::Frames(30, Some(70))], ..plain() }), &["30..70", "it has 60"]);
+    assert_says(&refused(&Request { parts: vec![Part::Frames(0, Some(20))], ..plain() }), &["20 frames are too few"]);
     assert_says(&refused(&Request { side: 50, ..plain() }), &["side = 50", "48"]);
     assert_says(
         &refused(&Request { equation: EquationEntry::Name("fall".into()), ..plain() }),

@@ -14,9 +14,12 @@ use crate::datasets::film::FilmFile;
 /// Most bytes of one array.
 const MOST_BYTES: usize = 1 << 31;
 
-/// The training file and the test file. `videos` are the frames of each as a model sees them.
-pub(super) fn files(request: &Request, videos: &[Vec<RgbImage>], cut: &Cut) -> Result<(DatasetFile, DatasetFile)> {
-    let array = |part: fn(&Parts) -> &Range<usize>, length, stride| array(request, videos, part, length, stride);
+/// The frames of a take as a model sees them, and its parts.
+pub(super) type Take<'a> = (&'a [RgbImage], &'a Parts);
+
+/// The training file and the test file.
+pub(super) fn files(request: &Request, takes: &[Take], cut: &Cut) -> Result<(DatasetFile, DatasetFile)> {
+    let array = |part: fn(&Parts) -> &Range<usize>, length, stride| array(request, takes, part, length, stride);
     let empty = |length| Array5::zeros((0, length, request.side, request.side, request.channels()));
     let (short, long) = (cut.train_frames, cut.test_frames);
     let train = array(|parts| &parts.train, short, cut.train_stride)?;
@@ -36,14 +39,14 @@ pub(super) fn files(request: &Request, videos: &[Vec<RgbImage>], cut: &Cut) -> R
     ))
 }
 
-/// All frames of every video.
-pub(super) fn film(request: &Request, videos: &[Vec<RgbImage>]) -> Result<FilmFile> {
+/// All frames of every take.
+pub(super) fn film(request: &Request, takes: &[Vec<RgbImage>]) -> Result<FilmFile> {
     let (side, channels) = (request.side, request.channels());
     let array = |frames: &Vec<RgbImage>| {
         let shape = (frames.len(), side, side, channels);
         Ok(Array4::from_shape_vec(shape, levels(frames.iter(), channels))?)
     };
-    Ok(FilmFile { videos: videos.iter().map(array).collect::<Result<_>>()? })
+    Ok(FilmFile { videos: takes.iter().map(array).collect::<Result<_>>()? })
 }
 
 /// The bytes of frames, of so many channels.
@@ -51,18 +54,20 @@ fn levels<'a>(frames: impl Iterator<Item = &'a RgbImage>, channels: usize) -> Ve
     frames.flat_map(|frame| frame.pixels()).flat_map(|pixel| pixel.0.into_iter().take(channels)).collect()
 }
 
-/// The clips of one part of every video, `[clips, length, S, S, channels]`.
+/// The clips of one part of every take, `[clips, length, S, S, channels]`.
 fn array(
     request: &Request,
-    videos: &[Vec<RgbImage>],
+    takes: &[Take],
     part: fn(&Parts) -> &Range<usize>,
     length: usize,
     stride: usize,
 ) -> Result<Array5<u8>> {
-    let begin = |frames: &Vec<RgbImage>| starts(part(&Parts::of(frames.len())), length, stride);
-    let clips: Vec<_> = videos
+    let clips: Vec<&[RgbImage]> = takes
         .iter()
-        .flat_map(|frames| begin(frames).into_iter().map(move |start| &frames[start..start + length]))
+        .flat_map(|&(frames, parts)| {
+            let begin = starts(part(parts), length, stride);
+            begin.into_iter().map(move |start| &frames[start..start + length])
+        })
         .collect();
     let (side, channels) = (request.side, request.channels());
     let bytes = clips.len() * length * side * side * channels;

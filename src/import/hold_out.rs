@@ -1,5 +1,7 @@
-//! Clips of one video: the first three quarters of its frames are trained on, the last quarter is held out, its first half
-//! for validation and its second for the test. No clip reaches from one part into another.
+//! What is trained on and what is held out. A take is a part of a video that shows one motion from its beginning to its
+//! end. Of each take the first three quarters of the frames are trained on, the last quarter is held out, its first half for
+//! validation and its second for the test. Takes that are too short for that are held out whole, the last quarter of them.
+//! No clip reaches from one part into another.
 
 use std::ops::Range;
 
@@ -7,7 +9,10 @@ use anyhow::{Result, ensure};
 
 /// Frames of a clip beyond those that are trained on, where there is room for them: as in the paper's data.
 const FRAMES_BEYOND: usize = 2;
-/// Frames of a video, by their place among those that are kept.
+/// Takes from which on some can be held out whole: two to learn from, one for validation, one for the test.
+const LEAST_TAKES: usize = 4;
+
+/// Frames of a take, by their place among those that are kept.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Parts {
     pub train: Range<usize>,
@@ -20,6 +25,27 @@ impl Parts {
         let held_out = frames * 3 / 4;
         let test = held_out + (frames - held_out) / 2;
         Parts { train: 0..held_out, valid: held_out..test, test: test..frames }
+    }
+
+    /// The parts of takes with so many frames, of which `needed` make a clip.
+    pub fn of_all(takes: &[usize], needed: usize) -> Vec<Self> {
+        let each: Vec<_> = takes.iter().map(|&frames| Parts::of(frames)).collect();
+        if takes.len() < LEAST_TAKES || each.iter().any(|parts| parts.valid.len() >= needed) {
+            return each;
+        }
+        let held_out = (takes.len() / 4).max(2);
+        let (valid, test) = (takes.len() - held_out, takes.len() - held_out.div_ceil(2));
+        let whole = |(take, &frames): (usize, &usize)| match take {
+            take if take < valid => Parts { train: 0..frames, valid: frames..frames, test: frames..frames },
+            take if take < test => Parts { train: 0..0, valid: 0..frames, test: frames..frames },
+            _ => Parts { train: 0..0, valid: 0..0, test: 0..frames },
+        };
+        takes.iter().enumerate().map(whole).collect()
+    }
+
+    /// Frames of the take.
+    pub fn frames(&self) -> usize {
+        self.test.end
     }
 }
 
@@ -35,38 +61,38 @@ pub struct Cut {
 }
 
 impl Cut {
-    /// Lengths for videos with so many kept frames: at least `least` each, what the encoder sees and what is predicted.
+    /// Lengths for takes with these parts: at least `least` each, what the encoder sees and what is predicted.
     /// Without a given overlap every frame begins a training clip, or every so many-th if there would be more than `most`
     /// clips.
     ///
     /// # Errors
     /// Too few frames for one clip in each part, a given length below `least`, an overlap of a whole clip.
     pub fn choose(
-        videos: &[usize],
+        parts: &[Parts],
         least: usize,
         clip: Option<usize>,
         overlap: Option<usize>,
         most: usize,
     ) -> Result<Self> {
-        let parts: Vec<_> = videos.iter().map(|&frames| Parts::of(frames)).collect();
         if let Some(clip) = clip {
             ensure!(
                 clip >= least,
                 "--clip-frames {clip}: must be at least input and predicted frames together, {least}"
             );
         }
-        // The shortest video that can hold a clip in each part decides, so that all of those are tested.
+        // The shortest part that can hold a clip decides, so that all of those are tested.
         let needed = clip.unwrap_or(least);
-        let lengths =
-            parts.iter().map(|it| (it.valid.len(), it.test.len())).filter(|(valid, test)| needed <= *valid.min(test));
-        let (valid, test) = lengths.reduce(|a, b| (a.0.min(b.0), a.1.min(b.1))).unwrap_or_default();
+        let shortest = |part: fn(&Parts) -> &Range<usize>| {
+            parts.iter().map(|it| part(it).len()).filter(|frames| *frames >= needed).min().unwrap_or(0)
+        };
+        let (valid, test) = (shortest(|it| &it.valid), shortest(|it| &it.test));
         let train_frames = clip.unwrap_or_else(|| (least + FRAMES_BEYOND).min(valid).min(test).max(least));
         ensure!(
             valid.min(test) >= train_frames,
             "{} frames are too few for clips of {train_frames}: the last quarter is held out, half of it for validation and \
-             half for the test, so some {} are needed. Use a longer part, a smaller --step, fewer --input-steps and \
-             --pred-steps, or another video",
-            videos.iter().max().unwrap_or(&0),
+             half for the test, so some {} are needed, or {LEAST_TAKES} throws and more (--frames 30..62,120..155,..). Use a \
+             longer part, a smaller --step, fewer --input-steps and --pred-steps, or another video",
+            parts.iter().map(Parts::frames).max().unwrap_or(0),
             8 * train_frames
         );
         let overlap_of_training = overlap.unwrap_or(train_frames - 1);
@@ -105,18 +131,37 @@ mod tests {
     }
 
     #[test]
+    fn short_takes_are_held_out_whole() {
+        // Ten throws of 24 frames: eight to learn from, one for validation, one for the test.
+        let parts = Parts::of_all(&[24; 10], 10);
+        let held_out = |part: fn(&Parts) -> &Range<usize>| parts.iter().map(|it| part(it).len()).collect::<Vec<_>>();
+        assert_eq!(held_out(|it| &it.train), [24, 24, 24, 24, 24, 24, 24, 24, 0, 0]);
+        assert_eq!(held_out(|it| &it.valid), [0, 0, 0, 0, 0, 0, 0, 0, 24, 0]);
+        assert_eq!(held_out(|it| &it.test), [0, 0, 0, 0, 0, 0, 0, 0, 0, 24]);
+        let cut = Cut::choose(&parts, 10, None, None, 2000).unwrap();
+        assert_eq!((cut.train_frames, cut.test_frames), (12, 16));
+        // Three are too few; of one that is long enough a quarter is held out, as of the others.
+        assert!(Cut::choose(&Parts::of_all(&[24; 3], 10), 10, None, None, 2000).is_err());
+        assert_eq!(Parts::of_all(&[24, 24, 24, 100], 10)[0], Parts::of(24));
+    }
+
+    #[test]
     fn clips_fit_into_their_parts() {
-        let cut = Cut::choose(&[160], 10, None, None, 2000).unwrap();
+        let choose = |takes: &[usize], clip: Option<usize>, overlap| {
+            let parts = Parts::of_all(takes, clip.unwrap_or(10));
+            Cut::choose(&parts, 10, clip, overlap, 2000)
+        };
+        let cut = choose(&[160], None, None).unwrap();
         assert_eq!(cut, Cut { train_frames: 12, test_frames: 13, train_stride: 1, held_out_stride: 3 });
-        assert_eq!(Cut::choose(&[84], 10, None, None, 2000).unwrap().train_frames, 10);
+        assert_eq!(choose(&[84], None, None).unwrap().train_frames, 10);
         // One that is too short for clips of its own decides nothing.
-        let of_three = Cut::choose(&[160, 120, 30], 10, None, None, 2000).unwrap();
+        let of_three = choose(&[160, 120, 30], None, None).unwrap();
         assert_eq!((of_three.train_frames, of_three.test_frames), (12, 12));
-        assert!(Cut::choose(&[76], 10, None, None, 2000).is_err());
-        assert!(Cut::choose(&[160], 10, Some(9), None, 2000).is_err());
-        assert!(Cut::choose(&[160], 10, None, Some(12), 2000).is_err());
-        assert_eq!(Cut::choose(&[160], 10, None, Some(0), 2000).unwrap().train_stride, 12);
-        let of_many = Cut::choose(&[12_000], 10, None, None, 2000).unwrap();
+        assert!(choose(&[76], None, None).is_err());
+        assert!(choose(&[160], Some(9), None).is_err());
+        assert!(choose(&[160], None, Some(12)).is_err());
+        assert_eq!(choose(&[160], None, Some(0)).unwrap().train_stride, 12);
+        let of_many = choose(&[12_000], None, None).unwrap();
         assert_eq!((of_many.test_frames, of_many.train_stride), (24, 5));
         assert_eq!(starts(&(120..140), 12, 6), [120, 126]);
         assert!(starts(&(120..130), 12, 6).is_empty());

@@ -24,9 +24,9 @@ use anyhow::{Result, ensure};
 
 use self::contact_sheet::write_contact_sheet;
 use self::crop::Square;
-use self::hold_out::Cut;
+use self::hold_out::{Cut, Parts};
 use self::motion::Moving;
-use self::reel::Reel;
+use self::reel::{Reel, Take};
 use self::request::Request;
 use self::time_base::Kept;
 use crate::datasets::film::FILM;
@@ -44,7 +44,7 @@ const MOST_TRAINING_BYTES: usize = 1 << 29;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
     pub task_file: PathBuf,
-    pub videos: Vec<ImportedVideo>,
+    pub takes: Vec<ImportedTake>,
     pub square: Square,
     pub metres_per_pixel: Option<f64>,
     pub cut: Cut,
@@ -56,9 +56,9 @@ pub struct Imported {
     pub warnings: Vec<String>,
 }
 
-/// What was used of one video.
+/// What was used of one take.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ImportedVideo {
+pub struct ImportedTake {
     pub name: String,
     pub width: u32,
     pub height: u32,
@@ -80,10 +80,10 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     ensure!(request.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps: must be a positive number");
     let (new_folder, name) = (request.folder_is_new()?, request.task_name()?);
     check_system(request)?;
-    let reel = Reel::open(request)?;
+    let reel = Reel::open(request, request.clip_frames.unwrap_or(request.least_frames()))?;
     let dt = reel.dt(request)?;
-    let lengths: Vec<_> = reel.kept.iter().map(|kept| kept.frames.len()).collect();
-    let cut = cut(request, &lengths)?;
+    let parts: Vec<_> = reel.takes.iter().map(|take| take.parts.clone()).collect();
+    let cut = cut(request, &parts)?;
     let square = reel.square(request, progress)?;
     let record = reel.record(request, square);
     let text = task_file::text(request, &name, dt, &cut, &record)?;
@@ -96,7 +96,8 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
         "nothing moves in the frames as a model sees them; look at another part of the video (--frames) or of the frames \
          (--crop), or raise --side"
     );
-    let (train, test) = clips::files(request, &filmed, &cut)?;
+    let takes: Vec<_> = filmed.iter().map(Vec::as_slice).zip(&parts).collect();
+    let (train, test) = clips::files(request, &takes, &cut)?;
     let film = clips::film(request, &film)?;
     let counts = [&train.train, &train.valid, &test.test].map(|clips| clips.dim().0);
     let fill = |folder: &Path| {
@@ -112,7 +113,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     } else {
         fill(&request.out)?
     }
-    let used = reel.videos.iter().zip(&reel.kept).map(|(video, kept)| ImportedVideo {
+    let used = reel.takes.iter().map(|Take { video, kept, .. }| ImportedTake {
         name: video.name(),
         width: video.width,
         height: video.height,
@@ -121,7 +122,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     });
     Ok(Imported {
         task_file: request.out.join("task.toml"),
-        videos: used.collect(),
+        takes: used.collect(),
         square,
         metres_per_pixel: record.metres_per_pixel(request.side),
         cut,
@@ -148,9 +149,9 @@ fn check_system(request: &Request) -> Result<System> {
 }
 
 /// How long clips are and how they overlap.
-fn cut(request: &Request, lengths: &[usize]) -> Result<Cut> {
-    let least = request.input_steps + request.pred_steps;
+fn cut(request: &Request, parts: &[Parts]) -> Result<Cut> {
+    let least = request.least_frames();
     let clip_bytes = request.frame_bytes() * request.clip_frames.unwrap_or(least);
     let most = MOST_TRAINING_CLIPS.min(MOST_TRAINING_BYTES / clip_bytes);
-    Cut::choose(lengths, least, request.clip_frames, request.overlap, most)
+    Cut::choose(parts, least, request.clip_frames, request.overlap, most)
 }

@@ -1,14 +1,17 @@
-//! The videos of one request and the frames of them that are used.
+//! The takes of one request: videos, or parts of them, and the frames that are used.
+
+use std::rc::Rc;
 
 use anyhow::{Context, Result, bail, ensure};
 use image::RgbImage;
 
 use super::contact_sheet::{SheetCell, SheetRow};
 use super::crop::{CropChoice, Rectangle, Square};
+use super::hold_out::Parts;
 use super::motion::{self, Moving, spread};
 use super::request::Request;
 use super::sources::Video;
-use super::time_base::Kept;
+use super::time_base::{Kept, Part};
 use super::{MOST_KEPT, Progress};
 use crate::tasks::video;
 
@@ -19,48 +22,58 @@ const MOST_FILM_BYTES: usize = 1 << 28;
 const MOST_BYTES: usize = 1 << 29;
 /// Part by which the time between two frames may differ from video to video.
 const SAME_INTERVAL: f64 = 0.01;
-/// Frames of each video on the contact sheet, their longest side in pixels, and most videos on it.
+/// Frames of each take on the contact sheet, their longest side in pixels, and most takes on it.
 const SHEET_FRAMES: usize = 6;
 const SHEET_SIDE: u32 = 480;
-const SHEET_VIDEOS: usize = 8;
+const SHEET_TAKES: usize = 8;
 
-/// Videos of one size and one time between frames.
+/// A part of a video that shows one motion from its beginning to its end.
+#[derive(Debug)]
+pub(super) struct Take {
+    pub video: Rc<Video>,
+    /// What clips are cut from.
+    pub kept: Kept,
+    pub parts: Parts,
+    /// The same as is kept at every frame, or at every `film_step`-th.
+    film: Kept,
+}
+
+/// Takes of one size and one time between frames.
 #[derive(Debug)]
 pub(super) struct Reel {
-    pub videos: Vec<Video>,
-    /// Of each video, what clips are cut from.
-    pub kept: Vec<Kept>,
-    /// The same at every frame, or at every `film_step`-th.
-    film: Vec<Kept>,
+    pub takes: Vec<Take>,
     pub film_step: usize,
 }
 
 impl Reel {
-    /// Reads what the videos say of themselves, and chooses frames.
-    pub(super) fn open(request: &Request) -> Result<Self> {
+    /// Reads what the videos say of themselves, and chooses frames. A clip has at least `needed`.
+    pub(super) fn open(request: &Request, needed: usize) -> Result<Self> {
         for (place, path) in request.videos.iter().enumerate() {
             let again = request.videos[..place].contains(path);
             ensure!(!again, "video {} is given twice; what one holds out, the other would train on", path.display());
         }
-        let videos = request.videos.iter().map(|path| Video::open(path)).collect::<Result<Vec<_>>>()?;
-        let choose = |video: &Video| {
-            let kept = Kept::choose(video.frames, video.times.as_deref(), request.fps, request.part, request.step);
-            kept.with_context(|| format!("video {}", video.path.display()))
-        };
-        let kept = videos.iter().map(choose).collect::<Result<Vec<_>>>()?;
+        let videos = request.videos.iter().map(|path| Ok(Rc::new(Video::open(path)?))).collect::<Result<Vec<_>>>()?;
+        let parts = || videos.iter().flat_map(|video| request.parts.iter().map(move |part| (video, *part)));
         let every = |step: usize| {
-            let choose =
-                |video: &Video| Kept::choose(video.frames, video.times.as_deref(), request.fps, request.part, step);
-            videos.iter().map(choose).collect::<Result<Vec<_>>>()
+            let choose = |(video, part): (&Rc<Video>, Part)| {
+                let kept = Kept::choose(video.frames, video.times.as_deref(), request.fps, part, step);
+                kept.with_context(|| format!("video {}", video.path.display()))
+            };
+            parts().map(choose).collect::<Result<Vec<_>>>()
         };
-        let all = every(1)?;
-        let frames: usize = all.iter().map(|kept| kept.frames.len()).sum();
-        let fits = frames <= MOST_FILM.min(MOST_FILM_BYTES / request.frame_bytes().max(1));
+        let (kept, all) = (every(request.step)?, every(1)?);
+        let count = |of: &[Kept]| of.iter().map(|kept| kept.frames.len()).sum::<usize>();
+        let fits = count(&all) <= MOST_FILM.min(MOST_FILM_BYTES / request.frame_bytes().max(1));
         let (film, film_step) = if fits { (all, 1) } else { (kept.clone(), request.step) };
-        let reel = Reel { videos, kept, film, film_step };
-        reel.check_alike()?;
-        let frames: usize = reel.kept.iter().map(|kept| kept.frames.len()).sum();
         let most = MOST_KEPT.min(MOST_BYTES / request.frame_bytes().max(1));
+        let frames = count(&kept);
+        let lengths: Vec<_> = kept.iter().map(|kept| kept.frames.len()).collect();
+        let held_out = Parts::of_all(&lengths, needed);
+        let takes = parts().zip(kept).zip(film).zip(held_out);
+        let takes = takes.map(|((((video, _), kept), film), parts)| Take { video: video.clone(), kept, parts, film });
+        let reel = Reel { takes: takes.collect(), film_step };
+        reel.check_apart()?;
+        reel.check_alike()?;
         ensure!(
             frames <= most,
             "{frames} frames of {0} x {0} pixels would be kept; at most {most} are: take a part of the video (--frames, \
@@ -70,10 +83,23 @@ impl Reel {
         Ok(reel)
     }
 
+    /// What one take holds out, no other may train on.
+    fn check_apart(&self) -> Result<()> {
+        for pair in self.takes.windows(2).filter(|pair| Rc::ptr_eq(&pair[0].video, &pair[1].video)) {
+            let ([first, last], [next, _]) = (pair[0].ends(), pair[1].ends());
+            ensure!(
+                last <= next,
+                "video {}: the parts {first}..{last} and {next}.. of its frames must follow each other",
+                pair[0].video.path.display()
+            );
+        }
+        Ok(())
+    }
+
     /// Parameters in pixels and frames mean the same in all videos only if these are alike.
     fn check_alike(&self) -> Result<()> {
-        let (first, interval) = (&self.videos[0], self.kept[0].interval);
-        for (video, kept) in self.videos.iter().zip(&self.kept).skip(1) {
+        let (first, interval) = (&self.takes[0].video, self.takes[0].kept.interval);
+        for Take { video, kept, .. } in &self.takes[1..] {
             let path = video.path.display();
             ensure!(
                 (video.width, video.height) == (first.width, first.height),
@@ -95,7 +121,7 @@ impl Reel {
 
     /// Mean time between two frames of a clip, seconds, to the nanosecond: no camera's clock is better.
     pub(super) fn interval(&self) -> f64 {
-        let mean = self.kept.iter().map(|kept| kept.interval).sum::<f64>() / self.kept.len() as f64;
+        let mean = self.takes.iter().map(|take| take.kept.interval).sum::<f64>() / self.takes.len() as f64;
         (1e9 * mean).round() / 1e9
     }
 
@@ -109,9 +135,14 @@ impl Reel {
         })
     }
 
-    /// The square to cut out, the same of all videos.
+    fn size(&self) -> [u32; 2] {
+        let video = &self.takes[0].video;
+        [video.width, video.height]
+    }
+
+    /// The square to cut out, the same of all takes.
     pub(super) fn square(&self, request: &Request, progress: Progress) -> Result<Square> {
-        let (width, height) = (self.videos[0].width, self.videos[0].height);
+        let [width, height] = self.size();
         let rectangle = match request.crop {
             CropChoice::Full => Rectangle { x: 0, y: 0, width, height },
             CropChoice::Rectangle(rectangle) => rectangle,
@@ -121,9 +152,9 @@ impl Reel {
     }
 
     fn around_what_moves(&self, progress: Progress) -> Result<Rectangle> {
-        let (width, height) = (self.videos[0].width, self.videos[0].height);
+        let [width, height] = self.size();
         let mut around: Option<Rectangle> = None;
-        for (video, kept) in self.videos.iter().zip(&self.kept) {
+        for Take { video, kept, .. } in &self.takes {
             let looked_at = motion::looked_at(kept.frames.len());
             let mut small = Vec::new();
             let mut frames = video.decode()?;
@@ -144,18 +175,19 @@ impl Reel {
         request.step / self.film_step
     }
 
-    /// Decodes, cuts out and scales the frames of the film of each video.
+    /// Decodes, cuts out and scales the frames of the film of each take.
     pub(super) fn decode(
         &self,
         request: &Request,
         square: Square,
         progress: Progress,
     ) -> Result<(Vec<Vec<RgbImage>>, Vec<SheetRow>)> {
-        let total = self.film.iter().map(|film| film.frames.len()).sum();
+        let total = self.takes.iter().map(|take| take.film.frames.len()).sum();
         let (mut all, mut rows, mut done) = (Vec::new(), Vec::new(), 0);
         let ratio = self.film_ratio(request);
-        for ((video, kept), film) in self.videos.iter().zip(&self.kept).zip(&self.film) {
-            let on_sheet = spread(kept.frames.len(), if rows.len() < SHEET_VIDEOS { SHEET_FRAMES } else { 0 });
+        for take in &self.takes {
+            let Take { video, kept, film, .. } = take;
+            let on_sheet = spread(kept.frames.len(), if rows.len() < SHEET_TAKES { SHEET_FRAMES } else { 0 });
             let (mut seen, mut cells) = (Vec::new(), Vec::new());
             let mut frames = video.decode()?;
             for (tick, &number) in film.frames.iter().enumerate() {
@@ -164,7 +196,7 @@ impl Reel {
                 let small = if request.grey { greyed(&small) } else { small };
                 let place = tick / ratio;
                 if tick.is_multiple_of(ratio) && on_sheet.contains(&place) {
-                    cells.push(cell(&frame, &small, number, kept, place, square));
+                    cells.push(take.cell(&frame, &small, number, place, square));
                 }
                 seen.push(small);
                 done += 1;
@@ -180,17 +212,8 @@ impl Reel {
 
     /// What the task file says of the videos.
     pub(super) fn record(&self, request: &Request, square: Square) -> video::Video {
-        let source = |(video, kept): (&Video, &Kept)| {
-            let held_out = super::hold_out::Parts::of(kept.frames.len()).valid.start;
-            video::Source {
-                file: video.path.to_string_lossy().into_owned(),
-                frames: [kept.frames[0], kept.frames[kept.frames.len() - 1] + 1],
-                first_seconds: kept.first_seconds,
-                held_out_from: kept.frames[held_out.min(kept.frames.len() - 1)],
-            }
-        };
         video::Video {
-            size: [self.videos[0].width, self.videos[0].height],
+            size: self.size(),
             crop: [square.x, square.y, i64::from(square.side)],
             step: request.step,
             film_step: Some(self.film_step),
@@ -202,7 +225,45 @@ impl Reel {
             origin: request.origin,
             angle: request.angle,
             y_up: request.y_up,
-            sources: self.videos.iter().zip(&self.kept).map(source).collect(),
+            sources: self.takes.iter().map(Take::source).collect(),
+        }
+    }
+}
+
+impl Take {
+    /// Its first frame, and the one after its last.
+    fn ends(&self) -> [usize; 2] {
+        let frames = &self.kept.frames;
+        [frames[0], frames[frames.len() - 1] + 1]
+    }
+
+    fn source(&self) -> video::Source {
+        let frames = self.ends();
+        video::Source {
+            file: self.video.path.to_string_lossy().into_owned(),
+            frames,
+            first_seconds: self.kept.first_seconds,
+            held_out_from: self.kept.frames.get(self.parts.train.end).copied().unwrap_or(frames[1]),
+        }
+    }
+
+    fn cell(&self, frame: &RgbImage, seen: &RgbImage, number: usize, place: usize, square: Square) -> SheetCell {
+        let (width, height) = frame.dimensions();
+        let scale = (f64::from(SHEET_SIDE) / f64::from(width.max(height))).min(1.0);
+        let side = |side: u32| ((f64::from(side) * scale) as u32).max(1);
+        let filmed = image::imageops::thumbnail(frame, side(width), side(height));
+        let part = match place {
+            place if self.parts.train.contains(&place) => "training",
+            place if self.parts.valid.contains(&place) => "validation",
+            _ => "test",
+        };
+        let seconds = self.kept.first_seconds + self.kept.interval * place as f64;
+        let of_width = |length: f64| length / f64::from(width);
+        SheetCell {
+            caption: format!("frame {number}, {seconds:.2} s, {part}"),
+            filmed,
+            square: [of_width(square.x as f64), of_width(square.y as f64), of_width(f64::from(square.side))],
+            seen: seen.clone(),
         }
     }
 }
@@ -220,25 +281,4 @@ fn title(video: &Video, square: Square, side: usize) -> String {
         video.width,
         video.height
     )
-}
-
-fn cell(frame: &RgbImage, seen: &RgbImage, number: usize, kept: &Kept, place: usize, square: Square) -> SheetCell {
-    let (width, height) = frame.dimensions();
-    let scale = (f64::from(SHEET_SIDE) / f64::from(width.max(height))).min(1.0);
-    let side = |side: u32| ((f64::from(side) * scale) as u32).max(1);
-    let filmed = image::imageops::thumbnail(frame, side(width), side(height));
-    let parts = super::hold_out::Parts::of(kept.frames.len());
-    let part = match place {
-        place if parts.train.contains(&place) => "training",
-        place if parts.valid.contains(&place) => "validation",
-        _ => "test",
-    };
-    let seconds = kept.first_seconds + kept.interval * place as f64;
-    let of_width = |length: f64| length / f64::from(width);
-    SheetCell {
-        caption: format!("frame {number}, {seconds:.2} s, {part}"),
-        filmed,
-        square: [of_width(square.x as f64), of_width(square.y as f64), of_width(f64::from(square.side))],
-        seen: seen.clone(),
-    }
 }

@@ -21,7 +21,8 @@ pub struct Request {
     pub force: bool,
     /// Name of the task; made from the folder's if not given.
     pub name: Option<String>,
-    pub part: Part,
+    /// Parts of each video that show one motion from its beginning to its end, one after the other.
+    pub parts: Vec<Part>,
     /// Every how many-th frame is kept.
     pub step: usize,
     /// Frames a second, in place of the video's own times.
@@ -57,6 +58,11 @@ impl Request {
     /// The equation that the objects obey.
     pub(super) fn kind(&self) -> Result<&'static CellKind> {
         self.equation.kind(self.objects.unwrap_or(1))
+    }
+
+    /// Fewest frames of a clip: what the encoder sees and what is predicted.
+    pub(super) fn least_frames(&self) -> usize {
+        self.input_steps + self.pred_steps
     }
 
     /// Bytes of such a frame.

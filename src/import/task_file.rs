@@ -12,6 +12,11 @@ use crate::network::system::EquationEntry;
 use crate::tasks::Task;
 use crate::tasks::video::Video;
 
+/// Side up to which a frame is small, and single frames and clips in a step of the recipe where it is larger: a step takes
+/// as long as the frames have pixels, and the frames of one video are much alike.
+const SMALL_SIDE: usize = 48;
+const LARGE_STEP: [usize; 2] = [16, 10];
+
 /// The table of the videos, its keys in their order.
 #[derive(Serialize)]
 struct Record<'a> {
@@ -34,11 +39,23 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
         Some(metres) => format!("# A pixel of a frame is {metres:.6} m.\n"),
         None => "# The scale is not known: lengths come out in pixels of a frame.\n".into(),
     };
-    let summary = video.sources.iter().map(|source| file_name(&source.file)).collect::<Vec<_>>().join(", ");
+    let summary = video.source_names().join(", ");
     let walls = if kind.walls {
         "wall_margin = 0.0                # radius of an object, pixels of a frame: its centre turns so far from the edge\n"
     } else {
         ""
+    };
+    let recipe = if request.side <= SMALL_SIDE {
+        String::new()
+    } else {
+        let [frames, clips] = LARGE_STEP;
+        format!(
+            "# Large frames: fewer of them in a step.\n\
+             [recipe.fast.discover]\n\
+             frames = {frames}\n\n\
+             [recipe.fast.join]\n\
+             batch = {clips}\n\n"
+        )
     };
     let (named, written) = match &request.equation {
         EquationEntry::Name(name) => (
@@ -74,6 +91,7 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
          train_frames = {train:<17} # frames of a training clip\n\
          test_frames = {test:<18} # frames of a test clip\n\
          \n\
+         {recipe}\
          # Where the clips come from. Nothing that learns reads it.\n\
          {scale}",
         name = quoted(name),
@@ -99,8 +117,4 @@ fn as_table(equation: &EquationTable) -> Result<String> {
 
 fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
-}
-
-fn file_name(path: &str) -> &str {
-    path.rsplit('/').next().unwrap_or(path)
 }

@@ -1,9 +1,11 @@
 //! What a person should look at before training.
 
+use std::ops::Range;
+
 use super::crop::Square;
-use super::hold_out::{Cut, Parts};
+use super::hold_out::Cut;
 use super::motion::Moving;
-use super::reel::Reel;
+use super::reel::{Reel, Take};
 use super::request::Request;
 use super::time_base::Clock;
 
@@ -31,7 +33,7 @@ pub(super) fn of(
     counts: [usize; 3],
 ) -> Vec<String> {
     let mut warnings = Vec::new();
-    for (video, kept) in reel.videos.iter().zip(&reel.kept) {
+    for Take { video, kept, .. } in &reel.takes {
         let (name, rate) = (video.name(), request.step as f64 / kept.interval);
         match kept.clock {
             Clock::Given => {}
@@ -53,13 +55,20 @@ pub(super) fn of(
             }
         }
     }
-    for (video, kept) in reel.videos.iter().zip(&reel.kept) {
-        let parts = Parts::of(kept.frames.len());
-        if parts.valid.len() < cut.train_frames || parts.test.len() < cut.test_frames {
-            warnings.push(format!("{}: too short for clips of its own in validation or test", video.name()));
+    for Take { video, parts, .. } in &reel.takes {
+        let short = |part: &Range<usize>, clip: usize| !part.is_empty() && part.len() < clip;
+        if short(&parts.train, cut.train_frames)
+            || short(&parts.valid, cut.train_frames)
+            || short(&parts.test, cut.test_frames)
+        {
+            warnings.push(format!(
+                "{}: a take of {} frames is too short for clips of its own",
+                video.name(),
+                parts.frames()
+            ));
         }
     }
-    for (video, moving) in reel.videos.iter().zip(moving) {
+    for (Take { video, .. }, moving) in reel.takes.iter().zip(moving) {
         let (name, share) = (video.name(), moving.typical_share());
         if !moving.any() {
             warnings.push(format!("{name}: nothing moves in the frames as a model sees them"));

@@ -195,9 +195,17 @@ impl<'a> Subject<'a> {
         self.clocks = sights.iter().map(|sight| Clock::of(&sight.centroids.pixels, 2 * objects)).collect();
     }
 
-    /// Frames of a video that may be learned from: those from which clips for training were cut.
+    /// Frames of a video that may be learned from: those from which clips for training were cut. Of one that was held out
+    /// whole it is the first half, which says where its motion begins.
     fn trained(&self, video: usize) -> usize {
         let frames = self.film.videos[video].dim().0;
+        let source = &self.record.sources[video];
+        if source.is_learned_from() {
+            return frames;
+        }
+        if source.is_held_out() {
+            return frames.div_ceil(2);
+        }
         (Parts::of(frames.div_ceil(self.ratio)).valid.start * self.ratio).min(frames)
     }
 
@@ -289,8 +297,9 @@ impl<'a> Subject<'a> {
     }
 
     fn seen(&self, sights: &[Sight], by_encoder: bool) -> Vec<Seen> {
+        let names = self.record.source_names();
         let seen = |(video, sight): (usize, &Sight)| Seen {
-            name: file_name(&self.record.sources[video].file),
+            name: names[video].clone(),
             first_seconds: self.record.sources[video].first_seconds,
             pixels: if by_encoder { &sight.encoded } else { &sight.centroids }.pixels.clone(),
             trained: self.trained(video),
@@ -454,11 +463,9 @@ impl<'a> Subject<'a> {
 
     fn notes(&self, explained: &Explained, uncertainty: &Uncertainty) -> Vec<String> {
         let mut notes = Vec::new();
-        for (clock, source) in self.clocks.iter().zip(&self.record.sources) {
+        for (clock, name) in self.clocks.iter().zip(self.record.source_names()) {
             let said = clock.text();
-            notes.extend(said.map(|said| {
-                format!("{}: by the steps of what moves, {said} (taken into account)", file_name(&source.file))
-            }));
+            notes.extend(said.map(|said| format!("{name}: by the steps of what moves, {said} (taken into account)")));
         }
         let parameters = explained.dynamics.system.cell.parameters.iter().zip(&explained.learned);
         let learned: Vec<_> = parameters.filter(|(_, learned)| **learned).map(|(kind, _)| kind).collect();
@@ -544,8 +551,4 @@ impl Explained {
 /// Frames of an even clock in the part that may be learned from.
 fn trained_ticks(track: &Track) -> usize {
     track.ticks[track.trained - 1] + 1
-}
-
-fn file_name(path: &str) -> String {
-    path.rsplit('/').next().unwrap_or(path).to_string()
 }

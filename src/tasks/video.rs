@@ -45,7 +45,7 @@ pub struct Video {
     pub sources: Vec<Source>,
 }
 
-/// One video.
+/// One video, or one part of a video that shows a motion from its beginning to its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Source {
@@ -55,11 +55,39 @@ pub struct Source {
     pub frames: [usize; 2],
     /// When the first frame is shown, seconds from the beginning of the video.
     pub first_seconds: f64,
-    /// The first frame that no training clip holds.
+    /// The first frame that no training clip holds: the first of all where it was held out whole, the one after the last
+    /// where it was not held out at all.
     pub held_out_from: usize,
 }
 
+impl Source {
+    /// Whether no training clip holds any of it.
+    pub fn is_held_out(&self) -> bool {
+        self.held_out_from <= self.frames[0]
+    }
+
+    /// Whether training clips hold all of it.
+    pub fn is_learned_from(&self) -> bool {
+        self.held_out_from >= self.frames[1]
+    }
+
+    fn file_name(&self) -> &str {
+        self.file.rsplit('/').next().unwrap_or(&self.file)
+    }
+}
+
 impl Video {
+    /// Of each source its file's name, and its frames where others are of the same file.
+    pub fn source_names(&self) -> Vec<String> {
+        let name = |source: &Source| {
+            let alone = self.sources.iter().filter(|other| other.file == source.file).count() == 1;
+            let [first, end] = source.frames;
+            let frames = if alone { String::new() } else { format!(" {first}..{end}") };
+            source.file_name().to_string() + &frames
+        };
+        self.sources.iter().map(name).collect()
+    }
+
     /// Metres to a pixel of a frame of that side, if the scale is known.
     pub fn metres_per_pixel(&self, side: usize) -> Option<f64> {
         self.pixels_per_metre.map(|scale| self.crop[2] as f64 / side as f64 / scale)

@@ -5,6 +5,8 @@
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use super::ranges::is_zero;
+
 /// The keys of a schedule, the same in every phase that descends a loss.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -20,6 +22,10 @@ pub struct LrSchedule {
     /// and the phase ends as much earlier; 0 switches that off.
     pub plateau: f64,
     pub patience: usize,
+    /// The same happens, however bad the score still is, once it fell by less than half of `plateau` over so many
+    /// validations; 0 switches that off.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub standstill: usize,
 }
 
 impl LrSchedule {
@@ -63,7 +69,8 @@ impl Timetable {
         Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, ignored, good_enough, good }
     }
 
-    /// The same, in which the rates do not fall early before a score is `good_enough`, and fall as soon as one is `good`.
+    /// The same, in which the rates do not fall early before a score is `good_enough` or stands still, and fall as soon as
+    /// one is `good`.
     pub fn until(self, good_enough: f64, good: f64) -> Self {
         Timetable { good_enough, good, ..self }
     }
@@ -78,14 +85,15 @@ impl Timetable {
 
     /// The step from which the rates are divided, as far as the scores so far tell.
     fn anneal_start(&self, validations: &[f64]) -> u64 {
-        let LrSchedule { plateau, patience, validate_every, .. } = self.schedule;
+        let LrSchedule { plateau, patience, standstill, validate_every, .. } = self.schedule;
         if plateau == 0.0 {
             return self.anneal_from;
         }
         let counted = validations.get(self.ignored..).unwrap_or_default();
         let standing = plateau_at(counted, patience, plateau, self.good_enough);
+        let stuck = (standstill > 0).then(|| plateau_at(counted, standstill, plateau / 2.0, f64::INFINITY)).flatten();
         let good = counted.iter().position(|score| *score <= self.good);
-        let first = standing.into_iter().chain(good).min();
+        let first = standing.into_iter().chain(stuck).chain(good).min();
         first.map_or(self.anneal_from, |place| self.anneal_from.min((place + self.ignored) as u64 * validate_every))
     }
 
@@ -139,7 +147,15 @@ mod tests {
     const ANY: f64 = f64::INFINITY;
 
     fn schedule(validate_every: u64, anneal_at: f64, plateau: f64, patience: usize) -> LrSchedule {
-        LrSchedule { validate_every, anneal_at, anneal_factor: 5.0, anneal_gradually: false, plateau, patience }
+        LrSchedule {
+            validate_every,
+            anneal_at,
+            anneal_factor: 5.0,
+            anneal_gradually: false,
+            plateau,
+            patience,
+            standstill: 0,
+        }
     }
 
     #[test]
@@ -159,6 +175,18 @@ mod tests {
         assert_eq!(plateau_at(&scores, 2, 0.1, 9.0), Some(2));
         assert_eq!(plateau_at(&scores, 2, 0.1, 2.0), Some(6));
         assert_eq!(plateau_at(&scores, 2, 0.1, 0.5), None);
+    }
+
+    #[test]
+    fn a_score_that_stands_still_is_given_up_however_bad_it_is() {
+        let schedule = LrSchedule { standstill: 4, ..schedule(10, 0.5, 0.2, 2) };
+        let timetable = Timetable::new(schedule, 200, 1, 1).until(2.0, 1.0);
+        // After the first, which does not count, five scores within 10 %: the last one is that of step 60.
+        let scores = [9.0, 8.0, 4.0, 3.9, 4.1, 3.8, 3.7];
+        assert_eq!(timetable.factor(60, &scores[..6]), 1.0);
+        assert_eq!([59, 60].map(|step| timetable.factor(step, &scores)), [1.0, 0.2]);
+        // Two of four fell by a tenth and more.
+        assert_eq!(timetable.factor(60, &[9.0, 8.0, 4.0, 3.9, 4.1, 3.8, 3.5]), 1.0);
     }
 
     #[test]

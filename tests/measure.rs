@@ -186,6 +186,16 @@ fn two_commands_lead_from_a_video_to_its_table() {
     assert!(said.contains("AIC"), "{said}");
     let again = Measurement::read(&folder.join("again")).unwrap();
     assert_eq!(again.alternatives.len(), 2);
+    // Another equation's fixed value counts, whatever the run has learned of that name.
+    let text = fs::read_to_string(gallery.join("fall_linear_drag.toml")).unwrap();
+    let residuals = [1000.0, 3000.0].map(|g| {
+        let fixed = text.replace("g = { unit = [1, -2] }", &format!("g = {{ unit = [1, -2], fixed = {g:?} }}"));
+        assert_ne!(fixed, text);
+        fs::write(folder.join("fixed.toml"), fixed).unwrap();
+        run(folder, "measure", &["run", "--equation", "fixed.toml", "--out", "fixed", "--threads", "1"]);
+        Measurement::read(&folder.join("fixed")).unwrap().residuals.usual
+    });
+    assert_ne!(residuals[0], residuals[1]);
     // Without its film a task cannot be measured, and the message says what to do.
     fs::remove_file(folder.join("swing/film.npz")).unwrap();
     let path = Path::new(env!("CARGO_BIN_EXE_run_physics")).with_file_name("measure");

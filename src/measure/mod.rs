@@ -45,7 +45,7 @@ use crate::datasets::film::{FILM, FilmFile};
 use crate::datasets::iterators::Clips;
 use crate::import::hold_out::Parts;
 use crate::network::System;
-use crate::network::cells::{CellKind, Coordinates};
+use crate::network::cells::{CellKind, Coordinates, PhysicalParameter};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::SavedWeights;
 use crate::tasks::video::Video;
@@ -238,7 +238,10 @@ impl<'a> Subject<'a> {
         let own =
             cell.parameters.iter().map(|kind| kind.fixed.or(kind.start).map_or(0.0, |value| kind.bounds.raw(value)));
         let own: Vec<f64> = own.collect();
-        let learned_there = cell.parameters.iter().zip(&own).map(|(kind, own)| match of_run(kind.name) {
+        // What another equation gives as fixed stays as it is given there.
+        let taken_over =
+            |kind: &PhysicalParameter| of_run(kind.name).filter(|_| kind.fixed.is_none() || model.system.cell == cell);
+        let learned_there = cell.parameters.iter().zip(&own).map(|(kind, own)| match taken_over(kind) {
             Some(it) => Some(kind.bounds.raw(model.true_value(it.kind, it.raw.double_value(&[]))))
                 .filter(|raw| raw.is_finite())
                 .unwrap_or(*own),
@@ -540,7 +543,7 @@ impl Explained {
     fn parameters(&self, scale: &Scale) -> std::collections::BTreeMap<String, f64> {
         let parameters = self.dynamics.system.cell.parameters.iter().enumerate();
         let learned = parameters.filter(|(place, _)| self.learned[*place]);
-        let value = |(place, kind): (usize, &crate::network::cells::PhysicalParameter)| {
+        let value = |(place, kind): (usize, &PhysicalParameter)| {
             let factor = Scale::powers(kind).map_or(1.0, |powers| scale.factor(powers));
             (kind.name.to_string(), factor * kind.bounds.value(self.fitted.raw[place]))
         };

@@ -46,7 +46,8 @@ def measured(command, threads):
     began = time.perf_counter()
     done = subprocess.run(list(map(str, command)), cwd=HERE, capture_output=True, text=True, env=environment)
     if done.returncode:
-        said = [line for line in done.stderr.strip().splitlines() if "Error" in line] or ["it said nothing"]
+        lines = done.stderr.strip().splitlines() or ["it said nothing"]
+        said = [line for line in lines if "error" in line.lower()] or lines
         raise RuntimeError(f"{' '.join(map(str, command))} failed: {said[-1]}")
     return json.loads(done.stdout.splitlines()[-1]) | {"all_s": time.perf_counter() - began}
 
@@ -157,9 +158,21 @@ def versions():
             pass
 
 
+def settings(arguments):
+    """What rows of one table have in common."""
+    return {"processor": processor(), "rounds": arguments.rounds, "steps": arguments.steps, "versions": list(versions())}
+
+
+def kept_rows(arguments):
+    before = json.loads((arguments.out / "results.json").read_text())
+    now = settings(arguments)
+    if any(before["about"][key] != value for key, value in now.items()):
+        raise RuntimeError(f"--keep: the rows of {arguments.out} were timed otherwise than now: {now}")
+    return before["rows"]
+
+
 def report(results, arguments, peak, start):
-    about = {"date": str(date.today()), "processor": processor(), "matrix_product_gflops": peak, "start_s": start,
-             "rounds": arguments.rounds, "steps": arguments.steps, "versions": list(versions())}
+    about = {"date": str(date.today()), "matrix_product_gflops": peak, "start_s": start} | settings(arguments)
     arguments.out.mkdir(exist_ok=True)
     (arguments.out / "results.json").write_text(json.dumps({"about": about, "rows": results}, indent=1) + "\n")
     lines = ["# Benchmarks", "",
@@ -200,7 +213,7 @@ def main():
     peak = peak_gflops()
     start = median(measured([rust, "--task", "spring_color", "--steps", 0], 1)["all_s"] for _ in range(3))
     timed = {(*row, threads) for row in rows for threads in arguments.threads}
-    kept = json.loads((arguments.out / "results.json").read_text())["rows"] if arguments.keep else []
+    kept = kept_rows(arguments) if arguments.keep else []
     results = [row for row in kept if (row["what"], row["task"], row["batch"], row["threads"]) not in timed]
     for threads in arguments.threads:
         for row in rows:
@@ -209,4 +222,7 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (RuntimeError, OSError) as error:
+        sys.exit(f"error: {error}")

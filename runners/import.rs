@@ -243,8 +243,8 @@ fn parts(frames: Option<&str>, seconds: Option<&str>) -> Result<Vec<Part>> {
 }
 
 fn summarize(request: &Request, imported: &Imported) {
-    for video in &imported.takes {
-        let kept = &video.kept;
+    for take in &imported.takes {
+        let kept = &take.kept;
         let rate = request.step as f64 / kept.interval;
         let clock = match kept.clock {
             Clock::Given => ", as given",
@@ -254,10 +254,10 @@ fn summarize(request: &Request, imported: &Imported) {
         let (count, seconds) = (kept.frames.len(), kept.interval * kept.frames.len() as f64);
         say!(
             "{}: {} frames of {} x {}, {rate:.3} a second{clock}; kept {count} ({seconds:.2} s from {:.2} s on)",
-            video.name,
-            video.frames,
-            video.width,
-            video.height,
+            take.name,
+            take.frames,
+            take.width,
+            take.height,
             kept.first_seconds
         );
     }

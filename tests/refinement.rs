@@ -32,12 +32,17 @@ fn share_found(cell: &dyn Cell, first: &State, actions: &Actions, dt: f64, toler
     error.le(tolerance).to_kind(Kind::Double).mean(Kind::Double).double_value(&[])
 }
 
-#[test]
-fn spring_states_are_found_from_positions_alone() {
+/// The paper's spring, and where its clips begin.
+fn spring() -> (Box<dyn Cell>, State) {
     let logs = [4f64.ln(), 6f64.ln()].map(|log| Tensor::from(log).to_kind(Kind::Double));
-    let cell = build(&SPRING, &logs);
     let apart = Tensor::from_slice(&[6.0, 0.0, -6.0, 0.0]);
     let first = State { pos: uniform("p", 4, 14.0, 18.0) + apart, vel: uniform("v", 4, -6.0, 6.0) };
+    (build(&SPRING, &logs), first)
+}
+
+#[test]
+fn spring_states_are_found_from_positions_alone() {
+    let (cell, first) = spring();
     // Damping 1e-2 against J^T J of order 1 leaves a thousandth of the first error, 6 px per unit, after three steps.
     let share = share_found(cell.as_ref(), &first, &Actions::none(), 0.3, 0.05);
     assert!(share > 0.98, "{share} of the states found");
@@ -46,10 +51,7 @@ fn spring_states_are_found_from_positions_alone() {
 /// One frame shows both objects half-way between their places, as an encoder does that cannot tell them apart.
 #[test]
 fn a_frame_that_was_misread_does_not_spoil_the_state() {
-    let logs = [4f64.ln(), 6f64.ln()].map(|log| Tensor::from(log).to_kind(Kind::Double));
-    let cell = build(&SPRING, &logs);
-    let apart = Tensor::from_slice(&[6.0, 0.0, -6.0, 0.0]);
-    let first = State { pos: uniform("p", 4, 14.0, 18.0) + apart, vel: uniform("v", 4, -6.0, 6.0) };
+    let (cell, first) = spring();
     let mut states = cell.roll_out(&first, &Actions::none(), 0.3, INPUT - 1);
     let seen: Vec<Tensor> = std::iter::once(&first.pos)
         .chain(states.iter().map(|state| &state.pos))

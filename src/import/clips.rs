@@ -14,11 +14,11 @@ use crate::datasets::film::FilmFile;
 /// Most bytes of one array.
 const MOST_BYTES: usize = 1 << 31;
 
-/// The frames of a take as a model sees them, and its parts.
-pub(super) type Take<'a> = (&'a [RgbImage], &'a Parts);
+/// The frames of a take as a model sees them, and what they are for.
+pub(super) type Divided<'a> = (&'a [RgbImage], &'a Parts);
 
 /// The training file and the test file.
-pub(super) fn files(request: &Request, takes: &[Take], cut: &Cut) -> Result<(DatasetFile, DatasetFile)> {
+pub(super) fn files(request: &Request, takes: &[Divided], cut: &Cut) -> Result<(DatasetFile, DatasetFile)> {
     let array = |part: fn(&Parts) -> &Range<usize>, length, stride| array(request, takes, part, length, stride);
     let empty = |length| Array5::zeros((0, length, request.side, request.side, request.channels()));
     let (short, long) = (cut.train_frames, cut.test_frames);
@@ -57,7 +57,7 @@ fn levels<'a>(frames: impl Iterator<Item = &'a RgbImage>, channels: usize) -> Ve
 /// The clips of one part of every take, `[clips, length, S, S, channels]`.
 fn array(
     request: &Request,
-    takes: &[Take],
+    takes: &[Divided],
     part: fn(&Parts) -> &Range<usize>,
     length: usize,
     stride: usize,

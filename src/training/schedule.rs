@@ -23,7 +23,7 @@ pub struct LrSchedule {
     pub plateau: f64,
     pub patience: usize,
     /// The same happens, however bad the score still is, once it fell by less than half of `plateau` over so many
-    /// validations; 0 switches that off.
+    /// validations; 0, here or there, switches that off.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub standstill: usize,
 }

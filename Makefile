@@ -4,6 +4,7 @@
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
 # make baselines  other dynamics, decoders and models beside the physics: runs, reports/baselines (days; goes on)
 # make ablations  the recipe without each of its parts: runs, reports/ablations (hours; goes on)
+# make gallery   the equations of configs/gallery, learned from generated clips: runs, reports/gallery (an hour; goes on)
 # make torture   kills, faults, fuzzing and bad calls; reports/torture (an hour; KILLS=n, FUZZ=seconds)
 # make engines   sweeps of 200 tiny runs by GNU parallel, HyperQueue and Slurm on this machine (an hour; as root)
 # make control   a pendulum that is learned from few clips is swung up by what is seen (a few minutes)
@@ -20,7 +21,7 @@ SEED ?= 0
 JOBS ?= 2
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data stress baselines torture engines control compare bench compare-defects ablations clean
+.PHONY: demo test lint libtorch build data stress baselines gallery torture engines control compare bench compare-defects ablations clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -65,6 +66,19 @@ ablations: build
 	$(CARGO) run --release --quiet --bin sweep -- "$$@" --seeds $(ABLATION_SEEDS) --data data/ablations \
 		--out runs/ablations --jobs $(JOBS) --threads-per-run 1
 	$(CARGO) run --release --quiet --bin report -- runs/ablations --out reports/ablations
+
+# Of the float on water no clips can be generated: it sinks with the water from the first frame on.
+GALLERY := $(filter-out %/torricelli.toml,$(wildcard configs/gallery/*.toml))
+GALLERY_SEEDS ?= 0-2
+
+gallery: build
+	for task in $(GALLERY); do \
+		$(CARGO) run --release --quiet --bin generate -- --task $$task --out data/gallery || exit 1; \
+	done
+	for task in $(GALLERY); do set -- "$$@" --task $$task; done; \
+	$(CARGO) run --release --quiet --bin sweep -- "$$@" --seeds $(GALLERY_SEEDS) --data data/gallery \
+		--out runs/gallery --jobs $(JOBS) --threads-per-run 1
+	$(CARGO) run --release --quiet --bin report -- runs/gallery --out reports/gallery
 
 # Each part leaves what it printed in target/torture; the last one makes the report of all. What fails stops no other part.
 KILLS ?= 300

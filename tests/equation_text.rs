@@ -220,7 +220,7 @@ fn built_in_equations_as_text_give_the_same_numbers_and_gradients() {
 #[test]
 fn mistakes_are_told_with_their_place() {
     for (text, expected) in [
-        ("-kk * p", "acceleration: column 2: unknown name \"kk\"; known are p, v, u, k, l\n  -kk * p\n   ^^"),
+        ("-kk * p", "acceleration: column 2: unknown name \"kk\"; known are p, v, u, t, k, l\n  -kk * p\n   ^^"),
         ("k * q", "column 5: q and w are the other object's"),
         ("k * (p - 2", "column 11: found the end, expected"),
         ("k * p3", "column 5: there is no object 3; they are p1 to p2"),
@@ -282,6 +282,8 @@ fn mistakes_are_told_with_their_place() {
         ("acceleration = \"-v2 * p\"\nparameters.v2 = {}", "parameters.v2: the name means something else"),
         ("acceleration = \"-K * p\"\nparameters.K = {}", "parameters.K: the name must be a lower-case letter"),
         ("acceleration = \"-k * p\"\nparameters.k.each = true\nparameters.k2 = {}", "two are called k2"),
+        ("acceleration = \"-t * p\"\nparameters.t = {}", "parameters.t: the name means something else"),
+        ("acceleration = \"any * u * t * p\"\nparameters.any.fixed = 1.0", "names both u and t"),
         ("acceleration = \"vec(0, 0)\"\nrestitution = 0.5", "set walls = true"),
         ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = 1.5", "restitution = 1.5: must be 0 to 1"),
         ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = \"e\"", "there is no such parameter"),
@@ -296,7 +298,10 @@ fn mistakes_are_told_with_their_place() {
     assert!(alone.contains("there are no others"), "{alone}");
     // In a text of several lines the line is named.
     let found = complaint("acceleration = \"\"\"\n  -p\n  + zz\n\"\"\"", 2);
-    assert!(found.contains("line 2, column 5: unknown name \"zz\"; known are p, v, u\n    + zz\n      ^^"), "{found}");
+    assert!(
+        found.contains("line 2, column 5: unknown name \"zz\"; known are p, v, u, t\n    + zz\n      ^^"),
+        "{found}"
+    );
 }
 
 /// Deep and long texts end in a message, whatever they are made of.
@@ -423,6 +428,46 @@ fn integrators_have_their_order() {
             (fall.log2() - f64::from(order)).abs() < 0.3,
             "{integrator}: halving the step divides the error by {fall}"
         );
+    }
+}
+
+/// A push that comes and goes in time, from any time on, also after the last one that the dataset holds.
+#[test]
+fn the_time_goes_on_within_a_frame_and_beyond_the_dataset() {
+    let (dt, start) = (0.5, State::from_joined(&Tensor::from_slice(&[1.0, -0.5, 0.3, 0.8]).unsqueeze(0)));
+    let position = |integrator: &str, substeps: usize, begin: Option<f64>| {
+        let kind = read(
+            &format!(
+                "acceleration = \"a * cos(beat * t) * vec(1, 2)\"\nintegrator = {integrator:?}\nsubsteps = {substeps}\n\
+                 parameters.a.unit = [1, -2]\nparameters.beat.unit = [0, -1]"
+            ),
+            1,
+        );
+        assert!(kind.tells_time() && kind.actions && !kind.can_be_driven());
+        // Two times of five are known.
+        let times = begin.map(|begin| Tensor::from_slice(&[begin, begin + dt]).unsqueeze(0));
+        let raw = [3f64.ln(), 2f64.ln()].map(Tensor::from);
+        let states = kind.cell(&raw, Walls::new(32, 0.0)).roll_out(&start, &Actions::new(times), dt, 5);
+        Vec::<f64>::try_from(states[4].pos.flatten(0, 1)).unwrap()
+    };
+    // x'' = a cos(b t): x = x0 + (v0 - a / b sin(b t0)) T + a / b^2 (cos(b t0) - cos(b (t0 + T))).
+    let (a, b, passed) = (3.0f64, 2.0f64, 2.5f64);
+    for begin in [None, Some(0.0), Some(0.7), Some(12.3)] {
+        let t0: f64 = begin.unwrap_or(0.0);
+        let driven = |times: f64| {
+            times * (a / (b * b) * ((b * t0).cos() - (b * (t0 + passed)).cos()) - a / b * (b * t0).sin() * passed)
+        };
+        let expected = [1.0 + 0.3 * passed + driven(1.0), -0.5 + 0.8 * passed + driven(2.0)];
+        let off = |integrator: &str, substeps: usize| {
+            let found = position(integrator, substeps, begin);
+            found.iter().zip(expected).map(|(found, expected)| (found - expected).abs()).fold(0.0, f64::max)
+        };
+        // Ten steps of 0.05 in 0.5: (b h)^4 / 180 of some 10 pixels.
+        assert!(off("rk4", 10) < 1e-4, "{begin:?}: {}", off("rk4", 10));
+        for (integrator, order) in [("euler", 1), ("verlet", 2)] {
+            let fall = off(integrator, 8) / off(integrator, 16);
+            assert!((fall.log2() - f64::from(order)).abs() < 0.3, "{integrator} from {begin:?}: {fall}");
+        }
     }
 }
 

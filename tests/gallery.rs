@@ -12,7 +12,7 @@ use std::process::Command;
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, generate_clips};
-use paig::network::cells::{Actions, Coordinates, PhysicalParameter, State};
+use paig::network::cells::{Actions, CellKind, Coordinates, PhysicalParameter, State};
 use paig::support::random::named_generator;
 use paig::tasks::Task;
 use paig::tasks::scene::Motion;
@@ -20,13 +20,14 @@ use paig::training::identify::Identify;
 use paig::training::identify::fit::{Fit, Start, Trust, fit};
 use programs::run;
 use rand::Rng;
-use tch::Tensor;
+use tch::{Device, Kind, Tensor};
 
 const CLIPS: i64 = 100;
 const FRAMES: usize = 12;
 /// Standard deviation of the observed positions, pixels, and of angles, radians.
 const NOISE: f64 = 0.1;
 const ANGLE_NOISE: f64 = 0.01;
+const DOUBLE: (Kind, Device) = (Kind::Double, Device::Cpu);
 
 fn gallery() -> BTreeMap<String, Task> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/gallery");
@@ -45,6 +46,12 @@ fn normal(purpose: &str, n: usize) -> Tensor {
     let values: Vec<f64> =
         (0..CLIPS as usize * n).map(|_| (0..12).map(|_| random.random::<f64>() - 0.5).sum()).collect();
     Tensor::from_slice(&values).reshape([CLIPS, n as i64])
+}
+
+/// The times of the frames of all clips, each of which begins at another.
+fn times(dt: f64) -> Tensor {
+    let (clip, frame) = (Tensor::arange(CLIPS, DOUBLE), Tensor::arange(FRAMES as i64, DOUBLE));
+    (clip.unsqueeze(1) * 0.37 + frame) * dt
 }
 
 /// Raw numbers of all parameters at their truth or where they are fixed.
@@ -130,7 +137,7 @@ fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
     ]);
     for (name, task) in gallery() {
         let mut first = match (name.as_str(), around.get(name.as_str())) {
-            ("free_pendulum" | "damped_pendulum", _) => on_a_rod(32.0, 12.0),
+            ("free_pendulum" | "damped_pendulum" | "driven_pendulum", _) => on_a_rod(32.0, 12.0),
             ("swing", _) => on_a_rod(16.0, -6.0),
             (_, Some((pos, spread, vel, speed))) => scattered((pos, *spread), (vel, *speed)),
             _ => panic!("{name}: nothing is said of its first states"),
@@ -150,7 +157,9 @@ fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
                 vel: Tensor::cat(&[&upper.vel, &(&upper.vel + turn)], 1),
             };
         }
-        let actions = Actions::new(task.system.cell.actions.then(|| normal("torque", FRAMES) * 1.2));
+        let held =
+            |cell: &CellKind| if cell.tells_time() { times(task.system.dt) } else { normal("torque", FRAMES) * 1.2 };
+        let actions = Actions::new(task.system.cell.actions.then(|| held(task.system.cell)));
         let states = rolled_out(&task, first, &actions, FRAMES);
         let fit = fitted(&task, &states, &actions);
         let found: Vec<_> =

@@ -51,7 +51,7 @@ fn plain_numbers_and_tensors_move_alike() {
             [scattered(if angle { 0.5 } else { 16.0 }, if angle { 0.3 } else { 5.0 }), scattered(0.0, 2.0)].concat();
         let raw = true_raw(&task);
         let values: Vec<f64> = system.cell.parameters.iter().zip(&raw).map(|(it, raw)| it.bounds.value(*raw)).collect();
-        let plain = equation.single(&values, system.walls).roll_out(&first, system.dt, 6);
+        let plain = equation.single(&values, system.walls).roll_out(&first, 0.0, system.dt, 6);
         let tensors: Vec<_> = raw.iter().map(|raw| Tensor::from(*raw)).collect();
         let state = State::from_joined(&Tensor::from_slice(&first).unsqueeze(0));
         let rolled = system.build_cell(&tensors).roll_out(&state, &Actions::none(), system.dt, 5);
@@ -79,7 +79,7 @@ fn a_long_swing_is_found_and_what_was_held_out_is_predicted() {
     let dynamics = Dynamics { dt: task.system.dt / 2.0, system: task.system.clone() };
     let truth = true_raw(&task);
     let (frames, trained) = (240, 180);
-    let exact = dynamics.positions(&truth, &[46.0, 26.0, 0.0, 0.0], frames);
+    let exact = dynamics.positions(&truth, &[46.0, 26.0, 0.0, 0.0], 0, frames);
     let mut random = named_generator(1, "noise");
     let mut positions: Vec<f64> = exact.iter().map(|x| x + 0.1 * normal(&mut random)).collect();
     // Some frames in which it is not seen, and some in which something else was.

@@ -105,7 +105,7 @@ pub fn train(config: &WholeConfig, folder: &Path, stop: &dyn Fn() -> bool) -> Re
 fn rewards(task: &Task, file: &Path, dataset: &Dataset) -> Result<Tensor> {
     let cell = task.system.cell;
     ensure!(
-        cell.actions && cell.coordinates == Coordinates::Angle && task.system.objects == 1,
+        cell.can_be_driven() && cell.coordinates == Coordinates::Angle && task.system.objects == 1,
         "this model learns what frames of a pendulum are worth; task {} has none",
         task.name
     );

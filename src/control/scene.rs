@@ -44,7 +44,9 @@ impl SceneEnvironment {
         let variant = Variant::new(task, 0)?;
         let cell = task.system.cell;
         ensure!(
-            variant.scene.motion == (Motion::Equation {}) && cell.actions && cell.coordinates == Coordinates::Position,
+            variant.scene.motion == (Motion::Equation {})
+                && cell.can_be_driven()
+                && cell.coordinates == Coordinates::Position,
             "task {}: its objects must move by their own equation (motion = {{ law = \"equation\" }}) with an action u",
             task.name
         );

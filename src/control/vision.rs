@@ -35,7 +35,7 @@ impl<'a> Vision<'a> {
     pub fn new(model: &'a PhysicsNet, format: FrameFormat) -> Result<Self> {
         let system = &model.system;
         ensure!(
-            system.cell.actions,
+            system.cell.can_be_driven(),
             "nothing acts on what equation {} moves; control needs a run of a task with actions (pendulum)",
             system.cell.name
         );

@@ -25,7 +25,7 @@ pub const PENDULUM_MAX_SPEED: f64 = 8.0;
 pub struct SceneState {
     pub positions: Vec<f64>,
     pub velocities: Vec<f64>,
-    /// What acts from outside until the next frame; 0 for motions without actions.
+    /// What acts from outside until the next frame, or the time for an equation that names it; otherwise 0.
     pub action: f64,
 }
 
@@ -63,6 +63,9 @@ impl Law {
         let next = self.equation.cell(&raw, walls).substep(&now, action.as_ref(), h);
         let numbers = |x: Tensor| Vec::try_from(x.select(0, 0)).expect("a float64 vector");
         (state.positions, state.velocities) = (numbers(next.pos), numbers(next.vel));
+        if self.equation.tells_time() {
+            state.action += h;
+        }
     }
 }
 
@@ -120,7 +123,7 @@ impl World {
             return None;
         }
         for frame in 0..frames {
-            state.action = self.draw_action(rng);
+            state.action = self.held(frame, rng);
             clip.push(state.clone());
             for _ in 0..self.substeps {
                 self.substep(&mut state);
@@ -130,6 +133,14 @@ impl World {
             }
         }
         Some(clip)
+    }
+
+    /// What the dataset holds for a frame.
+    fn held(&self, frame: usize, rng: &mut impl Rng) -> f64 {
+        match &self.law {
+            Some(law) if law.equation.tells_time() => frame as f64 * self.dt,
+            _ => self.draw_action(rng),
+        }
     }
 
     /// The states of a clip from another start, with the same actions and whatever rule they break.

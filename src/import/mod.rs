@@ -97,7 +97,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
          (--crop), or raise --side"
     );
     let takes: Vec<_> = filmed.iter().map(Vec::as_slice).zip(&parts).collect();
-    let (train, test) = clips::files(request, &takes, &cut)?;
+    let (train, test) = clips::files(request, &takes, &cut, dt)?;
     let film = clips::film(request, &film)?;
     let counts = [&train.train, &train.valid, &test.test].map(|clips| clips.dim().0);
     let fill = |folder: &Path| {

@@ -120,7 +120,7 @@ impl Kind {
     fn track(&self, dynamics: &Dynamics, truth: &[f64], random: &mut impl Rng) -> Track {
         let mut around = |middle: [f64; 2], spread: f64| middle.map(|x| x + spread * normal(random));
         let state = [around(self.begin, self.spread[0]), around(self.speed, self.spread[1])].concat();
-        let mut positions = dynamics.positions(truth, &state, self.frames);
+        let mut positions = dynamics.positions(truth, &state, 0, self.frames);
         let own = (1.0 - self.correlation.powi(2)).sqrt();
         for coordinate in 0..2 {
             let mut noise = normal(random);

@@ -24,12 +24,13 @@ impl Dynamics {
         self.system.cell.parameters.iter().zip(raw).map(|(parameter, raw)| parameter.bounds.value(*raw)).collect()
     }
 
-    /// States of `frames` frames, each positions and then velocities, the initial one first. `raw` are the raw numbers of
-    /// all parameters. Nothing acts from outside.
-    pub fn roll_out(&self, raw: &[f64], initial: &[f64], frames: usize) -> Vec<f64> {
+    /// States of `frames` frames, each positions and then velocities, the initial one first: it is that of the frame
+    /// `begin`. `raw` are the raw numbers of all parameters. Nothing acts from outside.
+    pub fn roll_out(&self, raw: &[f64], initial: &[f64], begin: usize, frames: usize) -> Vec<f64> {
         match self.system.cell.build {
             Build::Text(equation) => {
-                equation.single(&self.values(raw), self.system.walls).roll_out(initial, self.dt, frames)
+                let mut equation = equation.single(&self.values(raw), self.system.walls);
+                equation.roll_out(initial, begin as f64 * self.dt, self.dt, frames)
             }
             Build::Rust(_) => self.by_tensors(raw, initial, frames),
         }
@@ -52,8 +53,8 @@ impl Dynamics {
     }
 
     /// The positions alone, frame by frame.
-    pub fn positions(&self, raw: &[f64], initial: &[f64], frames: usize) -> Vec<f64> {
-        let states = self.roll_out(raw, initial, frames);
+    pub fn positions(&self, raw: &[f64], initial: &[f64], begin: usize, frames: usize) -> Vec<f64> {
+        let states = self.roll_out(raw, initial, begin, frames);
         states.chunks(initial.len()).flat_map(|state| &state[..state.len() / 2]).copied().collect()
     }
 }

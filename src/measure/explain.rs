@@ -58,7 +58,7 @@ pub fn explain(dynamics: &Dynamics, tracks: &[Track], starts: &[Start]) -> Resul
     let states: Vec<_> = tracks
         .iter()
         .zip(&fitted.states)
-        .map(|(track, state)| dynamics.roll_out(&fitted.raw, state, track.duration()))
+        .map(|(track, state)| dynamics.roll_out(&fitted.raw, state, 0, track.duration()))
         .collect();
     let at_frames = |(track, states): (&Track, &Vec<f64>)| {
         let mut positions = track.at_frames(&positions_of(states, coordinates), coordinates);

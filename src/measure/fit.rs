@@ -245,7 +245,8 @@ impl<'a> Problem<'a> {
             let before = unknowns.pieces.iter().rev().find(|piece| piece.track == track && piece.first <= first);
             let before = before.expect("the first piece begins with the video");
             let ticks = &self.tracks[track].ticks;
-            let way = self.dynamics.roll_out(&unknowns.raw, &before.state, ticks[first] - ticks[before.first] + 1);
+            let begin = ticks[before.first];
+            let way = self.dynamics.roll_out(&unknowns.raw, &before.state, begin, ticks[first] - begin + 1);
             let led_to = Piece { track, first, frames, state: way[way.len() - before.state.len()..].to_vec() };
             let afresh = Piece { state: self.guessed(&led_to), ..led_to.clone() };
             // Over so long a way a state that was good for a short one may lead to infinity.
@@ -268,7 +269,7 @@ impl<'a> Problem<'a> {
         let ticks = &self.tracks[piece.track].ticks[piece.first..piece.first + piece.frames];
         let begin = self.begin(piece);
         let last = ticks.last().map_or(0, |last| last - begin);
-        let positions = self.dynamics.positions(raw, state, last + 1);
+        let positions = self.dynamics.positions(raw, state, begin, last + 1);
         let coordinates = self.dynamics.coordinates();
         let at = |tick: usize, coordinate: usize| {
             positions[coordinates * (tick - begin) + coordinate] + self.dynamics.drifted(raw, tick, coordinate)

@@ -425,7 +425,7 @@ impl<'a> Subject<'a> {
         let along = swing(&explained.states[0]);
         let Some(frames) = motion::period(&along) else { return Vec::new() };
         let drawn = uncertainty.draws.iter().take(ROLLED_OUT_DRAWS).map(|draw| {
-            let states = explained.dynamics.roll_out(&draw.raw, &draw.states[0], along.len());
+            let states = explained.dynamics.roll_out(&draw.raw, &draw.states[0], 0, along.len());
             let along = swing(&states);
             (
                 motion::period(&along).unwrap_or(f64::NAN) * self.scale.drawn([0, 1], draw) * explained.dynamics.dt,

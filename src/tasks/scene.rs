@@ -339,7 +339,7 @@ impl Scene {
         );
         let acts = self.largest_action() != 0.0 || matches!(self.motion, Motion::Pendulum { .. });
         ensure!(
-            cell.actions == acts,
+            cell.can_be_driven() == acts,
             "the equation {:?} and this motion differ in whether something acts from outside; of an equation with u, \
              scene.push says how much at most",
             cell.name

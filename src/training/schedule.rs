@@ -97,14 +97,6 @@ impl Timetable {
         first.map_or(self.anneal_from, |place| self.anneal_from.min((place + self.ignored) as u64 * validate_every))
     }
 
-    /// Whether the last of these scores is the first one that is good enough.
-    pub fn is_now_good_enough(&self, validations: &[f64]) -> bool {
-        let counted = validations.get(self.ignored..).unwrap_or_default();
-        counted.split_last().is_some_and(|(last, before)| {
-            *last <= self.good_enough && before.iter().all(|score| *score > self.good_enough)
-        })
-    }
-
     /// Steps from where the rates begin to fall to the end.
     fn anneal_steps(&self) -> u64 {
         self.max_steps - self.anneal_from
@@ -187,14 +179,6 @@ mod tests {
         assert_eq!([59, 60].map(|step| timetable.factor(step, &scores)), [1.0, 0.2]);
         // Two of four fell by a tenth and more.
         assert_eq!(timetable.factor(60, &[9.0, 8.0, 4.0, 3.9, 4.1, 3.8, 3.5]), 1.0);
-    }
-
-    #[test]
-    fn a_score_is_good_enough_for_the_first_time_once() {
-        let timetable = Timetable::new(schedule(10, 0.5, 0.1, 2), 200, 1, 1).until(2.0, 1.0);
-        let scores = [0.5, 4.0, 1.5, 0.9];
-        let first = (0..=scores.len()).map(|seen| timetable.is_now_good_enough(&scores[..seen]));
-        assert_eq!(first.collect::<Vec<_>>(), [false, false, false, true, false]);
     }
 
     #[test]

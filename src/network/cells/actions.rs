@@ -1,4 +1,4 @@
-//! What acts on a system from outside, frame by frame.
+//! What acts on a system from outside, frame by frame; or the time, for an equation that names it.
 
 use tch::{Device, Kind, Tensor};
 

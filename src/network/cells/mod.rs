@@ -123,7 +123,7 @@ pub struct CellKind {
     pub coordinates: Coordinates,
     /// Whether it depends on where the walls are.
     pub walls: bool,
-    /// Whether something acts from outside in every frame: the dataset must hold it.
+    /// Whether something acts from outside in every frame, or the equation names the time: the dataset must hold it.
     pub actions: bool,
     /// In the order in which `build` takes them.
     pub parameters: &'static [PhysicalParameter],
@@ -140,6 +140,16 @@ pub enum Build {
 }
 
 impl CellKind {
+    /// Whether what the dataset holds for each frame is its time, and nothing acts.
+    pub fn tells_time(&self) -> bool {
+        matches!(&self.build, Build::Text(equation) if equation.tells_time())
+    }
+
+    /// Whether something acts that may be chosen.
+    pub fn can_be_driven(&self) -> bool {
+        self.actions && !self.tells_time()
+    }
+
     /// The cell with these raw parameters (scalars, one for each of `parameters`): of those that are positive, the
     /// logarithms.
     pub fn cell(&self, raw: &[Tensor], walls: Walls) -> Box<dyn Cell> {

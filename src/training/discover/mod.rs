@@ -40,6 +40,8 @@ const NAMED_FRAMES: usize = 500;
 /// The rates fall early where no more than this share of what moves is undrawn and L_rec has stopped falling, or where no
 /// more than the smaller share is.
 const UNDRAWN: [f64; 2] = [0.02, 0.01];
+/// Where no more than this share is, the equation is fitted for the first time.
+const UNDRAWN_AT_FIRST_FIT: f64 = 0.03;
 /// So many objects are learned in the config's number of steps; twice as many need twice the steps.
 const FEW_OBJECTS: usize = 3;
 /// Frames in one validation batch.
@@ -146,6 +148,8 @@ impl Phase for Discover {
 struct Discovery<'a> {
     config: &'a Discover,
     timetable: Timetable,
+    /// L_rec at which the equation is fitted for the first time.
+    fitted_from: f64,
     train: &'a Clips,
     seed: u64,
     motion: Motion,
@@ -181,10 +185,14 @@ impl<'a> Discovery<'a> {
         let places = valid.random_places(VALIDATION_FRAMES, seed, u64::MAX);
         let validation = valid.frames(&places);
         let timetable = Timetable::new(schedule, config.max_steps, rounds, guided);
-        let [good_enough, good] = drawn_enough(&motion, valid, &places, &validation);
+        // A score of theirs is worse in the few frames in which their order is in doubt than in all others.
+        let [enough, good] = UNDRAWN.map(|share| share / alike as f64);
+        let undrawn = [UNDRAWN_AT_FIRST_FIT, enough, good];
+        let [fitted_from, good_enough, good] = drawn_enough(&motion, valid, &places, &validation, undrawn);
         Ok(Discovery {
             config,
             timetable: timetable.until(good_enough, good),
+            fitted_from,
             train,
             seed,
             motion,
@@ -238,17 +246,23 @@ impl<'a> Discovery<'a> {
     }
 }
 
-/// L_rec on these frames where but the shares [`UNDRAWN`] of what moves are drawn before the median frame, and elsewhere
-/// nothing else.
-fn drawn_enough(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor) -> [f64; 2] {
+/// L_rec on these frames where but these shares of what moves are drawn before the median frame, and elsewhere nothing but
+/// what is best in all frames.
+fn drawn_enough(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor, undrawn: [f64; 3]) -> [f64; 3] {
     let _guard = tch::no_grad_guard();
-    let moves = motion.of(clips, places, frames).share.gt(0.5).unsqueeze(1);
-    let error = (frames - &motion.median).square();
+    let moves = motion.of(clips, places, frames).share.gt(0.5).unsqueeze(1).expand_as(frames);
     let sum = |x: Tensor| x.sum(Kind::Double).double_value(&[]);
-    let (moving, count) = (sum(&error * &moves), sum(moves.expand_as(&error)));
-    let all = error.numel() as f64;
-    let still = (sum(error) - moving) / (all - count).max(1.0) * all;
-    UNDRAWN.map(|share| (still + share * moving) / places.len() as f64)
+    let moving = sum((frames - &motion.median).square() * &moves);
+    let rests = moves.logical_not();
+    let resting = rests.sum_dim_intlist([0i64].as_slice(), false, Kind::Float);
+    let best = (frames * &rests).sum_dim_intlist([0i64].as_slice(), false, None) / resting.clamp_min(1.0);
+    let still = sum((frames - best).square() * &rests) / sum(resting).max(1.0) * frames.numel() as f64;
+    undrawn.map(|share| (still + share * moving) / places.len() as f64)
+}
+
+/// Whether the last of these scores is the first one that is no larger than a limit.
+fn first_below(scores: &[f64], limit: f64) -> bool {
+    scores.split_last().is_some_and(|(last, before)| *last <= limit && before.iter().all(|score| *score > limit))
 }
 
 impl Discovery<'_> {
@@ -316,7 +330,8 @@ impl Objective for Discovery<'_> {
     /// The first fit of the equation. The networks go on without it; it is the answer until `identify` has a better one.
     fn after_validation(&mut self, model: &PhysicsNet, validations: &[f64]) -> Result<Option<String>> {
         let clips = self.config.first_fit.min(self.train.len());
-        if clips == 0 || model.learned().next().is_none() || !self.timetable.is_now_good_enough(validations) {
+        let drawn = first_below(validations, self.fitted_from);
+        if clips == 0 || model.learned().next().is_none() || !drawn {
             return Ok(None);
         }
         let explanation = identify::first_fit(model, self.train, &self.motion, clips)?;
@@ -342,5 +357,17 @@ impl Objective for Discovery<'_> {
         }
         let score = mean.value();
         Ok(Validated { score, recons_loss: Some(score), pred_loss: None, extrap_loss: None })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::first_below;
+
+    #[test]
+    fn a_score_is_good_enough_for_the_first_time_once() {
+        let scores = [4.0, 3.5, 1.5, 2.5, 0.9];
+        let first = (0..=scores.len()).map(|seen| first_below(&scores[..seen], 2.0));
+        assert_eq!(first.collect::<Vec<_>>(), [false, false, false, true, false, false]);
     }
 }

@@ -178,6 +178,7 @@ impl<'a> Compiler<'a> {
             "q" => self.state(true, Whose::Other, at, view),
             "w" => self.state(false, Whose::Other, at, view),
             "u" => self.graph.given(Given::Action, false, Unit::Any, at),
+            "t" => self.graph.given(Given::Time, false, Unit::Of([0.0, 1.0]), at),
             "other" => Err(Complaint::new(at, "the other object's parameter is written other.name")),
             _ => match of_object(name) {
                 Some((letter, number)) => self.numbered(letter, number, at),
@@ -304,7 +305,7 @@ impl<'a> Compiler<'a> {
         if view.other != Other::Nobody {
             names.extend(["q", "w"]);
         }
-        names.push("u");
+        names.extend(["u", "t"]);
         names.extend(self.definitions.keys().map(String::as_str));
         names.extend(self.parameters.each.keys().map(String::as_str));
         names.extend(self.parameters.all.iter().map(|declared| declared.name.as_str()));

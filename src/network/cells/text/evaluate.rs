@@ -24,11 +24,14 @@ pub(super) struct Constants {
     values: Vec<Option<Value>>,
 }
 
-/// A state, each of `[batch, objects, coordinates]`, and what acts, `[batch, 1, 1]`.
+/// A state, each of `[batch, objects, coordinates]`.
 pub(super) struct Instant<'a> {
     pub pos: &'a Tensor,
     pub vel: &'a Tensor,
-    pub action: Option<&'a Tensor>,
+    /// What the dataset holds for the frame, `[batch, 1, 1]`: what acts, or its time.
+    pub held: Option<&'a Tensor>,
+    /// Time since the frame.
+    pub since: f64,
 }
 
 /// Values of nodes while they are computed.
@@ -44,10 +47,26 @@ impl Values<'_> {
     }
 }
 
+impl Constants {
+    /// The number 0, `[1, 1]`.
+    pub(super) fn zero(&self) -> Tensor {
+        Tensor::zeros([1, 1], self.options)
+    }
+}
+
 impl Program {
     /// Whether anything acts from outside.
     pub(super) fn acts(&self) -> bool {
-        self.graph.nodes.iter().any(|node| node.operation == Operation::Given(Given::Action))
+        self.names(Given::Action)
+    }
+
+    /// Whether the time is in it.
+    pub(super) fn tells_time(&self) -> bool {
+        self.names(Given::Time)
+    }
+
+    fn names(&self, given: Given) -> bool {
+        self.graph.nodes.iter().any(|node| node.operation == Operation::Given(given))
     }
 
     /// What depends on the parameters alone, each of them `[1]`.
@@ -109,6 +128,7 @@ impl Program {
             let (batch, objects, coordinates) = x.size3().expect("[batch, objects, coordinates]");
             x.index_select(1, &constants.others).reshape([batch, objects, objects - 1, coordinates])
         };
+        let held = || at.held.map_or_else(|| Tensor::zeros([1, 1, 1], constants.options), Tensor::shallow_clone);
         match given {
             Given::Positions => at.pos.shallow_clone(),
             Given::Velocities => at.vel.shallow_clone(),
@@ -116,7 +136,8 @@ impl Program {
             Given::VelocityOf(object) => at.vel.narrow(1, object as i64, 1),
             Given::PositionsOfOthers => of_others(at.pos),
             Given::VelocitiesOfOthers => of_others(at.vel),
-            _ => at.action.map_or_else(|| Tensor::zeros([1, 1, 1], constants.options), Tensor::shallow_clone),
+            Given::Time => held() + at.since,
+            _ => held(),
         }
     }
 }

@@ -37,6 +37,8 @@ pub(super) enum Given {
     VelocitiesOfOthers,
     /// What acts from outside, `[batch, 1, 1]`.
     Action,
+    /// The time, `[batch, 1, 1]`.
+    Time,
 }
 
 impl Given {

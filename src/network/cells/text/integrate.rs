@@ -64,8 +64,14 @@ impl Cell for TextCell {
         let run = self.begin(initial);
         let mut grid = self.grid(initial);
         let mut states = Vec::with_capacity(frames);
+        let mut held = None;
         for frame in 0..frames {
-            grid = run.frame(grid, actions.at(frame).as_ref(), dt);
+            held = match actions.at(frame) {
+                // The clock goes on where the dataset ends; without one it begins at 0.
+                None if self.equation.program.tells_time() => Some(held.map_or_else(|| run.zero(), |time| time + dt)),
+                known => known,
+            };
+            grid = run.frame(grid, held.as_ref(), dt);
             states.push(grid.state());
         }
         states
@@ -86,42 +92,49 @@ impl Grid {
 }
 
 impl Run<'_> {
-    fn frame(&self, grid: Grid, action: Option<&Tensor>, dt: f64) -> Grid {
+    fn frame(&self, grid: Grid, held: Option<&Tensor>, dt: f64) -> Grid {
         let substeps = self.cell.equation.table.substeps;
-        self.go_on(grid, action, dt / substeps as f64, substeps)
+        self.go_on(grid, held, dt / substeps as f64, substeps)
     }
 
-    fn go_on(&self, mut grid: Grid, action: Option<&Tensor>, h: f64, substeps: usize) -> Grid {
-        let action = action.map(|action| action.unsqueeze(-1));
-        for _ in 0..substeps {
-            grid = self.turned_back(self.moved(&grid, action.as_ref(), h), h);
+    /// The time at which a clock begins, `[1, 1]`.
+    fn zero(&self) -> Tensor {
+        self.constants.zero()
+    }
+
+    fn go_on(&self, mut grid: Grid, held: Option<&Tensor>, h: f64, substeps: usize) -> Grid {
+        let held = held.map(|held| held.unsqueeze(-1));
+        for substep in 0..substeps {
+            grid = self.turned_back(self.moved(&grid, held.as_ref(), substep as f64 * h, h), h);
         }
         grid
     }
 
-    fn moved(&self, Grid { pos, vel }: &Grid, action: Option<&Tensor>, h: f64) -> Grid {
-        let acceleration = |pos: &Tensor, vel: &Tensor| {
-            self.cell.equation.program.acceleration(&self.constants, &Instant { pos, vel, action })
+    /// A step of `h`; `begin` is the time since the frame.
+    fn moved(&self, Grid { pos, vel }: &Grid, held: Option<&Tensor>, begin: f64, h: f64) -> Grid {
+        let acceleration = |pos: &Tensor, vel: &Tensor, by: f64| {
+            let at = Instant { pos, vel, held, since: begin + by };
+            self.cell.equation.program.acceleration(&self.constants, &at)
         };
         match self.cell.equation.table.integrator {
             Integrator::Euler => {
-                let vel = vel + acceleration(pos, vel) * h;
+                let vel = vel + acceleration(pos, vel, 0.0) * h;
                 Grid { pos: pos + &vel * h, vel }
             }
             Integrator::Verlet => {
-                let first = acceleration(pos, vel);
+                let first = acceleration(pos, vel, 0.0);
                 let full = vel + &first * h;
                 let pos = pos + vel * h + &first * (0.5 * h * h);
-                let second = acceleration(&pos, &full);
+                let second = acceleration(&pos, &full, h);
                 Grid { vel: vel + (first + second) * (0.5 * h), pos }
             }
             Integrator::Rk4 => {
                 let slope = |dp: &Tensor, dv: &Tensor, by: f64| {
                     let (pos, vel) = (pos + dp * by, vel + dv * by);
-                    let acceleration = acceleration(&pos, &vel);
+                    let acceleration = acceleration(&pos, &vel, by);
                     (vel, acceleration)
                 };
-                let (p1, v1) = (vel.shallow_clone(), acceleration(pos, vel));
+                let (p1, v1) = (vel.shallow_clone(), acceleration(pos, vel, 0.0));
                 let (p2, v2) = slope(&p1, &v1, 0.5 * h);
                 let (p3, v3) = slope(&p2, &v2, 0.5 * h);
                 let (p4, v4) = slope(&p3, &v3, h);

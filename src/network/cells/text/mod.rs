@@ -79,7 +79,7 @@ pub fn kind(table: &EquationTable, objects: usize) -> Result<&'static CellKind> 
         objects: Some(objects),
         coordinates: table.state,
         walls: table.walls,
-        actions: equation.program.acts(),
+        actions: equation.program.acts() || equation.program.tells_time(),
         parameters: equation.parameters,
         build: Build::Text(equation),
     };
@@ -107,6 +107,11 @@ impl Equation {
     /// The table it was read from.
     pub fn table(&self) -> &EquationTable {
         &self.table
+    }
+
+    /// Whether it names the time.
+    pub(super) fn tells_time(&self) -> bool {
+        self.program.tells_time()
     }
 
     /// The cell with these raw parameters (scalars, one for each).
@@ -158,6 +163,10 @@ impl Equation {
             bail!("where: no acceleration names {unused}; use it, or take it out");
         }
         let program = Program { graph: compiler.graph, accelerations, objects };
+        ensure!(
+            !(program.acts() && program.tells_time()),
+            "the equation names both u and t, and a dataset holds one number for each frame: what acts, or its time"
+        );
         Ok(Equation { table: table.clone(), parameters: parameters.physical(), program, restitution })
     }
 }

@@ -36,10 +36,10 @@ fn of_one_object(graph: &Graph) -> bool {
 }
 
 impl PlainText {
-    /// None for an equation of several objects.
+    /// None for an equation of several objects, or with the time in it.
     pub fn new(equation: &'static Equation, parameters: Vec<f32>, walls: Walls) -> Option<Self> {
         let program = &equation.program;
-        let alone = program.objects == 1 && of_one_object(&program.graph);
+        let alone = program.objects == 1 && of_one_object(&program.graph) && !program.tells_time();
         let values = program.graph.nodes.iter().map(|_| Columns::default()).collect();
         alone.then(|| PlainText { equation, parameters, walls, values, stages: Default::default() })
     }

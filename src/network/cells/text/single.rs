@@ -40,20 +40,21 @@ impl SingleEquation {
         let (numbers, parameters) = (vec![0.0; size], parameters.to_vec());
         let mut single = SingleEquation { equation, steps, numbers, parameters, walls };
         let nothing = vec![0.0; objects * coordinates];
-        single.compute(false, &nothing, &nothing);
+        single.compute(false, &nothing, &nothing, 0.0);
         single
     }
 
-    /// States of `frames` frames, each positions and then velocities of all objects, the initial one first. Nothing acts
-    /// from outside.
-    pub fn roll_out(&mut self, initial: &[f64], dt: f64, frames: usize) -> Vec<f64> {
+    /// States of `frames` frames, each positions and then velocities of all objects, the initial one first, at the time
+    /// `begin`. Nothing acts from outside.
+    pub fn roll_out(&mut self, initial: &[f64], begin: f64, dt: f64, frames: usize) -> Vec<f64> {
         let (substeps, half) = (self.equation.table.substeps, initial.len() / 2);
         let (mut pos, mut vel) = (initial[..half].to_vec(), initial[half..].to_vec());
         let mut states = Vec::with_capacity(frames * initial.len());
         for frame in 0..frames {
             if frame > 0 {
-                for _ in 0..substeps {
-                    self.advance(&mut pos, &mut vel, dt / substeps as f64);
+                for substep in 0..substeps {
+                    let passed = (frame - 1) as f64 + substep as f64 / substeps as f64;
+                    self.advance(&mut pos, &mut vel, begin + passed * dt, dt / substeps as f64);
                 }
             }
             states.extend(pos.iter().chain(&vel));
@@ -61,28 +62,28 @@ impl SingleEquation {
         states
     }
 
-    fn advance(&mut self, pos: &mut [f64], vel: &mut [f64], h: f64) {
+    fn advance(&mut self, pos: &mut [f64], vel: &mut [f64], time: f64, h: f64) {
         match self.equation.table.integrator {
             Integrator::Euler => {
-                add(vel, &self.acceleration(pos, vel), h);
+                add(vel, &self.acceleration(pos, vel, time), h);
                 add(pos, vel, h);
             }
             Integrator::Verlet => {
-                let first = self.acceleration(pos, vel);
+                let first = self.acceleration(pos, vel, time);
                 let mut full = vel.to_vec();
                 add(&mut full, &first, h);
                 add(pos, vel, h);
                 add(pos, &first, 0.5 * h * h);
-                let second = self.acceleration(pos, &full);
+                let second = self.acceleration(pos, &full, time + h);
                 add(vel, &first, 0.5 * h);
                 add(vel, &second, 0.5 * h);
             }
-            Integrator::Rk4 => self.runge_kutta(pos, vel, h),
+            Integrator::Rk4 => self.runge_kutta(pos, vel, time, h),
         }
         self.turn_back(pos, vel);
     }
 
-    fn runge_kutta(&mut self, pos: &mut [f64], vel: &mut [f64], h: f64) {
+    fn runge_kutta(&mut self, pos: &mut [f64], vel: &mut [f64], time: f64, h: f64) {
         let mut slopes: [(Vec<f64>, Vec<f64>); 4] = Default::default();
         for (stage, by) in [0.0, 0.5 * h, 0.5 * h, h].into_iter().enumerate() {
             let (mut at, mut speed) = (pos.to_vec(), vel.to_vec());
@@ -91,7 +92,7 @@ impl SingleEquation {
                 add(&mut at, dp, by);
                 add(&mut speed, dv, by);
             }
-            let acceleration = self.acceleration(&at, &speed);
+            let acceleration = self.acceleration(&at, &speed, time + by);
             slopes[stage] = (speed, acceleration);
         }
         for ((dp, dv), weight) in slopes.iter().zip([1.0, 2.0, 2.0, 1.0]) {
@@ -121,8 +122,8 @@ impl SingleEquation {
     }
 
     /// Of all objects.
-    fn acceleration(&mut self, pos: &[f64], vel: &[f64]) -> Vec<f64> {
-        self.compute(true, pos, vel);
+    fn acceleration(&mut self, pos: &[f64], vel: &[f64], time: f64) -> Vec<f64> {
+        self.compute(true, pos, vel, time);
         let coordinates = self.equation.table.state.per_object();
         let places = &self.equation.program.accelerations;
         let mut accelerations = Vec::with_capacity(pos.len());
@@ -136,9 +137,9 @@ impl SingleEquation {
     }
 
     /// Computes the nodes that change with the state, or those that do not.
-    fn compute(&mut self, moving: bool, pos: &[f64], vel: &[f64]) {
+    fn compute(&mut self, moving: bool, pos: &[f64], vel: &[f64], time: f64) {
         let SingleEquation { equation, steps, numbers, parameters, .. } = self;
-        let outside = Outside { coordinates: equation.table.state.per_object(), parameters, pos, vel };
+        let outside = Outside { coordinates: equation.table.state.per_object(), parameters, pos, vel, time };
         for step in steps.iter().filter(|step| step.moves == moving) {
             let [objects, others, parts] = step.shape;
             let (before, own) = numbers.split_at_mut(step.at);
@@ -176,6 +177,7 @@ struct Outside<'a> {
     parameters: &'a [f64],
     pos: &'a [f64],
     vel: &'a [f64],
+    time: f64,
 }
 
 impl Outside<'_> {
@@ -193,6 +195,7 @@ impl Outside<'_> {
             Given::PositionsOfOthers => pos[named * coordinates + part],
             Given::VelocitiesOfOthers => vel[named * coordinates + part],
             Given::Action => 0.0,
+            Given::Time => self.time,
         }
     }
 }
@@ -212,7 +215,7 @@ fn laid_out(graph: &Graph, objects: usize, coordinates: usize) -> (Vec<Step>, us
     let (mut steps, mut size) = (Vec::<Step>::new(), 0);
     for node in &graph.nodes {
         let shape = match node.operation {
-            Operation::Number(_) | Operation::Given(Given::Parameter(_) | Given::Action) => [1, 1, 1],
+            Operation::Number(_) | Operation::Given(Given::Parameter(_) | Given::Action | Given::Time) => [1, 1, 1],
             Operation::Given(Given::Parameters(_)) => [objects, 1, 1],
             Operation::Given(Given::ParametersOfOthers(_)) => [objects, objects - 1, 1],
             Operation::Given(Given::Positions | Given::Velocities) => [objects, 1, coordinates],

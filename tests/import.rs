@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use image::codecs::gif::GifEncoder;
 use image::{Delay, Frame, Rgb, RgbImage, Rgba, RgbaImage};
-use paig::datasets::files::{ClipShape, DatasetFile};
+use paig::datasets::files::{ClipShape, DatasetFile, Split};
 use paig::import::crop::{CropChoice, Rectangle};
 use paig::import::request::Request;
 use paig::import::sources::Video;
@@ -567,4 +567,32 @@ fn an_equation_as_text_stands_in_the_new_task() {
     let task = tasks::find(made.task_file.to_str().unwrap()).unwrap();
     assert_eq!(task.system.cell, drag.cell);
     assert_eq!((task.system.dt, task.system.side), (0.1, 32));
+}
+
+/// An equation that names the time is told when each frame of a clip was filmed, counted from its take's first frame.
+#[test]
+fn clips_know_their_time_where_the_equation_names_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (video, out) = (pictures(folder.path(), (0..200).map(levelled)), folder.path().join("out"));
+    let gallery = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/gallery/driven_pendulum.toml");
+    let equation = SystemTable::from(&tasks::find(gallery.to_str().unwrap()).unwrap().system).equation;
+    let takes = [(3, 103), (110, 200)];
+    let parts = takes.map(|(first, end)| Part::Frames(first, Some(end))).to_vec();
+    let asked = request(&[&video], &out);
+    let made = imported(&Request { fps: Some(25.0), step: 2, crop: CropChoice::Full, equation, parts, ..asked });
+    let task = tasks::find(made.task_file.to_str().unwrap()).unwrap();
+    let train = DatasetFile::read(&out.join("train.npz"), &ClipShape::training(&task)).unwrap();
+    let test = DatasetFile::read(&out.join("test.npz"), &ClipShape::test(&task)).unwrap();
+    let mut clips = 0;
+    for (file, split) in [(&train, Split::Train), (&train, Split::Valid), (&test, Split::Test)] {
+        for (clip, times) in numbers(file.split(split)).iter().zip(file.actions(split).unwrap().outer_iter()) {
+            let (first, _) = takes.into_iter().find(|(first, end)| (*first..*end).contains(&clip[0])).unwrap();
+            let expected: Vec<_> = clip.iter().map(|number| ((number - first) as f64 / 25.0) as f32).collect();
+            for (time, expected) in times.iter().zip(&expected) {
+                assert!((time - expected).abs() < 1e-5, "{times} of frames {clip:?}");
+            }
+            clips += 1;
+        }
+    }
+    assert_eq!(clips, made.clips.iter().sum::<usize>());
 }

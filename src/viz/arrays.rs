@@ -43,7 +43,7 @@ pub fn write_predictions(path: &Path, clips: &Tensor, predictions: &Tensor) -> R
 pub(super) fn write_extra_outputs(path: &Path, model: &PhysicsNet, test: &Clips) -> Result<()> {
     let clips: Vec<i64> = (0..test.len().min(LAYERS_OF) as i64).collect();
     let frames = test.batch(&clips, model.system.input_steps + model.system.pred_steps);
-    let encoding = model.encoder.forward(&frames.flatten(0, 1));
+    let encoding = model.look(&frames.flatten(0, 1));
     let rendering = model.decoder.forward(&model.coordinates(&encoding));
     let mut arrays = vec![
         ("enc_masks", channels_last(&encoding.masks)),

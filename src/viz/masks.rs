@@ -21,7 +21,7 @@ const GROUP_GAP: u32 = 14;
 pub(super) fn write(path: &Path, model: &PhysicsNet, test: &Clips) -> Result<()> {
     let clips: Vec<i64> = (0..test.len().min(FRAMES) as i64).collect();
     let frames = test.batch(&clips, 1).select(1, 0);
-    let encoding = model.encoder.forward(&frames);
+    let encoding = model.look(&frames);
     let objects = model.system.objects;
     let mask = |place: usize| encoding.masks.narrow(1, place as i64, 1);
     let mut columns: Vec<(String, Tensor)> = vec![("frame".into(), frames.shallow_clone())];

@@ -12,6 +12,7 @@ mod encoder;
 pub mod losses;
 pub mod naming;
 pub mod refinement;
+pub mod second_look;
 mod velocity;
 
 use std::collections::BTreeMap;
@@ -54,6 +55,9 @@ pub struct ModelOptions {
     /// Within a clip an object's name follows its path where the encoder would call it another's; see [`naming`].
     #[serde(default)]
     pub names_by_continuity: bool,
+    /// Encode frames whose objects look alike twice, where nothing is learned from them; see [`second_look`].
+    #[serde(default)]
+    pub second_look: bool,
     /// Improve the encoded positions of the input frames by this many Gauss-Newton steps of the drawing towards the frame;
     /// see [`alignment`].
     #[serde(default)]
@@ -80,6 +84,7 @@ impl ModelOptions {
             centred_velocity_input: false,
             exact_shift: false,
             names_by_continuity: false,
+            second_look: false,
             alignment_steps: 0,
             fixed: BTreeMap::new(),
             refinement_steps: 0,
@@ -316,9 +321,21 @@ impl PhysicsNet {
     /// objects]`, with the encoder's masks.
     pub fn encode(&self, frames: &Tensor) -> (Encoding, Tensor) {
         let (batch, time) = (frames.size()[0], frames.size()[1]);
-        let encoding = self.encoder.forward(&frames.flatten(0, 1));
+        let encoding = self.look(&frames.flatten(0, 1));
         let positions = self.clip_coordinates(&encoding.positions.reshape([batch, time, -1]));
         (encoding, positions)
+    }
+
+    /// What the encoder makes of single frames `[frames, channels, S, S]`; where no gradients are wanted and the options say so,
+    /// after a second look.
+    pub fn look(&self, frames: &Tensor) -> Encoding {
+        let encoding = self.encoder.forward(frames);
+        let learned_from = encoding.positions.requires_grad();
+        let plane = self.system.cell.coordinates == Coordinates::Position;
+        if learned_from || !self.options.second_look || !plane || !self.decoder.has_twins() {
+            return encoding;
+        }
+        second_look::better_drawn(&self.encoder, &self.decoder, frames, encoding)
     }
 
     /// Positions in the frames of clips, `[batch, time, 2 * objects]` (pixels), in the equation's coordinates, `[batch, time,

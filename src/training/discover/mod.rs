@@ -40,8 +40,9 @@ const NAMED_FRAMES: usize = 500;
 /// The rates fall early where no more than this share of what moves is undrawn and L_rec has stopped falling, or where no
 /// more than the smaller share is.
 const UNDRAWN: [f64; 2] = [0.02, 0.01];
-/// Where no more than this share is, the equation is fitted for the first time.
-const UNDRAWN_AT_FIRST_FIT: f64 = 0.03;
+/// Where no more than these shares are for the first time, the equation is fitted: positions are good long before all
+/// details are drawn.
+const UNDRAWN_AT_FIT: [f64; 2] = [0.1, 0.03];
 /// So many objects are learned in the config's number of steps; twice as many need twice the steps.
 const FEW_OBJECTS: usize = 3;
 /// Frames in one validation batch.
@@ -72,8 +73,8 @@ pub struct Discover {
     /// Whether the phase ends with the weights of its best validation; otherwise with its last ones.
     #[serde(default)]
     pub end_at_best: bool,
-    /// Training clips to which the equation is fitted for the first time, as soon as the objects are drawn well enough; with
-    /// 0 not before `identify`.
+    /// Training clips to which the equation is fitted as soon as the objects are drawn well enough for that, and once more
+    /// when they are drawn better; with 0 not before `identify`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub first_fit: usize,
     pub schedule: LrSchedule,
@@ -148,8 +149,8 @@ impl Phase for Discover {
 struct Discovery<'a> {
     config: &'a Discover,
     timetable: Timetable,
-    /// L_rec at which the equation is fitted for the first time.
-    fitted_from: f64,
+    /// L_rec at which the equation is fitted.
+    fitted_at: [f64; 2],
     train: &'a Clips,
     seed: u64,
     motion: Motion,
@@ -175,30 +176,29 @@ impl<'a> Discovery<'a> {
             None
         };
         // Objects that look alike are told by their order in the frame, which is harder to learn: a round for each more, in
-        // steps that are so much smaller. So scores fall slower, and scatter more.
-        let alike = 1 + names.as_ref().map_or(0, Names::alike) as u64;
-        let rounds = alike.max(model.system.objects.div_ceil(FEW_OBJECTS) as u64);
-        let validate_every = alike * alike * config.schedule.validate_every;
+        // steps that are smaller by as many as are in one order. So scores fall slower, and scatter more.
+        let alike = names.as_ref().map_or(0, Names::alike);
+        let group = names.as_ref().map_or(1, Names::largest_group) as u64;
+        let rounds = (1 + alike).max(model.system.objects.div_ceil(FEW_OBJECTS)) as u64;
+        let validate_every = group * group * config.schedule.validate_every;
         let schedule = LrSchedule { validate_every, ..config.schedule.clone() };
         // Scores under the guides say nothing about the plain loss.
         let guided = (rounds * config.guide.zero_from).div_ceil(validate_every) as usize;
         let places = valid.random_places(VALIDATION_FRAMES, seed, u64::MAX);
         let validation = valid.frames(&places);
         let timetable = Timetable::new(schedule, config.max_steps, rounds, guided);
-        // A score of theirs is worse in the few frames in which their order is in doubt than in all others.
-        let [enough, good] = UNDRAWN.map(|share| share / alike as f64);
-        let undrawn = [UNDRAWN_AT_FIRST_FIT, enough, good];
-        let [fitted_from, good_enough, good] = drawn_enough(&motion, valid, &places, &validation, undrawn);
+        let drawn_but = |shares| drawn_but(&motion, valid, &places, &validation, shares);
+        let ([good_enough, good], fitted_at) = (drawn_but(UNDRAWN), drawn_but(UNDRAWN_AT_FIT));
         Ok(Discovery {
             config,
             timetable: timetable.until(good_enough, good),
-            fitted_from,
+            fitted_at,
             train,
             seed,
             motion,
             names,
             rounds,
-            smaller_steps: alike as f64,
+            smaller_steps: group as f64,
             few: model.system.cell.coordinates == Coordinates::Position
                 && train.len() * train.time() < pasting::FEW_FRAMES,
             pixel_centres: model.pixel_centres(),
@@ -248,7 +248,7 @@ impl<'a> Discovery<'a> {
 
 /// L_rec on these frames where but these shares of what moves are drawn before the median frame, and elsewhere nothing but
 /// what is best in all frames.
-fn drawn_enough(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor, undrawn: [f64; 3]) -> [f64; 3] {
+fn drawn_but(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor, undrawn: [f64; 2]) -> [f64; 2] {
     let _guard = tch::no_grad_guard();
     let moves = motion.of(clips, places, frames).share.gt(0.5).unsqueeze(1).expand_as(frames);
     let sum = |x: Tensor| x.sum(Kind::Double).double_value(&[]);
@@ -327,10 +327,10 @@ impl Objective for Discovery<'_> {
         self.config.end_at_best
     }
 
-    /// The first fit of the equation. The networks go on without it; it is the answer until `identify` has a better one.
+    /// An early fit of the equation. The networks go on without it; it is the answer until there is a better one.
     fn after_validation(&mut self, model: &PhysicsNet, validations: &[f64]) -> Result<Option<String>> {
         let clips = self.config.first_fit.min(self.train.len());
-        let drawn = first_below(validations, self.fitted_from);
+        let drawn = self.fitted_at.iter().any(|limit| first_below(validations, *limit));
         if clips == 0 || model.learned().next().is_none() || !drawn {
             return Ok(None);
         }
@@ -349,7 +349,7 @@ impl Objective for Discovery<'_> {
         let _guard = tch::no_grad_guard();
         let mut mean = RunningMean::default();
         for frames in self.validation.split(VALIDATION_BATCH, 0) {
-            let [drawn] = model.decoder.draw([&model.coordinates(&model.encoder.forward(&frames))]);
+            let [drawn] = model.decoder.draw([&model.coordinates(&model.look(&frames))]);
             mean.add(
                 &frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames.unsqueeze(1)),
                 frames.size()[0] as f64,

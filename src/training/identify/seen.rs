@@ -46,7 +46,7 @@ impl Seen {
         for chosen in chosen.chunks(batch) {
             let frames = clips.batch(chosen, clips.time()).flatten(0, 1);
             let places = clips.places(chosen, clips.time());
-            let encoding = model.encoder.forward(&frames);
+            let encoding = model.look(&frames);
             let excess = motion.of(clips, &places, &frames).excess;
             let masses = Masses::of(model, &encoding.masks, &excess);
             let in_all = excess.sum_dim_intlist([1i64, 2].as_slice(), false, None).clamp_min(LEAST_MASS);

@@ -126,6 +126,12 @@ impl Names {
         self.class.iter().enumerate().filter(|(object, class)| object != *class).count()
     }
 
+    /// How many objects look like each other at most; 1 where none do.
+    pub fn largest_group(&self) -> usize {
+        let members = |class: usize| self.class.iter().filter(|&&of| of == class).count();
+        (0..self.class.len()).map(members).max().unwrap_or(1)
+    }
+
     /// The blob of each object in a frame; none where it cannot be told.
     ///
     /// # Errors

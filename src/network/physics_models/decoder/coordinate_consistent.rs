@@ -14,6 +14,9 @@ use crate::network::blocks::{Layers, VariableFromNetwork};
 use crate::network::cells::Coordinates;
 use crate::network::stn;
 
+/// Of what the fainter of two objects draws, the share below which a difference between them is none.
+const TWINS: f64 = 0.1;
+
 /// Added to a template before it is moved and taken off again after, so that outside its window it is -5.
 const OUTSIDE: f64 = 5.0;
 
@@ -86,15 +89,31 @@ impl CoordinateConsistent {
     /// How unlike the objects look: the squared error, summed over a frame, of drawing each in the place of each other before
     /// the background's mean colour.
     pub fn unlike(&self) -> Vec<Vec<f64>> {
+        let (drawn, area) = self.looks();
+        let error = |a: i64, b: i64| squared_norm(&(drawn.get(a) - drawn.get(b))) * area;
+        (0..self.objects).map(|a| (0..self.objects).map(|b| error(a, b)).collect()).collect()
+    }
+
+    /// Whether two objects look alike: the one in the place of the other is an error that is small beside drawing neither.
+    pub fn has_twins(&self) -> bool {
+        let (drawn, _) = self.looks();
+        let twins = |a: i64, b: i64| {
+            let drawn = [a, b].map(|object| drawn.get(object));
+            let least = drawn.each_ref().map(squared_norm).into_iter().fold(f64::INFINITY, f64::min);
+            squared_norm(&(&drawn[0] - &drawn[1])) < TWINS * least
+        };
+        (0..self.objects).any(|b| (0..b).any(|a| twins(a, b)))
+    }
+
+    /// What each object adds to the background's mean colour, `[objects, channels, S/2, S/2]`, and how many pixels of a frame
+    /// one of a template covers.
+    fn looks(&self) -> (Tensor, f64) {
         let _guard = tch::no_grad_guard();
         let sprites = self.sprites();
         let visible = (sprites.template - BACKGROUND_LOGIT).sigmoid();
         let behind = sprites.background.mean_dim([2i64, 3].as_slice(), true, None);
         let drawn = &visible * (sprites.contents.sigmoid() - behind);
-        // A pixel of a template covers so many of a frame.
-        let area = (2.0 / self.log_sigma.double_value(&[]).exp()).powi(2);
-        let error = |a: i64, b: i64| (drawn.get(a) - drawn.get(b)).square().sum(Kind::Double).double_value(&[]) * area;
-        (0..self.objects).map(|a| (0..self.objects).map(|b| error(a, b)).collect()).collect()
+        (drawn, (2.0 / self.log_sigma.double_value(&[]).exp()).powi(2))
     }
 
     /// Begins the background at these logits, `[channels, S, S]`, its network's kernel scaled by `kernel`.
@@ -254,4 +273,8 @@ impl CoordinateConsistent {
             side,
         ])
     }
+}
+
+fn squared_norm(x: &Tensor) -> f64 {
+    x.square().sum(Kind::Double).double_value(&[])
 }

@@ -116,6 +116,11 @@ impl Decoder {
         self.with_sprites().map(CoordinateConsistent::unlike)
     }
 
+    /// Whether two objects look alike.
+    pub fn has_twins(&self) -> bool {
+        self.with_sprites().is_some_and(CoordinateConsistent::has_twins)
+    }
+
     /// Begins the background at these logits, `[channels, S, S]`, its network's kernel scaled by `kernel`.
     pub fn start_background(&self, logits: &Tensor, kernel: f64) {
         match &self.0 {

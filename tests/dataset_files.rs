@@ -231,6 +231,31 @@ fn clips_are_served_with_their_actions() {
     assert!(Clips::new(&frames, None, Device::Cpu).actions(&[0]).at(2).is_none());
 }
 
+/// A dark square wanders over a bright ground, whose light changes by up to a fifth from frame to frame, or not at all.
+#[test]
+fn flickering_light_is_divided_out() {
+    let light = |clip: usize, frame: usize| [1.0, 0.85, 1.1, 0.95, 1.2][(3 * clip + 2 * frame) % 5];
+    let film = |flickers: bool, ground: f64| {
+        Array::from_shape_fn((6, 5, 16, 16, 3), |(clip, frame, y, x, _)| {
+            let square = (2 * frame..2 * frame + 4).contains(&x) && (clip..clip + 4).contains(&y);
+            let level = if square { 0.2 * ground } else { ground };
+            (level * if flickers { light(clip, frame) } else { 1.0 }).round() as u8
+        })
+    };
+    let [flickering, steady, dark] = [(true, 150.0), (false, 150.0), (true, 40.0)]
+        .map(|(flickers, ground)| Clips::new(&film(flickers, ground), None, Device::Cpu));
+    assert_eq!([&flickering, &steady, &dark].map(|clips| clips.flickers()), [true, false, false]);
+    let off = (flickering.batch(&[4, 1], 5) - steady.batch(&[4, 1], 5)).abs().max().double_value(&[]);
+    // Half a level, rounded before and after, and the light of the median frame, which is one of five.
+    assert!(off < 0.11, "{off}");
+    // All frames are in one light, whichever that is, and single frames in the same as those of clips.
+    let frames = flickering.batch(&[4, 1], 5).flatten(0, 1);
+    let ground = frames.select(1, 0).select(1, 15).select(1, 15);
+    let spread = (ground.max() - ground.min()).double_value(&[]);
+    assert!(spread < 2.0 / 255.0, "{spread}");
+    assert!(frames.equal(&flickering.frames(&flickering.places(&[4, 1], 5))));
+}
+
 /// Frames that stay on the disk are served as those in memory are.
 #[test]
 fn a_dataset_larger_than_the_memory_is_read_from_the_disk() {

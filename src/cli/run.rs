@@ -258,6 +258,9 @@ impl TrainingData {
         let clips = |split| training.clips(split, device);
         let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
         config.check_clips(&data.train)?;
+        if data.train.flickers() {
+            say!("note: the light flickers from frame to frame; each frame is divided by its own");
+        }
         Ok(data)
     }
 }

@@ -10,6 +10,7 @@ use rand::seq::SliceRandom;
 use tch::kind::Element;
 use tch::{Device, Kind, Tensor};
 
+use super::light::Light;
 use super::unpacked::UnpackedFrames;
 use crate::network::cells::Actions;
 use crate::support::random::named_generator;
@@ -28,19 +29,65 @@ pub struct Clips {
     pixels: Pixels,
     /// float32 `[clips, time]`.
     actions: Option<Tensor>,
+    /// What each frame is divided by, float32 `[clips * time]`, where the light flickers.
+    light: Option<Tensor>,
 }
+
+/// Frames by which it is decided whether the light flickers, and frames whose light is measured at a time.
+const SAMPLED_FRAMES: usize = 200;
+const MEASURED_FRAMES: i64 = 500;
 
 impl Clips {
     /// Moves frames `[clips, time, S, S, channels]` and what acts from outside, `[clips, time]`, to the device.
     pub fn new(pixels: &Array5<u8>, actions: Option<&Array2<f32>>, device: Device) -> Self {
-        let pixels = Pixels::InMemory(to_device(pixels, device));
-        Clips { pixels, actions: actions.map(|actions| to_device(actions, device)) }
+        Self::steadied(Pixels::InMemory(to_device(pixels, device)), actions, device)
     }
 
     /// The same of frames on the disk, of which each batch is moved to the device.
     pub fn on_disk(frames: UnpackedFrames, actions: Option<&Array2<f32>>, device: Device) -> Self {
-        let pixels = Pixels::OnDisk(frames, device);
-        Clips { pixels, actions: actions.map(|actions| to_device(actions, device)) }
+        Self::steadied(Pixels::OnDisk(frames, device), actions, device)
+    }
+
+    /// In even light.
+    fn steadied(pixels: Pixels, actions: Option<&Array2<f32>>, device: Device) -> Self {
+        let actions = actions.map(|actions| to_device(actions, device));
+        let clips = Clips { pixels, actions, light: None };
+        let light = clips.flickering_light();
+        Clips { light, ..clips }
+    }
+
+    /// The light of each frame by its place, `[clips * time]`, if it flickers.
+    fn flickering_light(&self) -> Option<Tensor> {
+        let (clips, time) = (self.len() as i64, self.time() as i64);
+        if clips == 0 || time < 2 {
+            return None;
+        }
+        let light = Light::shown_by(&self.median_frame(SAMPLED_FRAMES, 0))?;
+        let followed = |place: &i64| (place + 1) % time != 0;
+        let sampled: Vec<_> = self.random_places(SAMPLED_FRAMES, 0, 0).into_iter().filter(followed).collect();
+        let next: Vec<_> = sampled.iter().map(|place| place + 1).collect();
+        if sampled.is_empty() || !light.flickers(&self.frames(&sampled), &self.frames(&next)) {
+            return None;
+        }
+        let parts = (0..clips * time).step_by(MEASURED_FRAMES as usize).map(|first| {
+            let places: Vec<_> = (first..(first + MEASURED_FRAMES).min(clips * time)).collect();
+            light.of(&self.frames(&places))
+        });
+        Some(Tensor::cat(&parts.collect::<Vec<_>>(), 0))
+    }
+
+    /// Whether the light flickers, and frames are divided by it.
+    pub fn flickers(&self) -> bool {
+        self.light.is_some()
+    }
+
+    /// Frames `[.., S, S, channels]`, of these places in the sequence of all frames, in even light.
+    fn in_even_light(&self, frames: Tensor, places: impl FnOnce() -> Vec<i64>) -> Tensor {
+        let Some(light) = &self.light else { return frames };
+        let index = Tensor::from_slice(&places()).to_device(light.device());
+        let size = frames.size();
+        let flat = frames.reshape([-1, size[size.len() - 3], size[size.len() - 2], size[size.len() - 1]]);
+        (flat / light.index_select(0, &index).reshape([-1, 1, 1, 1])).clamp(0.0, 1.0).reshape(size)
     }
 
     /// Number of clips.
@@ -75,7 +122,7 @@ impl Clips {
                 read(stored, &firsts, frames, *device)
             }
         };
-        to_float(&pixels).permute([0, 1, 4, 2, 3])
+        self.in_even_light(to_float(&pixels), || self.places(clips, frames)).permute([0, 1, 4, 2, 3])
     }
 
     /// What acts from outside during these clips, if anything does.
@@ -95,7 +142,7 @@ impl Clips {
             }
             Pixels::OnDisk(stored, device) => read(stored, places, 1, *device).squeeze_dim(1),
         };
-        to_float(&pixels).permute([0, 3, 1, 2])
+        self.in_even_light(to_float(&pixels), || places.to_vec()).permute([0, 3, 1, 2])
     }
 
     /// The places of the first `frames` frames of these clips in the sequence of all frames, clip by clip.

@@ -4,6 +4,7 @@ pub mod dataset;
 pub mod files;
 pub mod film;
 pub mod iterators;
+mod light;
 pub(crate) mod npz;
 mod reader;
 pub mod settings;

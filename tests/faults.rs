@@ -25,9 +25,7 @@ use paig::generators::{DatasetJob, generate};
 use paig::import::crop::CropChoice;
 use paig::import::import;
 use paig::import::request::Request;
-use paig::import::time_base::Part;
 use paig::network::physics_models::PhysicsNet;
-use paig::network::system::EquationEntry;
 use paig::runs::checkpoint::{SavedWeights, Store, find_weights};
 use paig::runs::convert::convert;
 use paig::runs::folder::RunFolder;
@@ -311,29 +309,9 @@ fn an_imported_task_is_whole_or_not_there() {
     npz.add_array("frames", &frames).unwrap();
     npz.finish().unwrap();
     let request = |folder: &Path| Request {
-        videos: vec![video.clone()],
-        out: folder.join("task"),
-        force: false,
-        name: None,
-        parts: vec![Part::All],
-        step: 1,
         fps: Some(30.0),
         crop: CropChoice::Full,
-        side: 32,
-        grey: false,
-        pixels_per_metre: None,
-        scale_percent: 0.0,
-        time_percent: 0.0,
-        origin: None,
-        angle: 0.0,
-        y_up: false,
-        time_unit: "s".into(),
-        equation: EquationEntry::Name("falling".into()),
-        objects: None,
-        input_steps: 4,
-        pred_steps: 6,
-        clip_frames: None,
-        overlap: None,
+        ..Request::of(vec![video.clone()], folder.join("task"))
     };
     let tried = at_every_operation(
         stride(5),

@@ -33,31 +33,8 @@ fn number(frame: &RgbImage) -> usize {
 }
 
 fn request(videos: &[&Path], out: &Path) -> Request {
-    Request {
-        videos: videos.iter().map(|path| path.to_path_buf()).collect(),
-        out: out.into(),
-        force: false,
-        name: None,
-        parts: vec![Part::All],
-        step: 1,
-        fps: None,
-        crop: CropChoice::Auto,
-        side: 32,
-        grey: false,
-        pixels_per_metre: None,
-        scale_percent: 0.0,
-        time_percent: 0.0,
-        origin: None,
-        angle: 0.0,
-        y_up: false,
-        time_unit: "s".into(),
-        equation: EquationEntry::Name("falling".into()),
-        objects: None,
-        input_steps: 3,
-        pred_steps: 3,
-        clip_frames: None,
-        overlap: None,
-    }
+    let videos = videos.iter().map(|path| path.to_path_buf()).collect();
+    Request { input_steps: 3, pred_steps: 3, ..Request::of(videos, out.into()) }
 }
 
 fn imported(request: &Request) -> Imported {

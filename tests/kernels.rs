@@ -147,20 +147,23 @@ fn the_whole_model_is_that_of_libtorch() {
 fn threads_do_not_change_a_bit() {
     let _alone = RANDOM.lock().unwrap_or_else(PoisonError::into_inner);
     tch::manual_seed(6);
-    let (_store, _, layers) = network(32, 3, 2);
-    let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
-    let frames = Tensor::rand([300, 3, 32, 32], (Kind::Float, Device::Cpu));
-    let kernel = UNetKernel::new(Instructions::best(), shape(32, 3, 2));
     let given = tch::get_num_threads();
-    let [once, again] = [1, 3].map(|threads| {
-        tch::set_num_threads(threads);
-        let logits = kernel.forward(&borrowed, &frames);
-        let gradients = gradients(&layers, &logits, &frames.narrow(1, 0, 2));
-        (logits.detach(), gradients)
-    });
+    // Many blocks for a thread, a block for each, and several threads that share one.
+    for (side, frames) in [(32, 300), (48, 40), (64, 5)] {
+        let (_store, _, layers) = network(side, 3, 2);
+        let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
+        let frames = Tensor::rand([frames, 3, side as i64, side as i64], (Kind::Float, Device::Cpu));
+        let kernel = UNetKernel::new(Instructions::best(), shape(side, 3, 2));
+        let [once, again] = [1, 3].map(|threads| {
+            tch::set_num_threads(threads);
+            let logits = kernel.forward(&borrowed, &frames);
+            let gradients = gradients(&layers, &logits, &frames.narrow(1, 0, 2));
+            (logits.detach(), gradients)
+        });
+        assert!(once.0.equal(&again.0), "{side} pixels");
+        assert!(once.1.iter().zip(&again.1).all(|(once, again)| once.equal(again)), "{side} pixels");
+    }
     tch::set_num_threads(given);
-    assert!(once.0.equal(&again.0));
-    assert!(once.1.iter().zip(&again.1).all(|(once, again)| once.equal(again)));
 }
 
 #[test]

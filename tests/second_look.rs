@@ -42,6 +42,9 @@ fn of_two_encodings_the_one_that_draws_a_frame_better_is_taken() {
     let of_second = error(&second);
     let of_chosen = error(&chosen.positions);
     let better = of_first.iter().zip(&of_second).filter(|(first, second)| second < first).count();
+    let firsts = Vec::<i64>::try_from(model.at_first_look(&frames)).unwrap();
+    let not_worse = (0..FRAMES).filter(|frame| of_second[*frame as usize] >= of_first[*frame as usize]);
+    assert_eq!(firsts, not_worse.collect::<Vec<_>>());
     assert!(better > 0 && better < FRAMES as usize, "the second is better in {better}: nothing is tested");
     for frame in 0..FRAMES as usize {
         let least = of_first[frame].min(of_second[frame]);

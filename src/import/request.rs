@@ -50,6 +50,36 @@ pub struct Request {
 }
 
 impl Request {
+    /// These videos into this folder: all frames, what moves cut out in colour, as a ball that falls; the defaults of the
+    /// program `import`.
+    pub fn of(videos: Vec<PathBuf>, out: PathBuf) -> Self {
+        Request {
+            videos,
+            out,
+            force: false,
+            name: None,
+            parts: vec![Part::All],
+            step: 1,
+            fps: None,
+            crop: CropChoice::Auto,
+            side: 32,
+            grey: false,
+            pixels_per_metre: None,
+            scale_percent: 0.0,
+            time_percent: 0.0,
+            origin: None,
+            angle: 0.0,
+            y_up: false,
+            time_unit: "s".into(),
+            equation: EquationEntry::Name("falling".into()),
+            objects: None,
+            input_steps: 4,
+            pred_steps: 6,
+            clip_frames: None,
+            overlap: None,
+        }
+    }
+
     /// Channels of a frame as a model sees it.
     pub fn channels(&self) -> usize {
         if self.grey { 1 } else { 3 }

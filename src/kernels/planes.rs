@@ -78,6 +78,14 @@ pub struct PlanesMut<'a> {
     pub side: usize,
 }
 
+impl<'a> Planes<'a> {
+    /// Some of the channels.
+    pub fn part(&self, first: usize, channels: usize) -> Self {
+        let plane = self.data.len() / self.channels;
+        Planes { data: &self.data[first * plane..(first + channels) * plane], channels, side: self.side }
+    }
+}
+
 impl Planes<'_> {
     /// Floats from one row to the next.
     #[inline(always)]

@@ -23,6 +23,17 @@ fn pool(threads: usize) -> Arc<ThreadPool> {
     }
 }
 
+/// Workers that each of `items` things done in parallel may have, so that no thread is idle.
+pub fn workers_each(items: usize) -> usize {
+    (tch::get_num_threads() as usize / items.max(1)).max(1)
+}
+
+/// `work` of each of `items`, each with a workspace of its own; there are as many of these.
+pub fn side_by_side<W: Send, T: Send>(workspaces: &mut [W], items: Vec<T>, work: impl Fn(&mut W, T) + Sync + Send) {
+    debug_assert!(items.len() <= workspaces.len());
+    in_parallel(workspaces.iter_mut().zip(items).collect(), |(workspace, item)| work(workspace, item));
+}
+
 /// `work` of each of `items`, in their order, on libtorch's number of threads.
 pub fn in_parallel<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync + Send) -> Vec<R> {
     let threads = (tch::get_num_threads() as usize).clamp(1, items.len().max(1));

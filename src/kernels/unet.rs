@@ -11,7 +11,7 @@ use super::lanes::Instructions;
 use super::mix;
 use super::planes::{Picture, Planes, PlanesMut, Workspace};
 use super::resample::{self, Pooled};
-use super::threads::{PARTS, in_parallel};
+use super::threads::{PARTS, in_parallel, workers_each};
 use super::weight_gradient::add_weight_gradient;
 use super::winograd::{self, Finish, Weights};
 
@@ -104,7 +104,8 @@ struct Scratch {
     /// What each level hands up, doubled, by the level that takes it.
     doubled: Vec<Picture>,
     logits: Picture,
-    workspace: Workspace,
+    /// One for each thread that works on the block.
+    workspaces: Vec<Workspace>,
 }
 
 /// Gradients of a block, named as the results are.
@@ -210,7 +211,14 @@ impl Kernel {
 
     fn scratch(&self) -> Scratch {
         let logits = self.picture(self.shape.objects, 0);
-        Scratch { doubled: self.doubled(), logits, workspace: Workspace::default() }
+        Scratch { doubled: self.doubled(), logits, workspaces: Vec::new() }
+    }
+
+    /// Memory for so many threads.
+    fn scratch_for(&self, workers: usize) -> Scratch {
+        let mut scratch = self.memory.scratch.take(|| self.scratch());
+        scratch.workspaces.resize_with(workers, Workspace::default);
+        scratch
     }
 
     fn gradients(&self) -> Gradients {
@@ -259,9 +267,10 @@ impl Kernel {
         let (seen, made) = (self.floats(self.shape.channels), self.floats(self.shape.objects));
         assert_eq!(frames.len() / seen, logits.len() / made, "as many logits as frames");
         let blocks: Vec<_> = frames.chunks(seen * self.lanes()).zip(logits.chunks_mut(made * self.lanes())).collect();
+        let workers = workers_each(blocks.len());
         let blocks = in_parallel(blocks, |(frames, logits)| {
             let mut results = self.memory.activations.take(|| self.activations());
-            let mut scratch = self.memory.scratch.take(|| self.scratch());
+            let mut scratch = self.scratch_for(workers);
             self.forward_block(&network, frames, &mut results, &mut scratch, logits);
             self.memory.scratch.give(scratch);
             if keep {
@@ -293,9 +302,9 @@ impl Kernel {
         let (instructions, shape, layers) = (self.instructions, &self.shape, &network.forward);
         let raised = shape.raised();
         let Activations { inputs, firsts, joined, up_firsts, outputs } = results;
-        let Scratch { doubled, logits: made, workspace } = scratch;
+        let Scratch { doubled, logits: made, workspaces } = scratch;
         let mut convolve = |weights: &Weights, input: Planes, output: PlanesMut, finish: Finish| {
-            winograd::convolve(instructions, weights, input, output, finish, workspace)
+            winograd::convolve(instructions, weights, input, output, finish, workspaces);
         };
         mix::pack(instructions, frames, inputs[0].all_mut());
         for level in shape.levels() {
@@ -334,9 +343,10 @@ impl Pass {
         let parts: Vec<_> = blocks.chunks(blocks.len().div_ceil(PARTS).max(1)).collect();
         let places = kernel.places();
         let numbers = places.last().map_or(0, |place| place.end);
+        let workers = workers_each(parts.len());
         let sums = in_parallel(parts, |part| {
             let mut gradients = kernel.memory.gradients.take(|| kernel.gradients());
-            let mut scratch = kernel.memory.scratch.take(|| kernel.scratch());
+            let mut scratch = kernel.scratch_for(workers);
             gradients.sums.fill(0.0);
             for (results, logits) in part {
                 self.backward_block(results, logits, &mut gradients, &mut scratch, &places);
@@ -369,8 +379,8 @@ impl Pass {
         let (instructions, shape) = (self.kernel.instructions, &self.kernel.shape);
         let raised = shape.raised();
         let Activations { inputs, firsts, joined, up_firsts, outputs } = results;
-        let Scratch { doubled, workspace, .. } = scratch;
-        let operations = &mut Operations { instructions, places, sums: &mut gradients.sums, workspace };
+        let Scratch { doubled, workspaces, .. } = scratch;
+        let operations = &mut Operations { instructions, places, sums: &mut gradients.sums, workspaces };
         let back = |layer: usize| self.network.backward[layer].as_ref().expect("only the first layer has none");
 
         mix::pack(instructions, logits, gradients.logits.all_mut());
@@ -425,19 +435,19 @@ struct Operations<'a> {
     instructions: Instructions,
     places: &'a [Range<usize>],
     sums: &'a mut [f32],
-    workspace: &'a mut Workspace,
+    workspaces: &'a mut [Workspace],
 }
 
 impl Operations<'_> {
     fn convolve(&mut self, weights: &Weights, input: Planes, output: PlanesMut, finish: Finish) {
-        winograd::convolve(self.instructions, weights, input, output, finish, self.workspace);
+        winograd::convolve(self.instructions, weights, input, output, finish, self.workspaces);
     }
 
     /// Adds the gradients of a layer's weights and biases.
     fn add(&mut self, layer: usize, input: Planes, gradient: Planes) {
         let sums = &mut self.sums[self.places[layer].clone()];
         let (weights, biases) = sums.split_at_mut(sums.len() - gradient.channels);
-        add_weight_gradient(self.instructions, input, gradient, weights, self.workspace);
+        add_weight_gradient(self.instructions, input, gradient, weights, self.workspaces);
         mix::add_pixels(self.instructions, gradient, biases);
     }
 

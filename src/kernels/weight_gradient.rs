@@ -1,14 +1,32 @@
 //! The gradients of a 3x3 convolution's weights, on blocks of frames.
 
-use super::lanes::{Lanes, dispatched};
+use super::lanes::{Instructions, Lanes, dispatched};
 use super::planes::{Planes, Workspace};
+use super::threads::side_by_side;
 
 /// Pixels over which a weight's gradient is summed before it goes to memory.
 const STRETCH: usize = 64;
 
+/// Adds the gradient of a convolution's weights, `[outputs, inputs, 3, 3]`, to `sums`, on as many threads as there are
+/// workspaces: each sums for output channels of its own.
+pub fn add_weight_gradient(
+    instructions: Instructions,
+    input: Planes,
+    gradient: Planes,
+    sums: &mut [f32],
+    workspaces: &mut [Workspace],
+) {
+    let each = sums.len() / gradient.channels;
+    let channels = (gradient.channels / instructions.tile()).div_ceil(workspaces.len()) * instructions.tile();
+    let parts = sums.chunks_mut(channels * each).enumerate();
+    let parts = parts.map(|(part, sums)| (gradient.part(part * channels, sums.len() / each), sums));
+    side_by_side(workspaces, parts.collect(), |workspace, (gradient, sums)| {
+        add_some(instructions, input, gradient, sums, workspace);
+    });
+}
+
 dispatched! {
-    /// Adds the gradient of a convolution's weights, `[outputs, inputs, 3, 3]`, to `sums`.
-    fn add_weight_gradient(
+    fn add_some(
         input: Planes,
         gradient: Planes,
         sums: &mut [f32],

@@ -7,8 +7,9 @@
 //! both axes, takes 16 products instead of 18, but writes 4 numbers for each pixel that it reads instead of 1.5, and
 //! writing costs as much as multiplying at few channels.
 
-use super::lanes::{Lanes, dispatched};
+use super::lanes::{Instructions, Lanes, dispatched};
 use super::planes::{Planes, PlanesMut, Workspace};
+use super::threads::side_by_side;
 
 /// Pixels of a tile.
 const PIXELS: usize = 4;
@@ -114,10 +115,56 @@ impl Weights {
     }
 }
 
+/// Those of some output channels.
+#[derive(Debug, Clone, Copy)]
+pub struct SomeWeights<'a> {
+    transformed: &'a [f32],
+    bias: &'a [f32],
+}
+
+impl Weights {
+    fn part(&self, first: usize, channels: usize) -> SomeWeights<'_> {
+        let each = self.transformed.len() / self.bias.len();
+        SomeWeights {
+            transformed: &self.transformed[first * each..(first + channels) * each],
+            bias: &self.bias[first..first + channels],
+        }
+    }
+}
+
+/// `output = finish(weights * input + bias)`, on as many threads as there are workspaces: each computes channels of its own.
+pub fn convolve(
+    instructions: Instructions,
+    weights: &Weights,
+    input: Planes,
+    output: PlanesMut,
+    finish: Finish,
+    workspaces: &mut [Workspace],
+) {
+    let (side, plane) = (output.side, output.data.len() / output.channels);
+    let channels = (output.channels / instructions.tile()).div_ceil(workspaces.len()) * instructions.tile();
+    let parts = output.data.chunks_mut(channels * plane).enumerate().map(|(part, data)| {
+        let (first, channels) = (part * channels, data.len() / plane);
+        (weights.part(first, channels), PlanesMut { data, channels, side }, finish.part(first, channels))
+    });
+    side_by_side(workspaces, parts.collect(), |workspace, (weights, output, finish)| {
+        convolve_some(instructions, weights, input, output, finish, workspace);
+    });
+}
+
+impl Finish<'_> {
+    /// Of some output channels.
+    fn part(&self, first: usize, channels: usize) -> Self {
+        match *self {
+            Finish::WherePositive(gate) => Finish::WherePositive(gate.part(first, channels)),
+            finish => finish,
+        }
+    }
+}
+
 dispatched! {
-    /// `output = finish(weights * input + bias)`.
-    fn convolve(
-        weights: &Weights,
+    fn convolve_some(
+        weights: SomeWeights,
         input: Planes,
         output: PlanesMut,
         finish: Finish,
@@ -127,7 +174,7 @@ dispatched! {
 
 #[inline(always)]
 fn convolve_lanes<L: Lanes>(
-    weights: &Weights,
+    weights: SomeWeights,
     input: Planes,
     output: PlanesMut,
     finish: Finish,
@@ -159,7 +206,7 @@ fn convolve_lanes<L: Lanes>(
 
 /// What a convolution reads and writes.
 struct Layer<'a> {
-    weights: &'a Weights,
+    weights: SomeWeights<'a>,
     input: Planes<'a>,
     finish: Finish<'a>,
     /// Of a row.

@@ -127,7 +127,7 @@ impl Session<'_> {
         let mut outcome = Outcome::Finished;
         while !objective.timetable().finished(self.state.step, &self.state.validations) {
             let step = self.state.step;
-            let loss = objective.loss(self.model, step)?;
+            let loss = objective.loss(self.model, step, &self.state.validations)?;
             let value = loss.total.double_value(&[]);
             if !value.is_finite() {
                 bail!("{phase}: {}", self.not_finite(&loss, &variables));

@@ -110,10 +110,8 @@ impl<'a> Joint<'a> {
     fn new(config: &'a Join, train: &'a Clips, seed: u64) -> Result<Self> {
         let batches = ShuffledBatches::new(train.len(), config.batch, seed)?;
         let timetable = match (config.max_steps, config.epochs) {
-            (Some(steps), _) => Timetable::new(config.schedule.clone(), steps, 1, 0),
-            (None, epochs) => {
-                Timetable::new(config.schedule.clone(), epochs.unwrap_or(0), batches.steps_per_epoch(), 0)
-            }
+            (Some(steps), _) => Timetable::new(config.schedule.clone(), steps, 1),
+            (None, epochs) => Timetable::new(config.schedule.clone(), epochs.unwrap_or(0), batches.steps_per_epoch()),
         };
         Ok(Joint { config, train, batches, timetable })
     }
@@ -141,7 +139,7 @@ impl Objective for Joint<'_> {
         &self.timetable
     }
 
-    fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
+    fn loss(&mut self, model: &PhysicsNet, step: u64, _validations: &[f64]) -> Result<StepLoss> {
         let system = &model.system;
         let chosen = self.batches.clips_of_step(step);
         let clips = self.train.batch(chosen, system.input_steps + system.pred_steps);

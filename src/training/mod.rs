@@ -8,6 +8,7 @@ pub mod base;
 pub mod config;
 pub mod discover;
 pub mod footprint;
+mod guide_clock;
 pub mod identify;
 pub mod join;
 pub mod layers;

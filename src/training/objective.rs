@@ -20,7 +20,7 @@ pub trait Objective {
     /// When rates fall and the phase ends.
     fn timetable(&self) -> &Timetable;
 
-    fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss>;
+    fn loss(&mut self, model: &PhysicsNet, step: u64, validations: &[f64]) -> Result<StepLoss>;
 
     /// The rate of a group of variables before annealing.
     fn learning_rate(&self, group: VariableGroup) -> f64;

@@ -55,7 +55,7 @@ impl Phase for Pretrain {
         let valid = Paths::encoded(model, session.valid, SCORED_CLIPS, batch)?;
         let mut imitation = Imitation {
             config: self,
-            timetable: Timetable::new(self.schedule.clone(), self.max_steps, 1, 0),
+            timetable: Timetable::new(self.schedule.clone(), self.max_steps, 1),
             batches: ShuffledBatches::new(session.train.len(), self.batch, session.seed)?,
             train,
             valid,
@@ -112,7 +112,7 @@ impl Objective for Imitation<'_> {
     }
 
     /// Inputs begin at each frame in turn after which L + T_pred frames are left.
-    fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
+    fn loss(&mut self, model: &PhysicsNet, step: u64, _validations: &[f64]) -> Result<StepLoss> {
         let chosen = Tensor::from_slice(self.batches.clips_of_step(step));
         let chosen = chosen.to_device(self.train.positions.device());
         let of_step =

@@ -5,7 +5,7 @@
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
-use super::ranges::is_zero;
+use super::guide_clock::GuideClock;
 
 /// The keys of a schedule, the same in every phase that descends a loss.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,10 +22,10 @@ pub struct LrSchedule {
     /// and the phase ends as much earlier; 0 switches that off.
     pub plateau: f64,
     pub patience: usize,
-    /// The same happens, however bad the score still is, once it fell by less than half of `plateau` over so many
-    /// validations; 0, here or there, switches that off.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub standstill: usize,
+    /// Whether the phase ends at once, without steps at the divided rates, where the validations so far are all worse than
+    /// the first one that counts.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub end_without_gain: bool,
 }
 
 impl LrSchedule {
@@ -52,8 +52,8 @@ pub struct Timetable {
     max_steps: u64,
     /// The step from which the rates are divided at the latest.
     anneal_from: u64,
-    /// Validations at the start that do not count.
-    ignored: usize,
+    /// Validations under guides do not count.
+    guides: GuideClock,
     /// Scores above this one are not good enough to stop at, however slowly they fall.
     good_enough: f64,
     /// A score as good as this one is, however fast they fall.
@@ -61,16 +61,25 @@ pub struct Timetable {
 }
 
 impl Timetable {
-    /// Over `units` of `steps_per_unit` steps (the original counts epochs, and anneals at the start of a whole one). The
-    /// first `ignored` validations do not enter the criterion.
-    pub fn new(schedule: LrSchedule, units: u64, steps_per_unit: u64, ignored: usize) -> Self {
+    /// Over `units` of `steps_per_unit` steps (the original counts epochs, and anneals at the start of a whole one).
+    pub fn new(schedule: LrSchedule, units: u64, steps_per_unit: u64) -> Self {
         let anneal_from = (schedule.anneal_at * units as f64) as u64 * steps_per_unit;
         let (good_enough, good) = (f64::INFINITY, f64::NEG_INFINITY);
-        Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, ignored, good_enough, good }
+        let guides = GuideClock::NONE;
+        Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, guides, good_enough, good }
     }
 
-    /// The same, in which the rates do not fall early before a score is `good_enough` or stands still, and fall as soon as
-    /// one is `good`.
+    /// The same with guides.
+    pub fn with_guides(self, guides: GuideClock) -> Self {
+        Timetable { guides, ..self }
+    }
+
+    /// The guides' weight at a step.
+    pub fn guides_weight(&self, step: u64, validations: &[f64]) -> f64 {
+        self.guides.weight(step, validations)
+    }
+
+    /// The same, in which the rates do not fall early before a score is `good_enough`, and fall as soon as one is `good`.
     pub fn until(self, good_enough: f64, good: f64) -> Self {
         Timetable { good_enough, good, ..self }
     }
@@ -85,16 +94,16 @@ impl Timetable {
 
     /// The step from which the rates are divided, as far as the scores so far tell.
     fn anneal_start(&self, validations: &[f64]) -> u64 {
-        let LrSchedule { plateau, patience, standstill, validate_every, .. } = self.schedule;
+        let LrSchedule { plateau, patience, validate_every, .. } = self.schedule;
         if plateau == 0.0 {
             return self.anneal_from;
         }
-        let counted = validations.get(self.ignored..).unwrap_or_default();
+        let guided = self.guides.guided(validations);
+        let counted = &validations[guided..];
         let standing = plateau_at(counted, patience, plateau, self.good_enough);
-        let stuck = (standstill > 0).then(|| plateau_at(counted, standstill, plateau / 2.0, f64::INFINITY)).flatten();
         let good = counted.iter().position(|score| *score <= self.good);
-        let first = standing.into_iter().chain(stuck).chain(good).min();
-        first.map_or(self.anneal_from, |place| self.anneal_from.min((place + self.ignored) as u64 * validate_every))
+        let first = standing.into_iter().chain(good).min();
+        first.map_or(self.anneal_from, |place| self.anneal_from.min((place + guided) as u64 * validate_every))
     }
 
     /// Steps from where the rates begin to fall to the end.
@@ -115,9 +124,16 @@ impl Timetable {
         }
     }
 
-    /// Whether as many steps have been taken at the divided rates as there are at the end of the whole timetable.
+    /// Whether as many steps have been taken at the divided rates as there are at the end of the whole timetable, or none are
+    /// worth it.
     pub fn finished(&self, step: u64, validations: &[f64]) -> bool {
-        step >= self.anneal_start(validations) + self.anneal_steps()
+        let from = self.anneal_start(validations);
+        let counted = &validations[self.guides.guided(validations)..];
+        let gained = counted
+            .split_first()
+            .is_none_or(|(first, later)| later.is_empty() || later.iter().any(|score| score < first));
+        let divided_steps = if self.schedule.end_without_gain && !gained { 0 } else { self.anneal_steps() };
+        step >= from + divided_steps
     }
 }
 
@@ -134,9 +150,11 @@ fn plateau_at(validations: &[f64], patience: usize, plateau: f64, good_enough: f
 
 #[cfg(test)]
 mod tests {
-    use super::{LrSchedule, Timetable, plateau_at};
+    use super::{GuideClock, LrSchedule, Timetable, plateau_at};
 
     const ANY: f64 = f64::INFINITY;
+    /// The guides are off before the second validation, at step 10.
+    const FIRST_GUIDED: GuideClock = GuideClock { zero_from: 5, validate_every: 10, ..GuideClock::NONE };
 
     fn schedule(validate_every: u64, anneal_at: f64, plateau: f64, patience: usize) -> LrSchedule {
         LrSchedule {
@@ -146,7 +164,7 @@ mod tests {
             anneal_gradually: false,
             plateau,
             patience,
-            standstill: 0,
+            end_without_gain: false,
         }
     }
 
@@ -170,21 +188,19 @@ mod tests {
     }
 
     #[test]
-    fn a_score_that_stands_still_is_given_up_however_bad_it_is() {
-        let schedule = LrSchedule { standstill: 4, ..schedule(10, 0.5, 0.2, 2) };
-        let timetable = Timetable::new(schedule, 200, 1, 1).until(2.0, 1.0);
-        // After the first, which does not count, five scores within 10 %: the last one is that of step 60.
-        let scores = [9.0, 8.0, 4.0, 3.9, 4.1, 3.8, 3.7];
-        assert_eq!(timetable.factor(60, &scores[..6]), 1.0);
-        assert_eq!([59, 60].map(|step| timetable.factor(step, &scores)), [1.0, 0.2]);
-        // Two of four fell by a tenth and more.
-        assert_eq!(timetable.factor(60, &[9.0, 8.0, 4.0, 3.9, 4.1, 3.8, 3.5]), 1.0);
+    fn steps_that_gain_nothing_are_not_followed_by_smaller_ones() {
+        let schedule = LrSchedule { end_without_gain: true, ..schedule(10, 0.8, 0.2, 1) };
+        let timetable = Timetable::new(schedule, 100, 1);
+        assert!(!timetable.finished(0, &[2.0]) && !timetable.finished(9, &[2.0]));
+        // The plateau is seen at step 10.
+        assert_eq!([2.1, 2.0, 1.9].map(|score| timetable.finished(10, &[2.0, score])), [true, true, false]);
+        assert_eq!([29, 30].map(|step| timetable.finished(step, &[2.0, 1.9, 1.8])), [false, true]);
     }
 
     #[test]
     fn the_original_anneals_at_epoch_three_quarters() {
         let schedule = schedule(250, 0.75, 0.0, 0);
-        let timetable = Timetable::new(schedule, 10, 50, 0);
+        let timetable = Timetable::new(schedule, 10, 50);
         // int(0.75 * 10) = 7 epochs of 50 steps.
         assert_eq!([349, 350].map(|step| timetable.factor(step, &[1.0; 9])), [1.0, 0.2]);
         assert_eq!([499, 500].map(|step| timetable.finished(step, &[1.0; 9])), [false, true]);
@@ -192,7 +208,7 @@ mod tests {
 
     #[test]
     fn a_plateau_brings_annealing_and_end_forward() {
-        let timetable = Timetable::new(schedule(10, 0.5, 0.1, 2), 200, 1, 1);
+        let timetable = Timetable::new(schedule(10, 0.5, 0.1, 2), 200, 1).with_guides(FIRST_GUIDED);
         // The first score does not count; the plateau of the rest is seen at their index 2, validation 3, step 30.
         let scores = [0.1, 4.0, 4.0, 4.0];
         assert_eq!([29, 30].map(|step| timetable.factor(step, &scores)), [1.0, 0.2]);
@@ -202,7 +218,7 @@ mod tests {
     #[test]
     fn rates_fall_little_by_little_from_the_first_good_score_on() {
         let schedule = LrSchedule { anneal_gradually: true, ..schedule(10, 0.5, 0.1, 2) };
-        let timetable = Timetable::new(schedule, 200, 1, 1).until(3.0, 1.0);
+        let timetable = Timetable::new(schedule, 200, 1).with_guides(FIRST_GUIDED).until(3.0, 1.0);
         let falling = [0.5, 4.0, 2.0, 0.9, 0.4];
         // The first score does not count; the fourth, of step 30, is the first that is good. 100 steps to the end.
         for (step, expected) in [(30, 1.0), (80, 0.6), (130, 0.2)] {

@@ -330,12 +330,26 @@ impl PhysicsNet {
     /// after a second look.
     pub fn look(&self, frames: &Tensor) -> Encoding {
         let encoding = self.encoder.forward(frames);
-        let learned_from = encoding.positions.requires_grad();
-        let plane = self.system.cell.coordinates == Coordinates::Position;
-        if learned_from || !self.options.second_look || !plane || !self.decoder.has_twins() {
+        if encoding.positions.requires_grad() || !self.looks_twice() {
             return encoding;
         }
         second_look::better_drawn(&self.encoder, &self.decoder, frames, encoding)
+    }
+
+    fn looks_twice(&self) -> bool {
+        let plane = self.system.cell.coordinates == Coordinates::Position;
+        self.options.second_look && plane && self.decoder.has_twins()
+    }
+
+    /// Which of these frames are encoded as the encoder saw them first, by their places.
+    pub fn at_first_look(&self, frames: &Tensor) -> Tensor {
+        let all = Tensor::arange(frames.size()[0], (Kind::Int64, frames.device()));
+        if !self.looks_twice() {
+            return all;
+        }
+        let _guard = tch::no_grad_guard();
+        let changed = (self.look(frames).positions - self.encoder.forward(frames).positions).abs();
+        all.masked_select(&changed.amax([1], false).eq(0.0))
     }
 
     /// Positions in the frames of clips, `[batch, time, 2 * objects]` (pixels), in the equation's coordinates, `[batch, time,

@@ -27,7 +27,8 @@ pub struct Guide {
     pub balance: f64,
     /// An object's position is at the centroid of its mask.
     pub tie: f64,
-    /// Steps with the guides at full weight, and the step from which they are off.
+    /// Steps with the guides at full weight, and the step from which they are off; both later where the objects are not
+    /// found by then.
     pub full_until: u64,
     pub zero_from: u64,
 }
@@ -57,19 +58,6 @@ const EMPTY: f64 = 1e-3;
 
 /// Keeps the logarithm of a mask finite; far below any mask that still has a gradient.
 const LEAST_MASK: f64 = 1e-30;
-
-/// The weight of all guides at a step: 1, then a half cosine down to 0. They last `rounds` times as long as the config says.
-pub fn fade(guide: &Guide, rounds: u64, step: u64) -> f64 {
-    let (full_until, zero_from) = (rounds * guide.full_until, rounds * guide.zero_from);
-    if step < full_until {
-        1.0
-    } else if step >= zero_from {
-        0.0
-    } else {
-        let share = (step - full_until) as f64 / (zero_from - full_until) as f64;
-        0.5 * (1.0 + (std::f64::consts::PI * share).cos())
-    }
-}
 
 /// The weighted sum of the guides for frames `[frames, channels, S, S]`.
 ///
@@ -220,11 +208,5 @@ mod tests {
         let together = guides(&masks, &at([4.0, 5.0], [12.0, 11.0]), true);
         // 3 px beyond the quadratic part of a smooth L1: 2.5, times the weight.
         assert!((apart - together - 2.5 * 5.0).abs() < 0.5, "{together} {apart}");
-    }
-
-    #[test]
-    fn guides_fade_and_last_longer_where_objects_look_alike() {
-        assert_eq!([9, 15, 20].map(|step| fade(&guide(), 1, step)), [1.0, 0.5, 0.0]);
-        assert_eq!([19, 40].map(|step| fade(&guide(), 2, step)), [1.0, 0.0]);
     }
 }

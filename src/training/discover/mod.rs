@@ -13,6 +13,7 @@ use tch::{Kind, Tensor};
 
 pub use self::guide::Guide;
 use super::base::{Outcome, Session};
+use super::guide_clock::GuideClock;
 use super::identify;
 use super::objective::{Objective, StepLoss, Validated};
 use super::objects::blobs;
@@ -41,7 +42,7 @@ const NAMED_FRAMES: usize = 500;
 /// more than the smaller share is.
 const UNDRAWN: [f64; 2] = [0.02, 0.01];
 /// Where no more than these shares are for the first time, the equation is fitted: positions are good long before all
-/// details are drawn.
+/// details are drawn. From the first of them on the objects count as found, and the guides fade.
 const UNDRAWN_AT_FIT: [f64; 2] = [0.1, 0.03];
 /// So many objects are learned in the config's number of steps; twice as many need twice the steps.
 const FEW_OBJECTS: usize = 3;
@@ -155,8 +156,6 @@ struct Discovery<'a> {
     seed: u64,
     motion: Motion,
     names: Option<Names>,
-    /// How many times as long as the config says the phase lasts at most.
-    rounds: u64,
     /// What the learning rate is divided by.
     smaller_steps: f64,
     /// Whether there are so few frames that others are made of them.
@@ -182,22 +181,27 @@ impl<'a> Discovery<'a> {
         let rounds = (1 + alike).max(model.system.objects.div_ceil(FEW_OBJECTS)) as u64;
         let validate_every = group * group * config.schedule.validate_every;
         let schedule = LrSchedule { validate_every, ..config.schedule.clone() };
-        // Scores under the guides say nothing about the plain loss.
-        let guided = (rounds * config.guide.zero_from).div_ceil(validate_every) as usize;
         let places = valid.random_places(VALIDATION_FRAMES, seed, u64::MAX);
         let validation = valid.frames(&places);
-        let timetable = Timetable::new(schedule, config.max_steps, rounds, guided);
-        let drawn_but = |shares| drawn_but(&motion, valid, &places, &validation, shares);
-        let ([good_enough, good], fitted_at) = (drawn_but(UNDRAWN), drawn_but(UNDRAWN_AT_FIT));
+        let undrawn = Undrawn::measure(&motion, valid, &places, &validation);
+        let [good_enough, good] = UNDRAWN.map(|share| undrawn.but(share));
+        // Scores under the guides say nothing about the plain loss.
+        let guides = GuideClock {
+            full_until: rounds * config.guide.full_until,
+            zero_from: rounds * config.guide.zero_from,
+            found_at: undrawn.but(UNDRAWN_AT_FIT[0]),
+            at_the_latest: rounds * config.max_steps / 2,
+            validate_every,
+        };
+        let timetable = Timetable::new(schedule, config.max_steps, rounds).with_guides(guides);
         Ok(Discovery {
             config,
             timetable: timetable.until(good_enough, good),
-            fitted_at,
+            fitted_at: UNDRAWN_AT_FIT.map(|share| undrawn.but(share)),
             train,
             seed,
             motion,
             names,
-            rounds,
             smaller_steps: group as f64,
             few: model.system.cell.coordinates == Coordinates::Position
                 && train.len() * train.time() < pasting::FEW_FRAMES,
@@ -246,18 +250,31 @@ impl<'a> Discovery<'a> {
     }
 }
 
-/// L_rec on these frames where but these shares of what moves are drawn before the median frame, and elsewhere nothing but
-/// what is best in all frames.
-fn drawn_but(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor, undrawn: [f64; 2]) -> [f64; 2] {
-    let _guard = tch::no_grad_guard();
-    let moves = motion.of(clips, places, frames).share.gt(0.5).unsqueeze(1).expand_as(frames);
-    let sum = |x: Tensor| x.sum(Kind::Double).double_value(&[]);
-    let moving = sum((frames - &motion.median).square() * &moves);
-    let rests = moves.logical_not();
-    let resting = rests.sum_dim_intlist([0i64].as_slice(), false, Kind::Float);
-    let best = (frames * &rests).sum_dim_intlist([0i64].as_slice(), false, None) / resting.clamp_min(1.0);
-    let still = sum((frames - best).square() * &rests) / sum(resting).max(1.0) * frames.numel() as f64;
-    undrawn.map(|share| (still + share * moving) / places.len() as f64)
+/// L_rec of a model that draws nothing of what moves, in two parts: what is left of what rests, by what is best in all frames,
+/// and what moves before the median frame.
+struct Undrawn {
+    resting: f64,
+    moving: f64,
+}
+
+impl Undrawn {
+    fn measure(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor) -> Self {
+        let _guard = tch::no_grad_guard();
+        let moves = motion.of(clips, places, frames).share.gt(0.5).unsqueeze(1).expand_as(frames);
+        let sum = |x: Tensor| x.sum(Kind::Double).double_value(&[]);
+        let moving = sum((frames - &motion.median).square() * &moves);
+        let rests = moves.logical_not();
+        let count = rests.sum_dim_intlist([0i64].as_slice(), false, Kind::Float);
+        let best = (frames * &rests).sum_dim_intlist([0i64].as_slice(), false, None) / count.clamp_min(1.0);
+        let resting = sum((frames - best).square() * &rests) / sum(count).max(1.0) * frames.numel() as f64;
+        let [resting, moving] = [resting, moving].map(|error| error / places.len() as f64);
+        Undrawn { resting, moving }
+    }
+
+    /// L_rec where all is drawn but this share of what moves.
+    fn but(&self, share: f64) -> f64 {
+        self.resting + share * self.moving
+    }
 }
 
 /// Whether the last of these scores is the first one that is no larger than a limit.
@@ -290,7 +307,7 @@ impl Objective for Discovery<'_> {
         &self.timetable
     }
 
-    fn loss(&mut self, model: &PhysicsNet, step: u64) -> Result<StepLoss> {
+    fn loss(&mut self, model: &PhysicsNet, step: u64, validations: &[f64]) -> Result<StepLoss> {
         let places = self.train.random_places(self.config.frames, self.seed, step);
         let mut frames = self.train.frames(&places);
         if self.few {
@@ -299,7 +316,7 @@ impl Objective for Discovery<'_> {
         let encoding = model.encoder.forward(&frames);
         let [drawn] = model.decoder.draw([&model.coordinates(&encoding)]);
         let reconstruction = frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames.unsqueeze(1));
-        let fade = guide::fade(&self.config.guide, self.rounds, step);
+        let fade = self.timetable.guides_weight(step, validations);
         let mut total = reconstruction.shallow_clone();
         if fade > 0.0 {
             let moving = self.motion.of(self.train, &places, &frames);
@@ -338,9 +355,9 @@ impl Objective for Discovery<'_> {
         let values: Vec<String> =
             model.parameter_values().iter().map(|(name, value)| format!("{name}={value:.4}")).collect();
         Ok(Some(if explanation.explains() {
-            format!("first fit - {} by {clips} clips", values.join(" "))
+            format!("early fit - {} by {clips} clips", values.join(" "))
         } else {
-            format!("first fit - the equation does not explain {clips} clips yet")
+            format!("early fit - the equation does not explain {clips} clips yet")
         }))
     }
 

@@ -78,9 +78,12 @@ impl Cell for TextCell {
     }
 
     fn plain(&self) -> Option<Box<dyn PlainCell>> {
+        if self.equation.program.objects > 1 || self.equation.tells_time() {
+            return None;
+        }
         let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
         let values = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[])) as f32);
-        PlainText::new(self.equation, values.collect(), self.walls).map(|it| Box::new(it) as Box<dyn PlainCell>)
+        Some(Box::new(PlainText::new(self.equation, values.collect(), self.walls)))
     }
 }
 

@@ -5,9 +5,11 @@
 //!
 //! A text is parsed (`parse`, by the grammar of `grammar.pest`), each name and function is given its meaning (`compile`),
 //! ranks and units are checked (`operation`, `units`), and what is left is a list of operations (`graph`), each once, that
-//! are computed on whole batches (`evaluate`, `arithmetic`) at every instant of the integration (`integrate`).
+//! are computed on whole batches (`evaluate`, `arithmetic`) at every instant of the integration (`integrate`); or without
+//! gradients in plain numbers (`columns`, `plain`).
 
 mod arithmetic;
+mod columns;
 mod compile;
 mod complaint;
 mod evaluate;
@@ -18,7 +20,6 @@ mod parameters;
 mod parse;
 mod plain;
 mod restitution;
-mod single;
 mod table;
 mod units;
 
@@ -36,7 +37,7 @@ use self::parse::{Expression, parse};
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, Walls};
 use crate::support::random::fnv1a;
 
-pub use single::SingleEquation;
+pub use plain::SingleEquation;
 pub use table::{Accelerations, EquationTable, Integrator, ParameterTable, Restitution};
 
 /// Most objects, and most steps for a frame.

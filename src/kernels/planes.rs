@@ -27,7 +27,9 @@ impl Picture {
     }
 
     pub fn all(&self) -> Planes<'_> {
-        self.part(0, self.channels)
+        // SAFETY: a `Line` is 16 floats without padding.
+        let floats = unsafe { std::slice::from_raw_parts(self.lines.as_ptr().cast(), self.lines.len() * 16) };
+        Planes { data: &floats[..self.channels * self.plane], channels: self.channels, side: self.side }
     }
 
     pub fn all_mut(&mut self) -> PlanesMut<'_> {
@@ -36,9 +38,7 @@ impl Picture {
 
     /// Some of the channels.
     pub fn part(&self, first: usize, channels: usize) -> Planes<'_> {
-        // SAFETY: a `Line` is 16 floats without padding.
-        let floats = unsafe { std::slice::from_raw_parts(self.lines.as_ptr().cast(), self.lines.len() * 16) };
-        Planes { data: &floats[first * self.plane..(first + channels) * self.plane], channels, side: self.side }
+        self.all().part(first, channels)
     }
 
     pub fn part_mut(&mut self, first: usize, channels: usize) -> PlanesMut<'_> {

@@ -28,9 +28,12 @@ pub fn workers_each(items: usize) -> usize {
     (tch::get_num_threads() as usize / items.max(1)).max(1)
 }
 
-/// `work` of each of `items`, each with a workspace of its own; there are as many of these.
+/// `work` of each of `items`, each with a workspace of its own.
+///
+/// # Panics
+/// Fewer workspaces than items.
 pub fn side_by_side<W: Send, T: Send>(workspaces: &mut [W], items: Vec<T>, work: impl Fn(&mut W, T) + Sync + Send) {
-    debug_assert!(items.len() <= workspaces.len());
+    assert!(items.len() <= workspaces.len(), "a workspace for each");
     in_parallel(workspaces.iter_mut().zip(items).collect(), |(workspace, item)| work(workspace, item));
 }
 

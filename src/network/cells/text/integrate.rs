@@ -68,7 +68,9 @@ impl Cell for TextCell {
         for frame in 0..frames {
             held = match actions.at(frame) {
                 // The clock goes on where the dataset ends; without one it begins at 0.
-                None if self.equation.program.tells_time() => Some(held.map_or_else(|| run.zero(), |time| time + dt)),
+                None if self.equation.program.tells_time() => {
+                    Some(held.map_or_else(|| run.constants.zero(), |time| time + dt))
+                }
                 known => known,
             };
             grid = run.frame(grid, held.as_ref(), dt);
@@ -98,11 +100,6 @@ impl Run<'_> {
     fn frame(&self, grid: Grid, held: Option<&Tensor>, dt: f64) -> Grid {
         let substeps = self.cell.equation.table.substeps;
         self.go_on(grid, held, dt / substeps as f64, substeps)
-    }
-
-    /// The time at which a clock begins, `[1, 1]`.
-    fn zero(&self) -> Tensor {
-        self.constants.zero()
     }
 
     fn go_on(&self, mut grid: Grid, held: Option<&Tensor>, h: f64, substeps: usize) -> Grid {

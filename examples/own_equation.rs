@@ -84,6 +84,7 @@ fn main() -> Result<()> {
         dt: 0.3,
         cell: &FALLING_WITH_DRAG,
         walls: Walls::new(32, 0.0),
+        halved: false,
     };
     let task = Task::of_system("falling_with_drag", &system, 12, 12)?;
     let set =

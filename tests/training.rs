@@ -4,7 +4,7 @@ mod common;
 
 use std::fs;
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use common::{fresh, spring, text, write_config};
@@ -92,23 +92,20 @@ fn best_and_last_of_join(metrics: &[Value]) -> (u64, u64) {
     (best.0 - begin, scores.last().unwrap().0 - begin)
 }
 
-#[test]
-fn a_killed_run_resumes_to_the_same_bits() {
-    let folder = tempfile::tempdir().unwrap();
-    let config = write_config(folder.path(), TINY);
-    let (whole, killed) = (folder.path().join("whole"), folder.path().join("killed"));
-    let done = fresh(&mut spring(&whole)).arg("--config").arg(&config).output().unwrap();
+/// Trains into `whole` by the command that `fresh` makes for a folder, and into `killed` by the same one, killed at ever
+/// later moments and taken up by `again`: the bits are the same.
+fn resumes_to_the_same_bits(
+    [whole, killed]: [&Path; 2],
+    fresh: impl Fn(&Path) -> Command,
+    again: impl Fn(&Path) -> Command,
+) {
+    let done = fresh(whole).output().unwrap();
     assert!(done.status.success(), "{}", text(&done));
 
     // Killed at ever later moments, wherever in a step, a save or a phase that happens to be.
     let mut kills = 0;
     for attempt in 0.. {
-        let mut command = spring(&killed);
-        if killed.join("config.toml").exists() {
-            command.arg("--resume");
-        } else {
-            fresh(&mut command).arg("--config").arg(&config);
-        }
+        let mut command = if killed.join("config.toml").exists() { again(killed) } else { fresh(killed) };
         let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         std::thread::sleep(Duration::from_millis(400 + 450 * attempt));
         if child.try_wait().unwrap().is_none() {
@@ -124,17 +121,64 @@ fn a_killed_run_resumes_to_the_same_bits() {
         assert!(attempt < 40, "the run never finished");
     }
     assert!(kills > 0, "the run finished before it could be killed");
-    assert!(last_weights(&whole) == last_weights(&killed), "weights differ after {kills} kills");
+    assert!(last_weights(whole) == last_weights(killed), "weights differ after {kills} kills");
     let begin = serde_json::json!({"kind": "begin", "phase": "", "step": 0, "format": 1});
-    assert_eq!(metrics(&whole)[0], begin);
-    assert_eq!(metrics(&whole), metrics(&killed));
+    assert_eq!(metrics(whole)[0], begin);
+    assert_eq!(metrics(whole), metrics(killed));
     assert_eq!(fs::read(whole.join("log.txt")).unwrap(), fs::read(killed.join("log.txt")).unwrap());
+}
+
+#[test]
+fn a_killed_run_resumes_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = write_config(folder.path(), TINY);
+    let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
+    let begin = |run: &Path| {
+        let mut command = spring(run);
+        fresh(&mut command).arg("--config").arg(&config);
+        command
+    };
+    let again = |run: &Path| {
+        let mut command = spring(run);
+        command.arg("--resume");
+        command
+    };
+    resumes_to_the_same_bits([&whole, &killed], begin, again);
     // At this rate joint training ends in harm: that must be undone, after kills as well.
     let log = fs::read_to_string(whole.join("log.txt")).unwrap();
     let (best, last) = best_and_last_of_join(&metrics(&whole));
     assert!(best < last, "{log}");
     assert!(log.contains(&format!("join - back to its step {best}, the best by validation")), "{log}");
     assert!(last_weights(&whole) == fs::read(whole.join("checkpoints/best.safetensors")).unwrap());
+}
+
+/// Large frames: objects are found on halved ones first, and nothing of that is saved.
+#[test]
+fn a_run_that_was_killed_among_halved_frames_resumes_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let made = Command::new(env!("CARGO_BIN_EXE_generate"))
+        .args(["--task", "pendulum", "--train", "20", "--valid", "6", "--test", "6", "--out"])
+        .arg(&data)
+        .output()
+        .unwrap();
+    assert!(made.status.success(), "{}", text(&made));
+    let config = write_config(folder.path(), &TINY.replace("max_steps = 14", "max_steps = 14\ncoarse_steps = 40"));
+    let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
+    let begin = |run: &Path| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_pendulum"));
+        command.args(["--threads", "1", "--data"]).arg(&data).arg("--config").arg(&config).arg("--out").arg(run);
+        command
+    };
+    let again = |run: &Path| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_pendulum"));
+        command.arg("--resume").arg("--out").arg(run);
+        command
+    };
+    resumes_to_the_same_bits([&whole, &killed], begin, again);
+    let phases: Vec<_> = metrics(&whole).iter().map(|record| record["phase"].as_str().unwrap().to_string()).collect();
+    let first = |phase: &str| phases.iter().position(|known| known == phase).expect(phase);
+    assert!(first("coarse") < first("discover"), "{phases:?}");
 }
 
 #[test]
@@ -148,7 +192,7 @@ fn sigterm_saves_and_stops() {
         assert!(started.elapsed() < Duration::from_secs(300), "no checkpoint after five minutes");
         std::thread::sleep(Duration::from_millis(50));
     }
-    let killed = std::process::Command::new("kill").arg(child.id().to_string()).status().unwrap();
+    let killed = Command::new("kill").arg(child.id().to_string()).status().unwrap();
     assert!(killed.success());
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(143), "{}", text(&output));

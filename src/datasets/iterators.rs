@@ -31,6 +31,8 @@ pub struct Clips {
     actions: Option<Tensor>,
     /// What each frame is divided by, float32 `[clips * time]`, where the light flickers.
     light: Option<Tensor>,
+    /// Whether frames are served at half their side.
+    halved: bool,
 }
 
 /// Frames by which it is decided whether the light flickers, and frames whose light is measured at a time.
@@ -51,9 +53,24 @@ impl Clips {
     /// In even light.
     fn steadied(pixels: Pixels, actions: Option<&Array2<f32>>, device: Device) -> Self {
         let actions = actions.map(|actions| to_device(actions, device));
-        let clips = Clips { pixels, actions, light: None };
+        let clips = Clips { pixels, actions, light: None, halved: false };
         let light = clips.flickering_light();
         Clips { light, ..clips }
+    }
+
+    /// The same clips, served at half their side: each pixel is the mean of four.
+    pub fn halved(&self) -> Self {
+        let pixels = match &self.pixels {
+            Pixels::InMemory(pixels) => Pixels::InMemory(pixels.shallow_clone()),
+            Pixels::OnDisk(stored, device) => Pixels::OnDisk(stored.clone(), *device),
+        };
+        let [actions, light] = [&self.actions, &self.light].map(|kept| kept.as_ref().map(Tensor::shallow_clone));
+        Clips { pixels, actions, light, halved: true }
+    }
+
+    /// Frames `[frames, channels, S, S]` in the size in which they are served.
+    fn sized(&self, frames: Tensor) -> Tensor {
+        if self.halved { frames.avg_pool2d(2, 2, 0, false, true, None) } else { frames }
     }
 
     /// The light of each frame by its place, `[clips * time]`, if it flickers.
@@ -122,7 +139,9 @@ impl Clips {
                 read(stored, &firsts, frames, *device)
             }
         };
-        self.in_even_light(to_float(&pixels), || self.places(clips, frames)).permute([0, 1, 4, 2, 3])
+        let shown = self.in_even_light(to_float(&pixels), || self.places(clips, frames)).permute([0, 1, 4, 2, 3]);
+        let [clips, time] = [shown.size()[0], shown.size()[1]];
+        self.sized(shown.flatten(0, 1)).unflatten(0, [clips, time])
     }
 
     /// What acts from outside during these clips, if anything does.
@@ -142,7 +161,7 @@ impl Clips {
             }
             Pixels::OnDisk(stored, device) => read(stored, places, 1, *device).squeeze_dim(1),
         };
-        self.in_even_light(to_float(&pixels), || places.to_vec()).permute([0, 3, 1, 2])
+        self.sized(self.in_even_light(to_float(&pixels), || places.to_vec()).permute([0, 3, 1, 2]))
     }
 
     /// The places of the first `frames` frames of these clips in the sequence of all frames, clip by clip.

@@ -231,8 +231,11 @@ impl UNet {
 
     /// The U-Net the original uses for frames of this side.
     pub fn for_side(layers: &mut Layers, side: usize, channels: usize, objects: usize, kernels: Kernels) -> Self {
-        let shape = Self::shape(side, channels, objects);
-        let Shape { base, poolings, .. } = shape;
+        Self::of_shape(layers, Self::shape(side, channels, objects), kernels)
+    }
+
+    pub fn of_shape(layers: &mut Layers, shape: Shape, kernels: Kernels) -> Self {
+        let Shape { channels, objects, base, poolings, .. } = shape;
         let mut down = Vec::new();
         let (mut inputs, mut width) = (channels, base);
         for _ in 0..=poolings {
@@ -347,16 +350,35 @@ impl VariableFromNetwork {
         }
     }
 
+    /// Begins the array as another one of the same hidden layer; `map`, a linear map, makes this array's shape of that
+    /// one's; it takes and gives `[shape.., columns]`.
+    pub fn begin_as(&self, other: &Self, map: impl Fn(&Tensor) -> Tensor) {
+        let _guard = tch::no_grad_guard();
+        for (mine, others) in [(&self.hidden.weight, &other.hidden.weight), (&self.hidden.bias, &other.hidden.bias)] {
+            mine.shallow_clone().copy_(others);
+        }
+        self.set_columns(&map(&other.columns()));
+    }
+
     /// Applies a linear map to the array by applying it to the output layer; `map` takes and gives
     /// `[shape.., columns]`.
     pub fn map(&self, map: impl Fn(&Tensor) -> Tensor) {
         let _guard = tch::no_grad_guard();
+        self.set_columns(&map(&self.columns()));
+    }
+
+    /// The output layer's kernel and bias, `[shape.., columns]`.
+    fn columns(&self) -> Tensor {
         let Dense { weight, bias, .. } = &self.output;
-        let columns = Tensor::cat(&[weight, &bias.unsqueeze(1)], 1);
         let shape: Vec<i64> = self.shape.iter().copied().chain([-1]).collect();
-        let mapped = map(&columns.reshape(&shape)).reshape(columns.size());
-        let inputs = weight.size()[1];
-        weight.shallow_clone().copy_(&mapped.narrow(1, 0, inputs));
-        bias.shallow_clone().copy_(&mapped.select(1, inputs));
+        Tensor::cat(&[weight, &bias.unsqueeze(1)], 1).reshape(shape)
+    }
+
+    fn set_columns(&self, columns: &Tensor) {
+        let Dense { weight, bias, .. } = &self.output;
+        let (values, inputs) = weight.size2().expect("a kernel [values, inputs]");
+        let flat = columns.reshape([values, inputs + 1]);
+        weight.shallow_clone().copy_(&flat.narrow(1, 0, inputs));
+        bias.shallow_clone().copy_(&flat.select(1, inputs));
     }
 }

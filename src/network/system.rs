@@ -38,9 +38,26 @@ pub struct System {
     pub cell: &'static CellKind,
     /// Where an object's centre turns, in equations that have walls.
     pub walls: Walls,
+    /// Whether the networks are given each frame at half its side. Positions are in pixels of the whole frame.
+    pub halved: bool,
 }
 
 impl System {
+    /// The same system, given its frames at half their side.
+    pub fn halved(&self) -> Self {
+        System { halved: true, ..self.clone() }
+    }
+
+    /// Side of the frames that the networks are given.
+    pub fn given_side(&self) -> usize {
+        if self.halved { self.side / 2 } else { self.side }
+    }
+
+    /// Side of one of their pixels, in pixels of the whole frame.
+    pub fn given_pixel(&self) -> f64 {
+        self.side as f64 / self.given_side() as f64
+    }
+
     /// Numbers in a position of all objects.
     pub fn coordinates(&self) -> usize {
         self.objects * self.cell.coordinates.per_object()
@@ -55,7 +72,7 @@ impl System {
     /// A side that the U-Net cannot halve, or too small or too large; a number of channels or objects that cannot be; no
     /// frames to see or to predict; a time that is not positive; walls that leave no room.
     pub fn check(&self) -> Result<()> {
-        let &System { side, channels, objects, input_steps, pred_steps, dt, cell, walls } = self;
+        let &System { side, channels, objects, input_steps, pred_steps, dt, cell, walls, halved: _ } = self;
         let multiple = side_multiple(side);
         ensure!(
             (LEAST_SIDE..=LARGEST_SIDE).contains(&side) && side.is_multiple_of(multiple),
@@ -162,7 +179,7 @@ pub struct SystemTable {
 
 impl From<&System> for SystemTable {
     fn from(system: &System) -> Self {
-        let &System { side, channels, objects, input_steps, pred_steps, dt, cell, walls } = system;
+        let &System { side, channels, objects, input_steps, pred_steps, dt, cell, walls, halved: _ } = system;
         let (equation, wall_margin) = (EquationEntry::of(cell), Some(walls.near));
         SystemTable { side, channels, objects, input_steps, pred_steps, dt, equation, wall_margin }
     }
@@ -177,7 +194,7 @@ impl SystemTable {
         let &SystemTable { side, channels, objects, input_steps, pred_steps, dt, .. } = self;
         let cell = self.equation.kind(objects)?;
         let walls = Walls::new(side, self.wall_margin.unwrap_or(wall_margin));
-        let system = System { side, channels, objects, input_steps, pred_steps, dt, cell, walls };
+        let system = System { side, channels, objects, input_steps, pred_steps, dt, cell, walls, halved: false };
         system.check()?;
         Ok(system)
     }

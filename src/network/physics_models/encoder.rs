@@ -7,7 +7,7 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use super::BACKGROUND_LOGIT;
-use crate::kernels::{self, Kernels};
+use crate::kernels::{self, Kernels, Shape};
 use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers, UNet, uses_deep_unet};
 
@@ -21,6 +21,8 @@ pub struct Encoder {
     unet: UNet,
     localisation: [Dense; 3],
     side: usize,
+    /// Whether masked frames are halved before they are localised.
+    halves: bool,
     objects: i64,
     kernels: Kernels,
 }
@@ -39,14 +41,16 @@ pub struct Encoding {
 impl Encoder {
     pub fn new(scope: Path, system: &System, kernels: Kernels) -> Self {
         let mut layers = Layers::new(scope);
-        let unet = UNet::for_side(&mut layers, system.side, system.channels, system.objects, kernels);
-        let seen = if uses_deep_unet(system.side) { system.side / 2 } else { system.side };
+        let shape = UNet::shape(system.side, system.channels, system.objects);
+        let unet = UNet::of_shape(&mut layers, Shape { side: system.given_side(), ..shape }, kernels);
+        let halves = uses_deep_unet(system.side) && !system.halved;
+        let seen = if halves { system.side / 2 } else { system.given_side() };
         let localisation = [
             layers.dense(seen * seen * system.channels, HIDDEN, Activation::Relu),
             layers.dense(HIDDEN, HIDDEN, Activation::Relu),
             layers.dense(HIDDEN, 2, Activation::None),
         ];
-        Encoder { unet, localisation, side: system.side, objects: system.objects as i64, kernels }
+        Encoder { unet, localisation, side: system.side, halves, objects: system.objects as i64, kernels }
     }
 
     /// `[frames, channels, S, S]` in \[0, 1\].
@@ -78,7 +82,7 @@ impl Encoder {
     /// What the output layer of the localisation network sees, `[objects * frames, hidden]`.
     fn localisation_features(&self, masked: &Tensor) -> Tensor {
         let stacked = masked.flatten(0, 1);
-        let seen = if uses_deep_unet(self.side) { stacked.avg_pool2d(2, 2, 0, false, true, None) } else { stacked };
+        let seen = if self.halves { stacked.avg_pool2d(2, 2, 0, false, true, None) } else { stacked };
         // Flattened in the original's order: height, width, channel.
         let flat = seen.permute([0, 2, 3, 1]).flatten(1, 3);
         self.localisation[1].forward(&self.localisation[0].forward(&flat))

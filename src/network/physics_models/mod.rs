@@ -272,6 +272,18 @@ impl PhysicsNet {
         named
     }
 
+    /// Begins encoder, sprites and parameters as those of a model of the halved system ([`System::halved`]).
+    pub fn begin_as(&self, coarse: &PhysicsNet) {
+        let _guard = tch::no_grad_guard();
+        let learned = coarse.variables.variables();
+        for (name, variable) in self.variables.variables() {
+            if matches!(self.group(&name), VariableGroup::Encoder | VariableGroup::Physics) {
+                variable.shallow_clone().copy_(&learned[&name]);
+            }
+        }
+        self.decoder.begin_as(&coarse.decoder);
+    }
+
     /// The parameters that are learned.
     pub fn learned(&self) -> impl Iterator<Item = &Parameter> {
         self.parameters.iter().filter(|parameter| parameter.learned)
@@ -348,7 +360,10 @@ impl PhysicsNet {
             return all;
         }
         let _guard = tch::no_grad_guard();
-        let changed = (self.look(frames).positions - self.encoder.forward(frames).positions).abs();
+        let first = self.encoder.forward(frames);
+        let positions = first.positions.shallow_clone();
+        let chosen = second_look::better_drawn(&self.encoder, &self.decoder, frames, first);
+        let changed = (chosen.positions - positions).abs();
         all.masked_select(&changed.amax([1], false).eq(0.0))
     }
 
@@ -363,8 +378,9 @@ impl PhysicsNet {
     /// The position of each pixel of a row or column, `[S]`: pixel i is drawn at i + 1/2 by an exact decoder, and at
     /// i S/(S-1) by the original's.
     pub fn pixel_centres(&self) -> Tensor {
-        let index = Tensor::arange(self.system.side as i64, (Kind::Float, self.variables.device()));
-        if self.options.exact_shift { index + 0.5 } else { index / self.pixels_per_unit() }
+        let index = Tensor::arange(self.system.given_side() as i64, (Kind::Float, self.variables.device()));
+        let centres = if self.options.exact_shift { index + 0.5 } else { index / self.pixels_per_unit() };
+        centres * self.system.given_pixel()
     }
 
     /// What is seen in clips `[batch, time, channels, S, S]`: as [`PhysicsNet::encode`], and the positions of the first `input`
@@ -432,7 +448,7 @@ impl PhysicsNet {
     /// Decodes lists of positions `[batch, time, coordinates * objects]`, each to `[batch, time, channels, S, S]`.
     fn decode<const LISTS: usize>(&self, decoder: &Decoder, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
         let batch = positions[0].size()[0];
-        let [channels, side] = [self.system.channels as i64, self.system.side as i64];
+        let [channels, side] = [self.system.channels as i64, self.system.given_side() as i64];
         let flat = positions.map(|positions| positions.flatten(0, 1));
         let drawn = decoder.draw(flat.each_ref());
         drawn.map(|frames| frames.reshape([batch, -1, channels, side, side]))

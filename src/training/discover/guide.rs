@@ -104,7 +104,8 @@ pub fn loss(
     let spread = |along: &Tensor, centre: &Tensor| {
         sum(&(along * (pixel_centres - centre.unsqueeze(-1)).square()), &[1, 2]) / &moving_in_all
     };
-    let compactness = (spread(&by_column, &x) + spread(&by_row, &y)).mean(Kind::Float) / (side * side) as f64;
+    let extent = pixel_centres.diff(1, 0, None::<Tensor>, None::<Tensor>).mean(Kind::Float) * side as f64;
+    let compactness = (spread(&by_column, &x) + spread(&by_row, &y)).mean(Kind::Float) / extent.square();
 
     // Balance: divergence of the objects' shares from equal ones. Unlike the shares' entropy it has a gradient for an
     // object that owns nothing.

@@ -3,6 +3,7 @@
 //! Frames of one clip look alike, so random frames of all clips tell more per step; physics is not trained before its
 //! objects exist (trained too early it drives its forces to zero). Not in the original.
 
+mod coarse;
 mod guide;
 
 use std::path::PathBuf;
@@ -29,7 +30,7 @@ use crate::datasets::iterators::Clips;
 use crate::network::System;
 use crate::network::cells::Coordinates;
 use crate::network::physics_models::losses::{MeanLosses, RunningMean, frame_error};
-use crate::network::physics_models::{PhysicsNet, VariableGroup};
+use crate::network::physics_models::{DecoderKind, PhysicsNet, VariableGroup};
 use crate::runs::checkpoint::{self, SavedWeights};
 use crate::runs::weights;
 use crate::support::random::named_generator;
@@ -71,6 +72,12 @@ pub struct Discover {
     /// Frames in a step.
     pub frames: usize,
     pub max_steps: u64,
+    /// Steps, at most, on frames of half the side, where frames are large; 0: none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub coarse_steps: u64,
+    /// Steps, at most, on whole frames after those.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub fine_steps: u64,
     /// Whether the phase ends with the weights of its best validation; otherwise with its last ones.
     #[serde(default)]
     pub end_at_best: bool,
@@ -104,6 +111,9 @@ pub struct DiscoverStart {
 impl Discover {
     pub(super) fn check(&self) -> Result<()> {
         at_least_one("discover.frames", self.frames as u64)?;
+        if self.coarse_steps > 0 {
+            at_least_one("discover.fine_steps", self.fine_steps)?;
+        }
         for (key, number) in [
             ("discover.learning_rate", self.learning_rate),
             ("discover.clip_gradients", self.clip_gradients),
@@ -126,8 +136,9 @@ impl Phase for Discover {
         NAME
     }
 
-    fn frames(&self, _system: &System) -> f64 {
-        if self.from.is_some() { 0.0 } else { self.max_steps as f64 * self.frames as f64 }
+    fn frames(&self, system: &System) -> f64 {
+        let steps = if self.begins_coarse(system) { coarse::after(self).max_steps } else { self.max_steps };
+        if self.from.is_some() { 0.0 } else { steps as f64 * self.frames as f64 }
     }
 
     fn run(&self, session: &mut Session) -> Result<Outcome> {
@@ -137,7 +148,14 @@ impl Phase for Discover {
             weights.and_then(|weights| weights::load_vision(&weights, model)).context("config: discover.from")?;
             return Ok(Outcome::Finished);
         }
-        let mut discovery = Discovery::new(self, model, session.train, session.valid, seed)?;
+        let mut config = self.clone();
+        if self.begins_coarse(&model.system) && model.options.decoder == DecoderKind::CoordinateConsistent {
+            if session.state.step == 0 && coarse::begin(self, session)? == Outcome::Interrupted {
+                return Ok(Outcome::Interrupted);
+            }
+            config = coarse::after(self);
+        }
+        let mut discovery = Discovery::new(&config, model, session.train, session.valid, seed)?;
         if session.state.step == 0 {
             discovery.set_start(model)?;
         }
@@ -242,9 +260,10 @@ impl<'a> Discovery<'a> {
         let places = self.train.random_places(NAMED_FRAMES, self.seed, u64::MAX);
         let moving = self.motion.of(self.train, &places, &self.train.frames(&places));
         let found = blobs::find(&moving, model.system.objects);
-        if let Some(seen) = sprites::learn(&moving, &found, names, model.system.side as i64 / 2)? {
+        if let Some(seen) = sprites::learn(&moving, &found, names, model.system.given_side() as i64 / 2)? {
             let behind = self.motion.median.mean_dim([1i64, 2].as_slice(), true, None);
-            model.decoder.start_sprites(&seen.visible, &(seen.colours + behind), seen.reach, SPRITE_KERNEL);
+            let reach = seen.reach * model.system.given_pixel();
+            model.decoder.start_sprites(&seen.visible, &(seen.colours + behind), reach, SPRITE_KERNEL);
         }
         Ok(())
     }
@@ -292,6 +311,23 @@ impl Discovery<'_> {
         let mut random = named_generator(self.seed, &format!("pasting of step {step}"));
         let pasted = pasting::pasted(&seen, &moving, &blobs, &mut random);
         *frames = Tensor::cat(&[frames.slice(0, 0, kept as i64, 1), pasted], 0);
+    }
+
+    /// Fits the equation to a few clips, if that is wanted; a line on what it says. The networks go on without it; it is the
+    /// answer until there is a better one.
+    fn early_fit(&self, model: &PhysicsNet) -> Result<Option<String>> {
+        let clips = self.config.first_fit.min(self.train.len());
+        if clips == 0 || model.learned().next().is_none() {
+            return Ok(None);
+        }
+        let explanation = identify::first_fit(model, self.train, &self.motion, clips)?;
+        let values: Vec<String> =
+            model.parameter_values().iter().map(|(name, value)| format!("{name}={value:.4}")).collect();
+        Ok(Some(if explanation.explains() {
+            format!("early fit - {} by {clips} clips", values.join(" "))
+        } else {
+            format!("early fit - the equation does not explain {clips} clips yet")
+        }))
     }
 
     /// Which pixels are whose in these frames; none without names.
@@ -344,21 +380,10 @@ impl Objective for Discovery<'_> {
         self.config.end_at_best
     }
 
-    /// An early fit of the equation. The networks go on without it; it is the answer until there is a better one.
+    /// An early fit of the equation, as soon as the objects are drawn well enough.
     fn after_validation(&mut self, model: &PhysicsNet, validations: &[f64]) -> Result<Option<String>> {
-        let clips = self.config.first_fit.min(self.train.len());
         let drawn = self.fitted_at.iter().any(|limit| first_below(validations, *limit));
-        if clips == 0 || model.learned().next().is_none() || !drawn {
-            return Ok(None);
-        }
-        let explanation = identify::first_fit(model, self.train, &self.motion, clips)?;
-        let values: Vec<String> =
-            model.parameter_values().iter().map(|(name, value)| format!("{name}={value:.4}")).collect();
-        Ok(Some(if explanation.explains() {
-            format!("early fit - {} by {clips} clips", values.join(" "))
-        } else {
-            format!("early fit - the equation does not explain {clips} clips yet")
-        }))
+        if drawn { self.early_fit(model) } else { Ok(None) }
     }
 
     /// L_rec on frames of the validation split. What would be predicted before the parameters are known says nothing.

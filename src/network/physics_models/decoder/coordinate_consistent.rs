@@ -31,9 +31,13 @@ pub struct CoordinateConsistent {
     contents: VariableFromNetwork,
     background: VariableFromNetwork,
     coordinates: Coordinates,
+    /// Of the frames that are drawn.
     side: usize,
+    /// The middle of the frame on an axis, in the unit of positions.
+    middle: f64,
     objects: i64,
-    /// Pixels by which half a frame's side in position moves a sprite; see [`super::super::ModelOptions::exact_shift`].
+    /// Distance, in that unit, by which a sprite is moved by half the frame that is drawn; see
+    /// [`super::super::ModelOptions::exact_shift`].
     half_span: f64,
     kernels: Kernels,
 }
@@ -47,7 +51,7 @@ impl Sprites {
 
 impl CoordinateConsistent {
     pub fn new(scope: Path, system: &System, options: &ModelOptions) -> Self {
-        let (objects, channels, side) = (system.objects as i64, system.channels as i64, system.side as i64);
+        let (objects, channels, side) = (system.objects as i64, system.channels as i64, system.given_side() as i64);
         let window = side / 2;
         let log_sigma = scope.zeros("logsigma", &[]);
         let mut layers = Layers::new(scope);
@@ -58,9 +62,10 @@ impl CoordinateConsistent {
             contents: VariableFromNetwork::new(&mut layers, &[objects, window, window, channels]),
             background: VariableFromNetwork::new(&mut layers, &[1, side, side, channels]),
             coordinates: system.cell.coordinates,
-            side: system.side,
+            side: system.given_side(),
+            middle: system.side as f64 / 2.0,
             objects,
-            half_span: if options.exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
+            half_span: system.given_pixel() * if options.exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
             kernels: options.kernels,
         }
     }
@@ -140,6 +145,23 @@ impl CoordinateConsistent {
         self.contents.start_at(&logit(colours).permute([0, 2, 3, 1]), kernel);
         // A window at scale 1 reaches all over the frame.
         let _ = self.log_sigma.shallow_clone().fill_((self.half_span / reach).ln());
+    }
+
+    /// Begins the sprites as those of a decoder of halved frames.
+    pub fn begin_as(&self, coarse: &Self) {
+        let _guard = tch::no_grad_guard();
+        let window = self.side as i64 / 2;
+        let doubled = |values: &Tensor| {
+            // [objects, row, column, layer, column of the kernel]
+            let layers = values.flatten(3, 4).permute([0, 3, 1, 2]);
+            let enlarged = layers.upsample_bilinear2d([window, window], true, None, None).permute([0, 2, 3, 1]);
+            enlarged.reshape([self.objects, window, window, values.size()[3], -1])
+        };
+        self.template.begin_as(&coarse.template, doubled);
+        self.contents.begin_as(&coarse.contents, doubled);
+        // A window reaches as far in the frame.
+        let reaches = (self.half_span / coarse.half_span).ln();
+        self.log_sigma.shallow_clone().copy_(&(&coarse.log_sigma + reaches));
     }
 
     /// Shifts each object's sprite in its window by `offsets` (`[2 * objects]`, pixels of the frame), so that it is drawn
@@ -241,8 +263,7 @@ impl CoordinateConsistent {
     fn shift(&self, positions: &Tensor) -> (Tensor, Tensor) {
         // theta = [sigma, 0, (S/2 - x) / t * sigma, 0, sigma, (S/2 - y) / t * sigma]
         let sigma = self.log_sigma.exp();
-        let half = self.side as f64 / 2.0;
-        let shift = (half - positions) * (&sigma / self.half_span);
+        let shift = (self.middle - positions) * (&sigma / self.half_span);
         let shift = shift.reshape([-1, self.objects, 2]).transpose(0, 1);
         (sigma, shift)
     }

@@ -146,6 +146,13 @@ impl Decoder {
         }
     }
 
+    /// Begins the sprites as those of a decoder of halved frames. Nothing happens where there are no sprites.
+    pub fn begin_as(&self, coarse: &Self) {
+        if let (Some(decoder), Some(coarse)) = (self.with_sprites(), coarse.with_sprites()) {
+            decoder.begin_as(coarse);
+        }
+    }
+
     /// Shifts each object's sprite in its window by `offsets` (`[2 * objects]`, pixels of the frame), so that it is drawn
     /// where it was when its position loses as much. Nothing happens where there are no sprites.
     pub fn shift_sprites(&self, offsets: &Tensor) {

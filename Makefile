@@ -10,6 +10,7 @@
 # make control   a pendulum that is learned from few clips is swung up by what is seen (a few minutes)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
 # make bench     training steps and inference beside PyTorch's, eager and compiled, in turns; benches/
+# make cost      what a step costs against batch, clip length, side, objects, threads; benches/cost
 # make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
 
 CARGO ?= cargo
@@ -21,7 +22,7 @@ SEED ?= 0
 JOBS ?= 2
 COMPARE_PYTHON := compare/.venv/bin/python
 
-.PHONY: demo test lint libtorch build data stress baselines gallery torture engines control compare bench compare-defects ablations clean
+.PHONY: demo test lint libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -123,6 +124,9 @@ compare: build $(COMPARE_PYTHON)
 
 bench: build $(COMPARE_PYTHON)
 	cd compare && .venv/bin/python speed.py
+
+cost: build $(COMPARE_PYTHON)
+	cd compare && .venv/bin/python cost.py
 
 compare-defects: $(COMPARE_PYTHON)
 	cd compare && OMP_NUM_THREADS=1 .venv/bin/python -m torch_reference.defects goldens

@@ -1,18 +1,22 @@
-//! Times the port's computations, for `speed.py`, which puts the references' beside them.
+//! Times the port's computations, for `speed.py`, which puts the references' beside them, and for `cost.py`.
 
 use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use clap::{Parser, ValueEnum};
+use nix::time::{ClockId, clock_gettime};
 use paig::cli::ending::exit_code;
 use paig::cli::environment;
-use paig::network::cells::Actions;
+use paig::network::cells::{Actions, State};
 use paig::network::physics_models::PhysicsNet;
 use paig::network::physics_models::losses::{Losses, frame_error};
+use paig::network::physics_models::refinement::refine;
 use paig::support::device;
-use paig::tasks;
+use paig::tasks::{self, Task};
 use paig::training::config::Config;
+use paig::training::identify::Identify;
+use paig::training::identify::fit::{Start, Trust, fit};
 use paig::training::layers::Overrides;
 use paig::training::optimizers::Optimizer;
 use serde_json::json;
@@ -32,6 +36,10 @@ enum What {
     Discover,
     /// Encoder, roll-out over 26 frames and decoder, without gradients
     Inference,
+    /// The states of clips, improved under the equation on their input frames, `model.refinement_steps` times
+    Refinement,
+    /// The fit of the parameters to the positions of clips
+    Identify,
 }
 
 /// Times computations; prints JSON: the `seconds` of each repetition, the `processor_seconds` of one on average, and the
@@ -39,7 +47,7 @@ enum What {
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Arguments {
-    #[arg(long, help = format!("One of {}", tasks::names()))]
+    #[arg(long, help = format!("One of {}, or a task file", tasks::names()))]
     task: String,
     #[arg(long, value_enum, default_value = "step")]
     what: What,
@@ -115,6 +123,36 @@ fn repetition<'a>(
                 Ok(())
             })
         }
+        What::Refinement => {
+            // In single precision, as in a training.
+            let positions = trajectories(&config.task, arguments.batch, system.input_steps).to_kind(Kind::Float);
+            let numbers: Vec<_> = true_numbers(&config.task).iter().map(|number| number.to_kind(Kind::Float)).collect();
+            let (cell, steps) = (system.build_cell(&numbers), config.model.refinement_steps);
+            let [before, last] = [2, 1].map(|back| positions.select(1, positions.size()[1] - back));
+            let vel = (&last - before) / system.dt;
+            Box::new(move || {
+                let estimate = State { pos: last.shallow_clone(), vel: vel.shallow_clone() };
+                refine(cell.as_ref(), system.dt, &positions, &Actions::none(), estimate, steps);
+                Ok(())
+            })
+        }
+        What::Identify => {
+            let frames = config.task.train_frames;
+            let positions = trajectories(&config.task, arguments.batch, frames);
+            let horizons = [3, 4, 6, 8].into_iter().filter(|horizon| *horizon < frames).chain([frames]).collect();
+            let identify = Identify {
+                clips: arguments.batch,
+                horizons,
+                max_iterations: 30,
+                huber: 1.0,
+                recentre: false,
+                velocity_steps: 0,
+            };
+            Box::new(move || {
+                let start = Start::of(model);
+                fit(&identify, system, &positions, &Actions::none(), &start, &Trust::default()).map(drop)
+            })
+        }
         What::Inference => {
             let clips = clips(system.input_steps + PREDICTED);
             Box::new(move || {
@@ -125,15 +163,40 @@ fn repetition<'a>(
     }
 }
 
-/// Of all threads of this process so far, in steps of a hundredth.
+/// The raw numbers of a task's true parameters.
+fn true_numbers(task: &Task) -> Vec<Tensor> {
+    let parameters = task.system.cell.parameters.iter();
+    parameters.map(|kind| Tensor::from(kind.bounds.raw(task.truth_of(kind.name).unwrap_or(1.0)))).collect()
+}
+
+/// Positions `[clips, frames, coordinates]`, pixels, float64, of objects that begin on a ring and obey the task's equation.
+/// They are seen with an error of a twentieth of a pixel at most.
+fn trajectories(task: &Task, clips: usize, frames: usize) -> Tensor {
+    let system = &task.system;
+    let (side, objects) = (system.side as f64, system.objects);
+    let place = |object: usize| {
+        let (sine, cosine) = (std::f64::consts::TAU * object as f64 / objects as f64).sin_cos();
+        [side / 2.0 + side / 4.0 * sine, side / 2.0 + side / 4.0 * cosine]
+    };
+    let ring: Vec<f64> = (0..objects).flat_map(place).collect();
+    let scatter = |size: &[i64]| Tensor::rand(size, (Kind::Double, Device::Cpu)) * 2.0 - 1.0;
+    let state = [clips as i64, ring.len() as i64];
+    let first = State {
+        pos: Tensor::from_slice(&ring) + scatter(&state) * (side / 20.0),
+        vel: scatter(&state) * (side / 10.0),
+    };
+    let cell = system.build_cell(&true_numbers(task));
+    let rolled = cell.roll_out(&first, &Actions::none(), system.dt, frames - 1);
+    let seen: Vec<_> = std::iter::once(&first).chain(&rolled).map(|state| &state.pos).collect();
+    let seen = Tensor::stack(&seen, 1);
+    let error = scatter(&seen.size()) / 20.0;
+    seen + error
+}
+
+/// Of all threads of this process so far.
 fn processor_seconds() -> Result<f64> {
-    /// The kernel's clock of processes counts in this unit, whatever the machine's.
-    const TICKS_PER_SECOND: f64 = 100.0;
-    let stat = std::fs::read_to_string("/proc/self/stat").context("/proc/self/stat")?;
-    // Fields 14 and 15, counted from behind the name, which stands in brackets and may hold spaces.
-    let fields = stat.rsplit_once(") ").map(|(_, rest)| rest.split(' ').skip(11).take(2));
-    let ticks = fields.context("/proc/self/stat has no times")?.map(str::parse::<f64>);
-    Ok(ticks.sum::<Result<f64, _>>()? / TICKS_PER_SECOND)
+    let spent = clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).context("the processor's clock")?;
+    Ok(spent.tv_sec() as f64 + spent.tv_nsec() as f64 * 1e-9)
 }
 
 /// The most memory that this process had at a time, MB.

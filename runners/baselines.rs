@@ -6,10 +6,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
+use paig::baselines::earlier::Earlier;
 use paig::baselines::list::{Comparison, Entry};
 use paig::baselines::page::Report;
 use paig::baselines::plan::{self, Places, Training};
-use paig::baselines::results::{Row, searched};
+use paig::baselines::results::{Row, Searched, searched};
 use paig::cli::arguments::parse_seeds;
 use paig::cli::ending::exit_code;
 use paig::cli::generate_display::Display;
@@ -29,7 +30,7 @@ use paig::training::base::Outcome;
 #[command(
     version,
     after_help = "Examples:\n  baselines --jobs 2\n  baselines --task spring_color --model physics --model lstm --seeds 0 \
-                  --budget 60\n  baselines --report-only"
+                  --budget 60\n  baselines --report-only --add reports/baselines"
 )]
 struct Arguments {
     /// What is compared
@@ -62,6 +63,10 @@ struct Arguments {
     /// Folder of the report
     #[arg(long, default_value = "reports/baselines")]
     out: PathBuf,
+    /// Folder of an earlier report, of another machine or of runs that are gone; may be repeated. What it holds is not trained
+    /// again; of what was trained here, too, its rows are left out
+    #[arg(long)]
+    add: Vec<PathBuf>,
     /// Runs at a time; the whole other models are trained one after the other
     #[arg(long, default_value_t = 1)]
     jobs: usize,
@@ -84,6 +89,7 @@ fn main() -> ExitCode {
 struct Comparing {
     list: Comparison,
     places: Places,
+    earlier: Earlier,
     clips: usize,
     jobs: usize,
     began: Instant,
@@ -97,6 +103,7 @@ impl Arguments {
         let comparing = Comparing {
             clips: self.clips.unwrap_or(list.clips.train),
             places: Places { data: self.data.clone(), runs: self.runs.clone(), threads: self.threads },
+            earlier: Earlier::read(&self.add)?,
             jobs: self.jobs,
             began: Instant::now(),
             budget: self.budget.map(|minutes| Duration::from_secs(60 * minutes)),
@@ -144,7 +151,9 @@ impl Comparing {
     ) -> Result<ExitCode> {
         let mut failed = false;
         if search {
-            failed |= self.train(&plan::search(&self.list, models, self.clips))?;
+            let mut trainings = plan::search(&self.list, models, self.clips);
+            trainings.retain(|training| !self.earlier.has_searched(training));
+            failed |= self.train(&trainings)?;
         }
         let mut trainings = self.trainings(models, tasks, seeds, self.clips)?;
         if efficiency {
@@ -155,12 +164,19 @@ impl Comparing {
                 trainings.extend(self.trainings(&models, std::slice::from_ref(&efficiency.task), seeds, clips)?);
             }
         }
+        trainings.retain(|training| self.earlier.row(training).is_none());
         failed |= self.train(&trainings)?;
         if self.stop() {
             say!("stopped; the same command goes on");
             return Ok(interrupt::exit_code());
         }
         Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    }
+
+    /// What the search has found, here and earlier.
+    fn searched(&self) -> Result<Vec<Searched>> {
+        let here = searched(&self.places, &self.list, self.clips)?;
+        Ok(here.into_iter().map(|searched| self.earlier.completed(searched)).collect())
     }
 
     /// The trainings on so many clips, with the rates that the search has found.
@@ -171,7 +187,7 @@ impl Comparing {
         seeds: &[u64],
         clips: usize,
     ) -> Result<Vec<Training<'a>>> {
-        let found = searched(&self.places, &self.list, self.clips)?;
+        let found = self.searched()?;
         let rate = |entry: &Entry| found.iter().find(|search| search.model == entry.name)?.chosen;
         let mut trainings = Vec::new();
         for task in tasks {
@@ -245,10 +261,11 @@ impl Comparing {
         }
         let mut rows = Vec::new();
         for training in &trainings {
-            rows.extend(Row::read(&self.places, &self.list, training)?);
+            let here = Row::read(&self.places, &self.list, training)?;
+            rows.extend(here.or_else(|| self.earlier.row(training).cloned()));
         }
         ensure!(!rows.is_empty(), "{} holds no finished training of the comparison", self.places.runs.display());
-        let searched = searched(&self.places, &self.list, self.clips)?;
+        let searched = self.searched()?;
         let count = rows.len();
         Report { list: &self.list, rows, searched, clips: self.clips }.write(out)?;
         say!("{count} trainings; {}", out.join("report.md").display());

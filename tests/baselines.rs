@@ -87,7 +87,7 @@ recipe = "fast"
 tasks = ["spring_color"]
 seeds = [0]
 clips = { train = 30, valid = 10, test = 4 }
-search = { task = "spring_color", seed = 1, rates = [1e-3, 1e-2] }
+search = { task = "spring_color", seed = 1, rates = [1e-3, 1e-2], whole_steps = 2 }
 efficiency = { task = "spring_color", train = [], models = [] }
 whole = { steps = 4, batch = 2, checkpoint_every = 2 }
 [[models]]
@@ -112,12 +112,12 @@ rate = "learning_rate"
 fn a_small_comparison_runs_to_its_report() {
     let folder = tempfile::tempdir().unwrap();
     let list = small_list(folder.path());
-    let compare = || {
+    let compare = |options: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_baselines"));
-        command.arg("--list").arg(&list).current_dir(folder.path());
+        command.arg("--list").arg(&list).args(options).current_dir(folder.path());
         command.output().unwrap()
     };
-    let done = compare();
+    let done = compare(&[]);
     assert!(done.status.success(), "{}", text(&done));
     let report = folder.path().join("reports/baselines");
     let rows: Value = serde_json::from_slice(&fs::read(report.join("results.json")).unwrap()).unwrap();
@@ -142,13 +142,25 @@ fn a_small_comparison_runs_to_its_report() {
     let runs = folder.path().join("runs/baselines/clips=30/spring_color");
     let scores = runs.join("video_lstm/seed=0/scores.json");
     let before = fs::metadata(&scores).unwrap().modified().unwrap();
-    let again = compare();
+    let again = compare(&[]);
     assert!(again.status.success() && text(&again).contains("finished before"), "{}", text(&again));
     assert_eq!(fs::metadata(&scores).unwrap().modified().unwrap(), before);
 
     let run = runs.join("fast-gru_and_mlp/seed=0");
     let evaluated = Command::new(env!("CARGO_BIN_EXE_evaluate")).arg(&run).current_dir(folder.path()).output().unwrap();
     assert!(evaluated.status.success(), "{}", text(&evaluated));
+
+    // Where the runs are gone, their report is enough: nothing is trained, and the new one is the same to the byte.
+    fs::remove_dir_all(folder.path().join("runs")).unwrap();
+    let copied = compare(&["--add", "reports/baselines", "--out", "copy"]);
+    assert!(copied.status.success() && !text(&copied).contains("started"), "{}", text(&copied));
+    assert!(!folder.path().join("runs").exists());
+    for file in ["report.md", "results.json", "search.json", "pictures/spring_color-gallery.png"] {
+        let read = |of: &Path| fs::read(of.join(file)).unwrap();
+        assert!(read(&report) == read(&folder.path().join("copy")), "{file}");
+    }
+    let missing = compare(&["--add", "nowhere"]);
+    assert!(!missing.status.success() && text(&missing).contains("nowhere/results.json"), "{}", text(&missing));
 }
 
 /// Killed after some steps and begun again, a training ends with the same bits as one that was never stopped.

@@ -9,10 +9,8 @@ use plotters::style::RGBColor;
 use tch::Tensor;
 
 use super::list::Comparison;
-use super::results::Row;
+use super::results::{FRAMES, PredictedFrames, Row, VALIDATION_ERROR};
 use crate::datasets::npz;
-use crate::runs::course::Course;
-use crate::runs::metrics::Kind;
 use crate::runs::scores::{FrameSpread, PredictedFrame};
 use crate::support::statistics::Spread;
 use crate::tasks::Task;
@@ -37,6 +35,8 @@ const COLOURS: [RGBColor; 11] = [
 const HEIGHT: u32 = 620;
 /// Columns of a gallery, at most.
 const COLUMNS: usize = 9;
+/// Stands for the model where the frames are the true ones.
+const TRUTH: &str = "truth";
 
 /// What a task's figures show.
 #[derive(Debug, Clone, Copy)]
@@ -85,7 +85,7 @@ impl OfTask<'_> {
     fn lines(&self, label: &str, colour: RGBColor, rows: &[&Row], score: fn(&FrameSpread) -> Spread) -> Vec<Line> {
         let system = &self.task.system;
         let frames: Vec<Vec<PredictedFrame>> =
-            rows.iter().map(|row| row.frames(system.input_steps, system.pred_steps)).collect();
+            rows.iter().map(|row| row.frame_scores(system.input_steps, system.pred_steps)).collect();
         let spreads = FrameSpread::of(frames.iter().map(Vec::as_slice));
         let all = spreads.iter().map(|frame| (frame.frame as f64, score(frame)));
         let there = all.clone().map(|(frame, score)| (frame, score.min));
@@ -103,14 +103,13 @@ impl OfTask<'_> {
     /// Validation error over the steps of the whole other models: whether they were done.
     ///
     /// # Errors
-    /// Metrics that cannot be read, a file that cannot be written.
+    /// A file that cannot be written.
     pub fn whole_courses(&self, path: &Path) -> Result<bool> {
         let mut lines = Vec::new();
         let mut last: f64 = 1.0;
         for (label, colour, rows) in self.models() {
-            let whole = self.list.model(&rows[0].model)?.whole.is_some();
-            for row in rows.into_iter().filter(|_| whole) {
-                let points = Course::read(&row.folder)?.points(Some(Kind::Valid), "pred_loss");
+            for row in rows {
+                let Some(points) = row.courses.get(VALIDATION_ERROR).cloned() else { continue };
                 last = points.last().map_or(last, |(step, _)| last.max(*step));
                 let label = format!("{label}, seed {}", row.seed);
                 lines.push(Line { label, colour, stroke: Stroke::Dotted, pieces: vec![points] });
@@ -126,15 +125,14 @@ impl OfTask<'_> {
     /// The course of each physical parameter, a line for each run.
     ///
     /// # Errors
-    /// Metrics that cannot be read, a file that cannot be written.
+    /// A file that cannot be written.
     pub fn parameters(&self, path: &Path) -> Result<bool> {
         let mut charts = Vec::new();
         for parameter in self.task.system.cell.parameters {
             let (mut lines, mut last) = (Vec::new(), 1.0f64);
             for (label, colour, rows) in self.models() {
                 let mut pieces = Vec::new();
-                for row in rows.iter().filter(|row| row.parameters.contains_key(parameter.name)) {
-                    let points = Course::read(&row.folder)?.points(None, parameter.name);
+                for points in rows.iter().filter_map(|row| row.courses.get(parameter.name).cloned()) {
                     last = points.last().map_or(last, |(step, _)| last.max(*step));
                     pieces.push(points);
                 }
@@ -155,23 +153,27 @@ impl OfTask<'_> {
         chart::write(path, HEIGHT, charts)
     }
 
-    /// Future frames of the first test clip, of each model's first seed below the true ones.
+    /// Future frames of the first test clip, of each model's first seed below the true ones. Those of each model are also
+    /// written into a folder by themselves.
     ///
     /// # Errors
-    /// A run without its outputs, a file that cannot be written.
-    pub fn gallery(&self, path: &Path) -> Result<bool> {
+    /// A training without its frames, a file that cannot be written.
+    pub fn gallery(&self, path: &Path, strips: &Path) -> Result<bool> {
         let system = &self.task.system;
         let future = self.task.test_frames - system.input_steps;
         let step = future.div_ceil(COLUMNS);
         let columns: Vec<usize> = (0..future).step_by(step).collect();
         let mut rows: Vec<(String, Tensor)> = Vec::new();
         for (label, _, of_model) in self.models() {
-            let outputs = of_model[0].folder.join("outputs.npz");
+            let first = of_model[0];
+            let Some(source) = &first.frames else { continue };
             if rows.is_empty() {
-                let truth = first_clip(&outputs, "input")?.narrow(0, system.input_steps as i64, future as i64);
-                rows.push(("truth".into(), chosen(&truth, &columns)));
+                rows.push(("truth".into(), self.shown(source, TRUTH, &columns)?));
             }
-            rows.push((label.into(), chosen(&first_clip(&outputs, "output")?, &columns)));
+            rows.push((label.into(), self.shown(source, &first.model, &columns)?));
+            for (name, (_, frames)) in [(TRUTH, &rows[0]), (&first.model, &rows[rows.len() - 1])] {
+                viz::write_strip(&strips.join(self.strip(name)), frames)?;
+            }
         }
         if rows.is_empty() {
             return Ok(false);
@@ -179,6 +181,25 @@ impl OfTask<'_> {
         let places: Vec<usize> = columns.iter().map(|column| system.input_steps + column).collect();
         viz::write_gallery(path, system, &rows, &places)?;
         Ok(true)
+    }
+
+    fn strip(&self, name: &str) -> String {
+        format!("{}-{name}.png", self.task.name)
+    }
+
+    /// The frames of these columns, `[columns, C, S, S]`: a model's, or the true ones.
+    fn shown(&self, source: &PredictedFrames, name: &str, columns: &[usize]) -> Result<Tensor> {
+        let folder = match source {
+            PredictedFrames::Report(report) => {
+                return viz::read_strip(&report.join(FRAMES).join(self.strip(name)), columns.len());
+            }
+            PredictedFrames::Run(folder) => folder,
+        };
+        // The true frames begin with the input, the predicted ones after it.
+        let (array, before) = if name == TRUTH { ("input", self.task.system.input_steps) } else { ("output", 0) };
+        let frames = first_clip(&folder.join("outputs.npz"), array)?;
+        let columns: Vec<i64> = columns.iter().map(|column| (before + column) as i64).collect();
+        Ok(frames.index_select(0, &Tensor::from_slice(&columns)))
     }
 }
 
@@ -189,9 +210,4 @@ fn first_clip(path: &Path, name: &str) -> Result<Tensor> {
     let array = array.as_standard_layout();
     let values = array.as_slice().with_context(|| format!("{}: array {name}", path.display()))?;
     Ok(Tensor::from_slice(values).reshape(&shape).get(0).permute([0, 3, 1, 2]))
-}
-
-fn chosen(frames: &Tensor, columns: &[usize]) -> Tensor {
-    let columns: Vec<i64> = columns.iter().map(|column| *column as i64).collect();
-    frames.index_select(0, &Tensor::from_slice(&columns))
 }

@@ -39,6 +39,8 @@ pub struct Search {
     pub task: String,
     pub seed: u64,
     pub rates: Vec<f64>,
+    /// Steps of a whole other model in the search.
+    pub whole_steps: u64,
 }
 
 /// Trainings on fewer clips.

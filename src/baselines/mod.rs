@@ -2,10 +2,12 @@
 //!
 //! Paper: section 4. The other dynamics and decoders are choices of the model
 //! ([`ModelOptions`](crate::network::physics_models::ModelOptions)); the whole other models stand here, each trained by
-//! [`training`]. [`list`] says what is compared, [`results`] gathers what became of it, [`page`] shows it.
+//! [`training`]. [`list`] says what is compared, [`results`] gathers what became of it and [`earlier`] what other machines
+//! reported, [`page`] shows it.
 
 pub mod conv_lstm;
 pub mod ddpae;
+pub mod earlier;
 mod figures;
 pub mod frame_model;
 pub mod gaussian;

@@ -10,14 +10,12 @@ use anyhow::{Context, Result};
 
 use super::figures::OfTask;
 use super::list::{Comparison, Entry};
-use super::results::{Row, Searched};
+use super::results::{FRAMES, RESULTS, Row, SEARCH, Searched};
 use crate::support::atomic;
 use crate::support::statistics::Spread;
 use crate::tasks::Task;
 
-/// The report's files.
-const RESULTS: &str = "results.json";
-const SEARCH: &str = "search.json";
+/// The page and its pictures, beside the [results](super::results).
 const PAGE: &str = "report.md";
 const PICTURES: &str = "pictures";
 /// A frame that is less similar to the truth than this is lost.
@@ -39,18 +37,20 @@ impl Report<'_> {
     /// # Errors
     /// A folder that cannot be written, a damaged run.
     pub fn write(&self, out: &Path) -> Result<()> {
-        let pictures = out.join(PICTURES);
-        fs::create_dir_all(&pictures).with_context(|| format!("cannot create {}", pictures.display()))?;
+        for folder in [PICTURES, FRAMES] {
+            let folder = out.join(folder);
+            fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        }
         let json = |name: &str, write: &dyn Fn(&mut atomic::Writer) -> serde_json::Result<()>| {
             atomic::write_file(&out.join(name), |file| Ok(write(file)?))
         };
         json(RESULTS, &|file| serde_json::to_writer_pretty(file, &self.rows))?;
         json(SEARCH, &|file| serde_json::to_writer_pretty(file, &self.searched))?;
-        let page = self.page(&pictures)?;
+        let page = self.page(out)?;
         atomic::write_file(&out.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
     }
 
-    fn page(&self, pictures: &Path) -> Result<String> {
+    fn page(&self, out: &Path) -> Result<String> {
         let mut page = String::new();
         let (models, tasks) = (self.list.models.len(), self.list.tasks.len());
         let seeds = self.list.seeds.len();
@@ -69,7 +69,7 @@ impl Report<'_> {
         self.sizes(&mut page);
         self.search(&mut page);
         for task in self.list.all_tasks()? {
-            self.task(&mut page, &task, pictures)?;
+            self.task(&mut page, &task, out)?;
         }
         self.efficiency(&mut page);
         Ok(page)
@@ -114,7 +114,7 @@ impl Report<'_> {
         self.list.model(model).map_or(model, |entry| &entry.label)
     }
 
-    fn task(&self, page: &mut String, task: &Task, pictures: &Path) -> Result<()> {
+    fn task(&self, page: &mut String, task: &Task, out: &Path) -> Result<()> {
         let of_task = |row: &&Row| row.task == task.name && row.training_clips == self.clips;
         let rows: Vec<Row> = self.rows.iter().filter(of_task).cloned().collect();
         let _ = writeln!(page, "\n## {}\n", task.name);
@@ -132,13 +132,13 @@ impl Report<'_> {
         type Draw<'a> = &'a dyn Fn(&Path) -> Result<bool>;
         let drawn: [(&str, &str, Draw); 4] = [
             ("frames", "SSIM and squared error of each predicted frame", &|path| figures.frame_scores(path)),
-            ("gallery", "future frames of the first test clip", &|path| figures.gallery(path)),
+            ("gallery", "future frames of the first test clip", &|path| figures.gallery(path, &out.join(FRAMES))),
             ("parameters", "the physical parameters over the steps", &|path| figures.parameters(path)),
             ("whole", "validation error of the whole other models", &|path| figures.whole_courses(path)),
         ];
         for (name, caption, draw) in drawn {
             let file = format!("{}-{name}.png", task.name);
-            if draw(&pictures.join(&file))? {
+            if draw(&out.join(PICTURES).join(&file))? {
                 let _ = writeln!(page, "\n![{}: {caption}]({PICTURES}/{file})", task.name);
             }
         }

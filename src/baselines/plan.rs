@@ -117,7 +117,7 @@ impl Places {
     /// # Errors
     /// A model that is none, or that has no learning rate.
     pub fn whole(&self, list: &Comparison, training: &Training) -> Result<WholeConfig> {
-        let Training { entry, task, clips, seed, rate, .. } = training;
+        let Training { entry, task, clips, seed, rate, searched } = training;
         let rate = rate.or(entry.learning_rate);
         Ok(WholeConfig {
             model: entry.whole.with_context(|| format!("model {} is no whole other model", entry.name))?,
@@ -126,7 +126,7 @@ impl Places {
             seed: *seed,
             learning_rate: rate.with_context(|| format!("model {}: no learning rate was found", entry.name))?,
             batch: list.whole.batch,
-            steps: list.whole.steps,
+            steps: if *searched { list.search.whole_steps } else { list.whole.steps },
             checkpoint_every: list.whole.checkpoint_every,
         })
     }

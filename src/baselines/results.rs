@@ -12,11 +12,17 @@ use super::plan::{self, Places, Training};
 use super::training::WholeScores;
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
 use crate::runs::course::Course;
+use crate::runs::metrics::Kind;
 use crate::runs::names::CONFIG;
 use crate::runs::run::Run;
 use crate::runs::scores::{PredictedFrame, Scores};
 use crate::runs::summary::LearnedParameter;
 use crate::training::config::Config;
+
+/// The report's files that hold them: the rows, the search, and the frames of each model that the gallery shows.
+pub(super) const RESULTS: &str = "results.json";
+pub(super) const SEARCH: &str = "search.json";
+pub(super) const FRAMES: &str = "frames";
 
 /// A finished training of the comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -43,9 +49,26 @@ pub struct Row {
     /// That the search chose; none where nothing was searched.
     pub searched_rate: Option<f64>,
     pub parameters: BTreeMap<String, LearnedParameter>,
-    /// The run's folder.
+    /// Steps and values of what changed in the training: each physical parameter, or of a whole other model the validation
+    /// error, [`VALIDATION_ERROR`]; at most [`POINTS`] of them.
+    pub courses: BTreeMap<String, Vec<(f64, f64)>>,
+    /// Where its predicted frames are.
     #[serde(skip)]
-    pub folder: PathBuf,
+    pub frames: Option<PredictedFrames>,
+}
+
+/// The course of a whole other model's error.
+pub(super) const VALIDATION_ERROR: &str = "pred_loss";
+/// Points of a course that are kept, at most.
+const POINTS: usize = 60;
+
+/// Where the predicted frames of a training are.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PredictedFrames {
+    /// In the folder of its run.
+    Run(PathBuf),
+    /// In the folder of a report: those that its gallery shows.
+    Report(PathBuf),
 }
 
 impl Row {
@@ -62,8 +85,14 @@ impl Row {
         row.with_context(|| format!("run {}", folder.display()))
     }
 
+    /// Whether it is of this training.
+    pub fn is_of(&self, training: &Training) -> bool {
+        let Training { entry, task, clips, seed, .. } = training;
+        (&self.model, &self.task, self.training_clips, self.seed) == (&entry.name, task, *clips, *seed)
+    }
+
     /// The scores of its frames, for figures.
-    pub fn frames(&self, input: usize, pred: usize) -> Vec<PredictedFrame> {
+    pub fn frame_scores(&self, input: usize, pred: usize) -> Vec<PredictedFrame> {
         let scores = self.ssim.iter().zip(&self.squared_error).enumerate();
         scores
             .map(|(place, (&ssim, &squared_error))| PredictedFrame {
@@ -100,8 +129,15 @@ fn row(training: &Training, folder: &Path, weights: usize, scores: &Scores) -> R
         seconds: 0.0,
         searched_rate: training.rate,
         parameters: BTreeMap::new(),
-        folder: folder.into(),
+        courses: BTreeMap::new(),
+        frames: Some(PredictedFrames::Run(folder.into())),
     }
+}
+
+/// Some of a course's points, the first and the last among them.
+fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let (last, kept) = (points.len().saturating_sub(1), points.len().min(POINTS));
+    (0..kept).map(|place| points[place * last / (kept - 1).max(1)]).collect()
 }
 
 fn of_run(training: &Training, folder: &Path) -> Result<Option<Row>> {
@@ -112,22 +148,27 @@ fn of_run(training: &Training, folder: &Path) -> Result<Option<Row>> {
         let variables = model.named_variables().into_iter().filter(|(name, _)| counts(model.group(name)));
         variables.map(|(_, variable)| variable.numel()).sum()
     };
+    let course = Course::read(folder)?;
+    let courses = summary.parameters.keys().map(|name| (name.clone(), thinned(&course.points(None, name)))).collect();
     let carries = |group| !matches!(group, VariableGroup::Encoder | VariableGroup::Decoder);
     Ok(Some(Row {
         dynamics_weights: Some(count(&carries)),
         steps: summary.steps,
         seconds: summary.wall_seconds,
         parameters: summary.parameters.clone(),
+        courses,
         ..row(training, folder, count(&|_| true), &summary.test.scores)
     }))
 }
 
 fn of_whole(training: &Training, folder: &Path) -> Result<Option<Row>> {
     let Some(whole) = WholeScores::read(folder)? else { return Ok(None) };
+    let errors = Course::read(folder)?.points(Some(Kind::Valid), VALIDATION_ERROR);
     Ok(Some(Row {
         steps: whole.config.steps,
         seconds: whole.seconds,
         searched_rate: training.entry.rate.as_ref().and(training.rate),
+        courses: [(VALIDATION_ERROR.into(), thinned(&errors))].into(),
         ..row(training, folder, whole.weights, &whole.scores)
     }))
 }
@@ -144,6 +185,20 @@ pub struct Searched {
     pub chosen: Option<f64>,
 }
 
+impl Searched {
+    pub(super) fn new(model: &str, key: &str, rates: Vec<(f64, Option<f64>)>) -> Self {
+        let best = rates.iter().filter_map(|(rate, score)| Some((*rate, (*score)?)));
+        let best = best.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(rate, _)| rate);
+        let all = rates.iter().all(|(_, score)| score.is_some());
+        Searched { model: model.into(), key: key.into(), chosen: best.filter(|_| all), rates }
+    }
+
+    /// The score of a rate, if that was run.
+    pub(super) fn score(&self, rate: f64) -> Option<f64> {
+        self.rates.iter().find(|(known, _)| *known == rate)?.1
+    }
+}
+
 /// What the search found so far, for each model with a rate to search.
 ///
 /// # Errors
@@ -157,18 +212,14 @@ pub fn searched(places: &Places, list: &Comparison, clips: usize) -> Result<Vec<
             let own = trainings.iter().filter(|training| training.entry.name == entry.name);
             own.map(|training| Ok((training.rate.unwrap_or(f64::NAN), validated(places, list, training)?))).collect()
         };
-        Some(rates().map(|rates| {
-            let best = rates.iter().filter_map(|(rate, score)| Some((*rate, (*score)?)));
-            let best = best.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(rate, _)| rate);
-            let all = rates.iter().all(|(_, score)| score.is_some());
-            Searched { model: entry.name.clone(), key, rates, chosen: best.filter(|_| all) }
-        }))
+        Some(rates().map(|rates| Searched::new(&entry.name, &key, rates)))
     };
     models.iter().filter_map(of_model).collect()
 }
 
 /// L_pred on validation clips at the end of a finished training.
 fn validated(places: &Places, list: &Comparison, training: &Training) -> Result<Option<f64>> {
+    let folder = places.folder(list, training)?;
     let finished = Row::read(places, list, training)?;
-    finished.map_or(Ok(None), |row| Ok(Course::read(&row.folder)?.last_validation("pred_loss")))
+    finished.map_or(Ok(None), |_| Ok(Course::read(&folder)?.last_validation(VALIDATION_ERROR)))
 }

@@ -18,6 +18,7 @@ mod masks;
 mod rollout;
 mod sections;
 mod sprites;
+mod strip;
 
 use std::path::Path;
 
@@ -34,6 +35,7 @@ pub use frame_scores::write_frame_scores;
 pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts, frame_spans};
 pub use gallery::write_gallery;
 pub use rollout::{check_rollout_folder, write_rollout};
+pub use strip::{read_strip, write_strip};
 
 /// Test clips whose arrays are saved, as in the original.
 pub const SAVED_CLIPS: usize = 100;

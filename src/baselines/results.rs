@@ -49,8 +49,8 @@ pub struct Row {
     /// That the search chose; none where nothing was searched.
     pub searched_rate: Option<f64>,
     pub parameters: BTreeMap<String, LearnedParameter>,
-    /// Steps and values of what changed in the training: each physical parameter, or of a whole other model the validation
-    /// error, [`VALIDATION_ERROR`]; at most [`POINTS`] of them.
+    /// Steps and values of what changed in the training, some 60 at most: each physical parameter by its name, or of a whole
+    /// other model the validation error as `pred_loss`.
     pub courses: BTreeMap<String, Vec<(f64, f64)>>,
     /// Where its predicted frames are.
     #[serde(skip)]

@@ -203,8 +203,7 @@ def main():
                 done = time_case(what, case, arguments.steps, program, Path(folder))
                 seconds = median(done["seconds"]) if axis == "threads" else done["processor_seconds"]
                 rounds[-1].append({"axis": axis, "what": what} | asdict(case) | {"seconds": seconds, "mb": done["peak_mb"]})
-            rows = [one | {"seconds": median(row["seconds"] for row in same)} for one, *others in zip(*rounds)
-                    for same in [[one, *others]]]
+            rows = [same[0] | {"seconds": median(row["seconds"] for row in same)} for same in zip(*rounds)]
             report(rows, arguments)
     print((arguments.out / "README.md").read_text())
 

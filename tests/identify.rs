@@ -8,7 +8,9 @@ use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::support::random::named_generator;
 use paig::tasks::{Task, find};
 use paig::training::identify::Identify;
+use paig::training::identify::explain::explain;
 use paig::training::identify::fit::{Fit, Start, Trust, fit};
+use paig::training::identify::seen::Seen;
 use paig::training::identify::{rank, velocity_fit};
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
@@ -136,9 +138,37 @@ fn a_mask_leaves_out_what_is_far_off() {
         let start = begin(&[4.0, 6.0], &[true; 2]);
         fit(&settings(), &task.system, &seen, &Actions::none(), &start, trust).unwrap().logs[0].exp()
     };
-    let (all, some) = (k(&Trust::default()), k(&Trust { mask: Some(mask), weights: None }));
+    let (all, some) = (k(&Trust::default()), k(&Trust { mask: Some(mask), ..Trust::default() }));
     assert!((some / 4.0 - 1.0).abs() < 0.01, "k {some}");
     assert!((all / 4.0 - 1.0).abs() > (some / 4.0 - 1.0).abs(), "with the swapped names k {all}, without {some}");
+}
+
+/// Residuals that are larger than the noise, but no outliers either, pull a fit that squares them all.
+#[test]
+fn a_few_clips_that_move_otherwise_pull_little() {
+    let task = find("spring_color").unwrap();
+    let (seen, stiffer) =
+        (scattered_springs(&task, &[4.0, 6.0], &[0.0; 4]), scattered_springs(&task, &[4.6, 6.0], &[0.0; 4]));
+    for clip in (0..CLIPS).step_by(8) {
+        seen.get(clip).copy_(&stiffer.get(clip));
+    }
+    let squared = fitted(&task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]).logs[0].exp();
+    let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
+    let seen = Seen {
+        encoded: seen.shallow_clone(),
+        centroids: seen,
+        offsets: vec![0.0; 4],
+        present: vec![1.0; 2],
+        owned: vec![0.5; 2],
+        covered: 1.0,
+        actions: Actions::none(),
+    };
+    let bounded = explain(&settings(), &model, &seen, &begin(&[1.0; 2], &[true; 2])).unwrap().fit.logs[0].exp();
+    // An eighth of the clips are 15 % stiffer: 2 % on average.
+    assert!(squared > 4.04, "k {squared} by squares");
+    // The others' residuals reach three times the noise: about half of the pull is left.
+    let pull = (bounded - 4.0) / (squared - 4.0);
+    assert!(pull.abs() < 0.65, "k {bounded} with bounded residuals, {squared} without");
 }
 
 /// On a circle, moving along it, no close encounters, as the task has them.

@@ -72,7 +72,7 @@ impl Relearning {
         let learned = model.parameters.iter().map(|parameter| named(parameter.kind.name)).collect();
         let start = Start { learned, free_offsets: false, ..all };
         let actions = Actions::new(Some(Tensor::from_slice(&actions[..frames - 1]).unsqueeze(0)));
-        let trust = Trust { mask: Some(mask), weights: None };
+        let trust = Trust { mask: Some(mask), ..Trust::default() };
         let fit = fit(&config, &model.system, positions, &actions, &start, &trust)?;
         for (parameter, log) in model.parameters.iter().zip(&fit.logs).filter(|(it, _)| named(it.kind.name)) {
             let value = log.is_finite().then_some(*log);

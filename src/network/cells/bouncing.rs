@@ -27,7 +27,7 @@ struct Bouncing {
 }
 
 /// The state after the walls have turned back what has passed them.
-pub(super) fn reflected(pos: Tensor, vel: &Tensor, walls: Walls) -> State {
+fn reflected(pos: Tensor, vel: &Tensor, walls: Walls) -> State {
     let Walls { near, far } = walls;
     let beyond = pos.gt(far);
     let before = pos.lt(near);

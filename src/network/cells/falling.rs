@@ -4,7 +4,7 @@
 
 use tch::Tensor;
 
-use super::bouncing::reflected;
+use super::impact::turned_back;
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
 
 const PARAMETERS: &[PhysicalParameter] = &[PhysicalParameter::learned("g", "log_g", 1).with_time(-2)];
@@ -51,9 +51,10 @@ impl Cell for Falling {
         let down = Tensor::arange(state.vel.size()[1], (state.vel.kind(), state.vel.device())).remainder(2.0);
         let vel = &state.vel + self.log_g.exp() * down * h;
         let pos = &state.pos + &vel * h;
-        match self.walls {
-            Some(walls) => reflected(pos, &vel, walls),
-            None => State { pos, vel },
-        }
+        let [pos, vel] = match self.walls {
+            Some(walls) => turned_back([&state.pos, &state.vel], [pos, vel], walls, None),
+            None => [pos, vel],
+        };
+        State { pos, vel }
     }
 }

@@ -12,6 +12,7 @@ mod bouncing;
 mod damped_spring;
 mod falling;
 mod gravity;
+mod impact;
 mod parameter;
 mod pendulum;
 pub mod plain;

@@ -36,6 +36,10 @@ const LEAST_FAR: f64 = 0.3;
 const LEAST_KEPT: f64 = 0.7;
 /// Rounds of leaving out.
 const KEEPING_ROUNDS: usize = 3;
+/// At the end residuals beyond so many usual ones count linearly: 95 % as exact as least squares where the noise is normal
+/// (Huber 1964), and the few that are not cannot pull the parameters. At least so many pixels or radians.
+const HUBER_OF_USUAL: f64 = 1.345;
+const LEAST_HUBER: f64 = 0.02;
 
 /// The largest residual of a motion that is explained, pixels or radians.
 const LARGEST_RESIDUAL: f64 = 0.5;
@@ -135,7 +139,7 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
     }
     let weights = weights(&best.residuals);
     let independent_residual = weights.as_ref().map_or(best.usual_residual, |weights| weights.least_deviation);
-    let mut trust = Trust { weights: weights.map(|weights| weights.factor), mask: None };
+    let mut trust = Trust { weights: weights.map(|weights| weights.factor), ..Trust::default() };
     let (best, explained) = fits.without_outliers(&named, best, free_offsets, &mut trust)?;
 
     let mut estimates = vec![best.logs.clone()];
@@ -229,7 +233,8 @@ impl Fits<'_> {
         Ok(best)
     }
 
-    /// Fits again without the positions that are far from the motion; returns the share of those that stay.
+    /// Fits again, without the positions that are far from the motion and with a loss that bounds what is beyond the noise;
+    /// returns the share of those that stay.
     fn without_outliers(
         &self,
         at: &Tensor,
@@ -241,10 +246,11 @@ impl Fits<'_> {
         for _ in 0..KEEPING_ROUNDS {
             let mask = near(&best, self.model.system.objects, trust.weights.is_some());
             explained = mask.mean(Kind::Double).double_value(&[]);
-            if explained < LEAST_KEPT || (explained == 1.0 && trust.weights.is_none()) {
+            if explained < LEAST_KEPT {
                 break;
             }
             trust.mask = Some(mask);
+            trust.huber = Some((HUBER_OF_USUAL * best.usual_residual).clamp(LEAST_HUBER, self.config.huber));
             best = self.go_on(at, &best, free_offsets, trust)?;
         }
         Ok((best, explained))

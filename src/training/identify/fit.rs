@@ -55,6 +55,8 @@ pub struct Trust {
     pub weights: Option<Tensor>,
     /// 1 for a residual that counts, 0 for one that does not, `[clips, frames * coordinates]`; none for all.
     pub mask: Option<Tensor>,
+    /// Residuals beyond this count linearly, pixels or radians; none for the config's.
+    pub huber: Option<f64>,
 }
 
 impl Start {
@@ -174,7 +176,7 @@ pub fn fit(
         free_offsets: start.free_offsets,
         weights: trust.weights.as_ref(),
         mask: trust.mask.as_ref(),
-        huber: config.huber,
+        huber: trust.huber.unwrap_or(config.huber),
         positions: &positions,
         actions,
         horizon,

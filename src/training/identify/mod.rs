@@ -42,7 +42,7 @@ pub struct Identify {
     pub horizons: Vec<usize>,
     /// For each horizon.
     pub max_iterations: usize,
-    /// Residuals beyond this count linearly; pixels or radians.
+    /// Residuals beyond this count linearly; pixels or radians. The last fits have a limit by the noise, where that is less.
     pub huber: f64,
     /// Whether templates and positions are re-centred where the motion is explained.
     pub recentre: bool,

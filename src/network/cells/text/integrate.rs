@@ -7,7 +7,7 @@ use super::evaluate::{Constants, Instant};
 use super::plain::PlainText;
 use super::restitution::Restitution;
 use super::table::Integrator;
-use crate::network::cells::bouncing::reflected;
+use crate::network::cells::impact::turned_back;
 use crate::network::cells::plain::PlainCell;
 use crate::network::cells::{Actions, Cell, State, Walls};
 
@@ -105,7 +105,8 @@ impl Run<'_> {
     fn go_on(&self, mut grid: Grid, held: Option<&Tensor>, h: f64, substeps: usize) -> Grid {
         let held = held.map(|held| held.unsqueeze(-1));
         for substep in 0..substeps {
-            grid = self.turned_back(self.moved(&grid, held.as_ref(), substep as f64 * h, h), h);
+            let moved = self.moved(&grid, held.as_ref(), substep as f64 * h, h);
+            grid = self.turned_back(&grid, moved, h);
         }
         grid
     }
@@ -145,25 +146,18 @@ impl Run<'_> {
     }
 
     /// The state after the walls have turned back what has passed them, each with what is left of its speed.
-    fn turned_back(&self, grid: Grid, h: f64) -> Grid {
+    fn turned_back(&self, before: &Grid, after: Grid, h: f64) -> Grid {
         if !self.cell.equation.table.walls {
-            return grid;
+            return after;
         }
-        let walls = self.cell.walls;
         let left = match self.cell.equation.restitution {
-            Restitution::All => {
-                let State { pos, vel } = reflected(grid.pos, &grid.vel, walls);
-                return Grid { pos, vel };
-            }
-            Restitution::Number(number) => Tensor::full([1], number, (grid.pos.kind(), grid.pos.device())),
-            Restitution::Parameter(place) => self.parameters[place].shallow_clone(),
+            Restitution::All => None,
+            Restitution::Number(number) => Some(Tensor::full([1], number, (after.pos.kind(), after.pos.device()))),
+            Restitution::Parameter(place) => Some(self.parameters[place].shallow_clone()),
         };
-        let left = if h < 0.0 { left.clamp_min(LEAST_RESTITUTION).reciprocal() } else { left };
-        let Grid { pos, vel } = grid;
-        let (beyond, before) = (pos.gt(walls.far), pos.lt(walls.near));
-        let vel = (-&vel * &left).where_self(&beyond.logical_or(&before), &vel);
-        let pos = (walls.far - (&pos - walls.far) * &left).where_self(&beyond, &pos);
-        let pos = (walls.near + (walls.near - &pos) * &left).where_self(&before, &pos);
+        let left = left.map(|left| if h < 0.0 { left.clamp_min(LEAST_RESTITUTION).reciprocal() } else { left });
+        let [pos, vel] =
+            turned_back([&before.pos, &before.vel], [after.pos, after.vel], self.cell.walls, left.as_ref());
         Grid { pos, vel }
     }
 }

@@ -19,6 +19,8 @@ pub(super) struct PlainText<F> {
     left: F,
     /// Columns of the integration's stages: position, velocity, acceleration, sums.
     stages: [Vec<F>; 5],
+    /// Positions and velocities where a substep begins, for the walls.
+    before: [Vec<F>; 2],
 }
 
 impl<F: Number> PlainText<F> {
@@ -29,7 +31,14 @@ impl<F: Number> PlainText<F> {
             Restitution::Parameter(place) => parameters[place],
         };
         let columns = Columns::new(&equation.program, equation.table.state.per_object(), parameters);
-        PlainText { equation, columns, walls: [walls.near, walls.far].map(F::of), left, stages: Default::default() }
+        PlainText {
+            equation,
+            columns,
+            walls: [walls.near, walls.far].map(F::of),
+            left,
+            stages: Default::default(),
+            before: Default::default(),
+        }
     }
 
     /// All states a time `dt` later, one frame. `held` is what the dataset holds for the frame, `[batch]`.
@@ -39,9 +48,16 @@ impl<F: Number> PlainText<F> {
         let substeps = self.equation.table.substeps;
         let h = dt / F::of(substeps as f64);
         for substep in 0..substeps {
-            self.substep(pos, vel, (held, F::of(substep as f64) * h), h);
+            let at = (held, F::of(substep as f64) * h);
             if self.equation.table.walls {
+                for (before, now) in self.before.iter_mut().zip([&*pos, &*vel]) {
+                    before.clear();
+                    before.extend_from_slice(now);
+                }
+                self.substep(pos, vel, at, h);
                 self.turn_back(pos, vel);
+            } else {
+                self.substep(pos, vel, at, h);
             }
         }
     }
@@ -107,14 +123,21 @@ impl<F: Number> PlainText<F> {
         }
     }
 
-    /// Turns back what has passed a wall, with what is left of its speed.
+    /// Turns back what has passed a wall, with what is left of its speed; what the force gave after the impact counts on the
+    /// way back.
     fn turn_back(&self, pos: &mut [F], vel: &mut [F]) {
         let ([near, far], left) = (self.walls, self.left);
-        for (x, v) in pos.iter_mut().zip(vel) {
-            let outside = *x > far || *x < near;
-            *v = if outside { -*v * left } else { *v };
-            *x = if *x > far { far - (*x - far) * left } else { *x };
-            *x = if *x < near { near + (near - *x) * left } else { *x };
+        let before = self.before[0].iter().zip(&self.before[1]);
+        for ((x, v), (from, speed)) in pos.iter_mut().zip(vel).zip(before) {
+            let wall = if *x > far { far } else { near };
+            if *x <= far && *x >= near {
+                continue;
+            }
+            let (beyond, way) = (*x - wall, *x - *from);
+            let since = if way == F::zero() { beyond } else { beyond / way };
+            let gained = (*v - *speed) * since.max(F::zero()).min(F::one());
+            *v = gained - (*v - gained) * left;
+            *x = wall - beyond * left;
         }
     }
 }

@@ -53,7 +53,8 @@ ABLATED := spring_color 3bp_color configs/stress/spring_noise_10.toml configs/st
 ABLATIONS := discover.guide.coverage=0 discover.guide.identity=0 discover.guide.tie=0 \
 	discover.start.median_background=false discover.start.sprites=false discover.start.mask_spread=0 \
 	discover.start.localiser_scale=0 "discover.end_at_best=false join.end_at_best=false" \
-	"identify.max_iterations=0 identify.recentre=false" identify.recentre=false join.max_steps=0 \
+	"identify.max_iterations=0 identify.recentre=false" \
+	"discover.first_fit=0 identify.max_iterations=0 identify.recentre=false" identify.recentre=false join.max_steps=0 \
 	"join.position_consistency=0 join.velocity_consistency=0" model.alignment_steps=0 \
 	"model.refinement_steps=0 identify.velocity_steps=3000" model.names_by_continuity=false model.second_look=false
 ABLATION_SEEDS ?= 0-2

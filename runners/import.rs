@@ -83,7 +83,7 @@ struct Arguments {
     /// How well the scale is known: its standard deviation, per cent
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, help_heading = "Scale and axes")]
     scale_percent: f64,
-    /// The same of the time between two frames
+    /// How well the time between two frames is known: its standard deviation, per cent
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, help_heading = "Frames")]
     time_percent: f64,
     /// Origin of the scene's axes, pixels of the video, from its top left corner [default: that corner]
@@ -265,7 +265,9 @@ fn summarize(request: &Request, imported: &Imported) {
     say!("crop {0} x {0} from ({1}, {2}) on, seen as {side} x {side}", square.side, square.x, square.y);
     match imported.metres_per_pixel {
         Some(metres) => say!("scale {metres:.6} m to a pixel of a frame"),
-        None => say!("scale not known; lengths will be in pixels of a frame"),
+        None => say!(
+            "scale not known: what is learned will be in pixels of a frame, what is measured in pixels of the video"
+        ),
     }
     let [train, valid, test] = imported.clips;
     let (short, long) = (imported.cut.train_frames, imported.cut.test_frames);

@@ -195,6 +195,31 @@ fn missing_data_and_devices_are_named() {
     }
 }
 
+/// What a task's file says wrongly is not blamed on the command line, and a file without clips is not sent in a circle.
+#[test]
+fn task_files_are_named_where_they_are_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let spring = fs::read_to_string("configs/tasks/spring_color.toml").unwrap().replace("spring_color", "springs");
+    let path = folder.path().join("springs.toml");
+    let said = |text: &str, options: &[&str]| {
+        fs::write(&path, text).unwrap();
+        refused(Command::new(env!("CARGO_BIN_EXE_run_physics")).arg("--task").arg(&path).args(options))
+    };
+    let with = |lines: &str| format!("{spring}\n{lines}\n");
+    let print = ["--print-config"];
+    assert_says(&said(&with("[recipe.fst.join]\nbatch = 3"), &print), &["springs", "[recipe.fst]", "fast, paper"]);
+    assert_says(&said(&with("[recipe.fast.join]\nbach = 3"), &print), &["task springs: [recipe.fast]", "`bach`"]);
+    let equation = "[system.equation]\nacceleration = \"vec(0, g)\"\n[system.equation.parameters]\ng = 9.81";
+    let text = format!(
+        "name = \"drop\"\n[system]\nside = 32\nchannels = 1\nobjects = 1\ninput_steps = 4\n\
+                        pred_steps = 6\ndt = 0.3\n{equation}\n[data]\ntrain_frames = 12\ntest_frames = 30\n"
+    );
+    assert_says(&said(&text, &print), &["9.81", "{ unit = [1, -2] }"]);
+    let own = said(&text.replace("g = 9.81", "g = {}"), &["--data", "nowhere"]);
+    assert_says(&own, &["there is no dataset file", "own-data.md", "`import` a video"]);
+    assert!(!own.contains("`generate"), "{own}");
+}
+
 #[test]
 fn run_folders_are_guarded() {
     let folder = tempfile::tempdir().unwrap();
@@ -213,6 +238,25 @@ fn run_folders_are_guarded() {
     elsewhere.args(["--resume", "--threads", "2", "--seed", "0", "--data"]).arg(dataset()).arg("--out").arg(&run);
     let done = elsewhere.output().unwrap();
     assert!(done.status.success() && text(&done).contains("2 threads"), "{}", text(&done));
+    // Clips that were made again under the old name are not gone on with.
+    let other = folder.path().join("other");
+    let mut generate = Command::new(env!("CARGO_BIN_EXE_generate"));
+    generate.args([
+        "--task",
+        "spring_color",
+        "--train",
+        "300",
+        "--valid",
+        "40",
+        "--test",
+        "20",
+        "--seed",
+        "5",
+        "--out",
+    ]);
+    assert!(generate.arg(&other).output().unwrap().status.success());
+    let said = ended(spring(&run).args(["--resume", "--data"]).arg(&other), 1);
+    assert_says(&said, &["not those that the run was begun with", "another folder"]);
     // Without its config a run's checkpoints are not taken for the beginning of another run.
     fs::rename(run.join("config.toml"), run.join("away.toml")).unwrap();
     assert_says(&refused(fresh(&mut spring(&run)).args(["--seed", "9"])), &["holds a run already"]);

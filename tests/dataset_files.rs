@@ -7,7 +7,7 @@ use std::process::Command;
 use ndarray::{Array, Array2, Array5, s};
 use ndarray_npy::{NpzWriter, WritableElement};
 use paig::datasets::dataset::Dataset;
-use paig::datasets::files::{ClipShape, DatasetFile, Frames, Split};
+use paig::datasets::files::{ClipShape, DatasetFile, Frames, Origin, Split};
 use paig::datasets::iterators::Clips;
 use paig::datasets::states::States;
 use paig::generators::source_images::SourceImages;
@@ -24,6 +24,7 @@ const COUNTS: Counts = Counts { train: 12, valid: 2, test: 3 };
 fn shape() -> ClipShape {
     ClipShape {
         task: "spring_color".into(),
+        origin: Origin::Generated,
         frames: 3,
         or_frames: None,
         side: 4,

@@ -220,7 +220,7 @@ fn built_in_equations_as_text_give_the_same_numbers_and_gradients() {
 #[test]
 fn mistakes_are_told_with_their_place() {
     for (text, expected) in [
-        ("-kk * p", "acceleration: column 2: unknown name \"kk\"; known are p, v, u, t, k, l\n  -kk * p\n   ^^"),
+        ("-kk * p", "acceleration: column 2: unknown name \"kk\"; known are p, v, u, t, pi, k, l\n  -kk * p\n   ^^"),
         ("k * q", "column 5: q and w are the other object's"),
         ("k * (p - 2", "column 11: found the end, expected"),
         ("k * p3", "column 5: there is no object 3; they are p1 to p2"),
@@ -299,7 +299,7 @@ fn mistakes_are_told_with_their_place() {
     // In a text of several lines the line is named.
     let found = complaint("acceleration = \"\"\"\n  -p\n  + zz\n\"\"\"", 2);
     assert!(
-        found.contains("line 2, column 5: unknown name \"zz\"; known are p, v, u, t\n    + zz\n      ^^"),
+        found.contains("line 2, column 5: unknown name \"zz\"; known are p, v, u, t, pi\n    + zz\n      ^^"),
         "{found}"
     );
 }
@@ -372,6 +372,7 @@ fn functions_have_their_meaning() {
         ("unit(p) + 0 * unit(p - p)", [0.6, 0.8]),
         ("vec(sqrt(p.y), square(p.x))", [2.0, 9.0]),
         ("vec(exp(v.y), ln(p.x))", [0.5f64.exp(), 3f64.ln()]),
+        ("vec(sin(pi / 2), cos(pi))", [1.0, -1.0]),
         ("vec(sin(v.y), cos(v.y))", [0.5f64.sin(), 0.5f64.cos()]),
         ("vec(tan(v.y), tanh(v.y))", [0.5f64.tan(), 0.5f64.tanh()]),
         ("vec(atan2(p.y, v.x), abs(v.x))", [4f64.atan2(-2.0), 2.0]),

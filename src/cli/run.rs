@@ -16,7 +16,7 @@ use super::progress::{Progress, Screen};
 use super::table::{print_frames_and_states, print_results};
 use super::{environment, interrupt};
 use crate::datasets::dataset::Dataset;
-use crate::datasets::files::{ClipShape, Split};
+use crate::datasets::files::{ClipShape, Frames, Split};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::States;
 use crate::evaluation::{self, ScoredClips};
@@ -235,6 +235,8 @@ enum Opened {
 struct TrainingData {
     train: Clips,
     valid: Clips,
+    /// Checksums of both.
+    checksums: String,
 }
 
 impl TrainingData {
@@ -256,7 +258,9 @@ impl TrainingData {
         States::read(&path, &test).context("the run could not be scored at its end")?;
         drop(test);
         let clips = |split| training.clips(split, device);
-        let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid) };
+        let [train, valid, _] = training.checksums();
+        let checksums = format!("{train:016x} {valid:016x}");
+        let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid), checksums };
         config.check_clips(&data.train)?;
         if data.train.flickers() {
             say!("note: the light flickers from frame to frame; each frame is divided by its own");
@@ -306,6 +310,7 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
     let (mut recorder, mut screen) = (Recorder::new(folder)?, Screen::new(config));
     let mut events = config.output.tensorboard.then(|| EventFile::new(folder)).transpose()?;
     let mut trainer = Trainer::new(config, &model, &data.train, &data.valid)?
+        .of_clips(&data.checksums)
         .save_to(Store::new(folder.path()))
         .observed_by(&mut recorder)
         .observed_by(&mut screen)
@@ -361,9 +366,9 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
     viz::write_curves(folder.path(), &config.task, &test.truth)?;
     waiting.finish();
     print_end(&state, folder.path());
+    let measured = measure_videos(config, folder, device);
     say!("{verdict}");
-    measure_videos(config, folder, device)?;
-    Ok(ExitCode::SUCCESS)
+    measured.map(|()| ExitCode::SUCCESS)
 }
 
 /// Prints what each phase took, and what to do next.

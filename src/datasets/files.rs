@@ -35,11 +35,23 @@ impl Split {
     }
 }
 
+/// Where a task's clips come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// `generate`.
+    Generated,
+    /// Videos, by `import`.
+    Filmed,
+    /// Somebody's own program.
+    Own,
+}
+
 /// What the clips of a file must look like.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ClipShape {
-    /// Name of the task, for messages.
+    /// Name of the task, and where its clips come from, for messages.
     pub task: String,
+    pub origin: Origin,
     pub frames: usize,
     /// Another length that will do.
     pub or_frames: Option<usize>,
@@ -58,6 +70,11 @@ impl ClipShape {
     pub fn training(task: &Task) -> Self {
         Self {
             task: task.name.clone(),
+            origin: match (&task.scene, task.video()) {
+                (Some(_), _) => Origin::Generated,
+                (None, Some(_)) => Origin::Filmed,
+                (None, None) => Origin::Own,
+            },
             frames: task.train_frames,
             or_frames: None,
             side: task.system.side,
@@ -80,8 +97,26 @@ impl ClipShape {
 }
 
 impl ClipShape {
-    /// The command that makes such clips.
-    pub(super) fn command(&self) -> String {
+    /// How to get such a file.
+    pub(super) fn get(&self) -> String {
+        match (self.origin, tasks::builtin(&self.task)) {
+            (Origin::Generated, Some(_)) => format!("make it with {}, or put the authors' file there", self.command()),
+            (Origin::Generated, None) => format!("make it with {}, or put your own file there", self.command()),
+            (Origin::Filmed, _) => "`import` the videos again".into(),
+            (Origin::Own, _) => "save your clips there (docs/own-data.md), or `import` a video".into(),
+        }
+    }
+
+    /// How to make the file again with what it lacks.
+    pub(super) fn get_again(&self) -> String {
+        match self.origin {
+            Origin::Generated => format!("make the file again with {} and --force", self.command()),
+            Origin::Filmed => "import the videos again with this equation (--equation) and --force".into(),
+            Origin::Own => "save them beside the frames (docs/own-data.md)".into(),
+        }
+    }
+
+    fn command(&self) -> String {
         match tasks::builtin(&self.task) {
             Some(task) => format!("`generate --task {}`", task.name),
             None => "`generate --task` and the task's file".into(),

@@ -7,7 +7,6 @@ use ndarray::{Array2, Array5, Ix2, Ix5};
 
 use super::files::{ClipShape, DatasetFile, Split};
 use super::npz;
-use crate::tasks;
 
 impl DatasetFile {
     /// Reads and checks all arrays: the three of frames and, where expected, the three of actions.
@@ -31,10 +30,7 @@ pub(super) struct Reader<'a> {
 impl<'a> Reader<'a> {
     pub(super) fn open(path: &'a Path, expected: &'a ClipShape) -> Result<Self> {
         let there = path.try_exists().with_context(|| format!("the dataset file {path:?} cannot be reached"))?;
-        if !there {
-            let or = if tasks::builtin(&expected.task).is_some() { "the authors' file" } else { "your own file" };
-            bail!("there is no dataset file {path:?}; make it with {}, or put {or} there", expected.command());
-        }
+        ensure!(there, "there is no dataset file {path:?}; {}", expected.get());
         Ok(Reader { archive: npz::Archive::open(path)?, path, expected })
     }
 
@@ -90,12 +86,9 @@ impl<'a> Reader<'a> {
         }
         let mut read = |split: Split| self.actions_of(split, lengths[split as usize]);
         let actions = (|| Ok::<_, anyhow::Error>([read(Split::Train)?, read(Split::Valid)?, read(Split::Test)?]))();
-        let (path, task, command) = (self.path, &self.expected.task, self.expected.command());
+        let (path, task, again) = (self.path, &self.expected.task, self.expected.get_again());
         actions.map(Some).with_context(|| {
-            format!(
-                "no actions for the clips of {path:?}: task {task:?} needs one number a frame; make the file again with \
-                 {command} and --force"
-            )
+            format!("no actions for the clips of {path:?}: task {task:?} needs one number a frame; {again}")
         })
     }
 

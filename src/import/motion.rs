@@ -4,6 +4,7 @@ use image::RgbImage;
 
 use super::crop::Rectangle;
 use super::scaling::scaled;
+use crate::support::statistics::median;
 
 /// Frames from which what stands still is measured.
 const COMPARED_FRAMES: usize = 200;
@@ -67,7 +68,7 @@ impl Moving {
         let Some((width, height)) = frames.first().map(RgbImage::dimensions) else {
             return Moving { width: 0, height: 0, times: Vec::new(), frames: Vec::new() };
         };
-        let still = median(frames);
+        let still = median_frame(frames);
         let mut times = vec![0; (width * height) as usize];
         let of_frames = frames.iter().map(|frame| {
             let moves = moving(frame, &still);
@@ -92,9 +93,7 @@ impl Moving {
 
     /// Share of the pixels that move in a typical frame in which any does.
     pub fn typical_share(&self) -> f64 {
-        let mut shares: Vec<f64> = self.frames.iter().map(|frame| frame.share).filter(|share| *share > 0.0).collect();
-        shares.sort_by(f64::total_cmp);
-        shares.get(shares.len() / 2).copied().unwrap_or(0.0)
+        median(self.frames.iter().map(|frame| frame.share).filter(|share| *share > 0.0)).unwrap_or(0.0)
     }
 
     /// A rectangle around what moves with a margin, in pixels of frames of `width` x `height`; none if nothing moves.
@@ -142,7 +141,7 @@ fn middle_of(counts: &[usize]) -> Option<(u32, u32)> {
 }
 
 /// The median over frames of each number of a picture.
-fn median(frames: &[RgbImage]) -> Vec<u8> {
+fn median_frame(frames: &[RgbImage]) -> Vec<u8> {
     let chosen = spread(frames.len(), COMPARED_FRAMES);
     let mut levels = vec![0; chosen.len()];
     (0..frames[0].as_raw().len())

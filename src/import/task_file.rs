@@ -39,7 +39,10 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
     };
     let scale = match video.metres_per_pixel(request.side) {
         Some(metres) => format!("# A pixel of a frame is {metres:.6} m.\n"),
-        None => "# The scale is not known: lengths come out in pixels of a frame.\n".into(),
+        None => {
+            "# The scale is not known: lengths are learned in pixels of a frame, and measured in pixels of the video.\n"
+                .into()
+        }
     };
     let summary = video.source_names().join(", ");
     let walls = if kind.walls {

@@ -5,6 +5,7 @@ use std::ops::Range;
 use anyhow::{Result, bail, ensure};
 
 use super::sources::MOST_FRAMES;
+use crate::support::statistics::median;
 
 /// Frames that stand further from a regular clock than this part of its interval are put onto one: the nearest frame for
 /// each tick.
@@ -74,7 +75,7 @@ impl Kept {
             let frames = range.step_by(step).collect();
             return Ok(Kept { frames, interval: mean * step as f64, first_seconds: first, clock: Clock::Regular });
         }
-        let tick = median_interval(times);
+        let tick = median(times.windows(2).map(|pair| pair[1] - pair[0])).unwrap_or(0.0);
         ensure!(
             tick > 0.0,
             "most of its frames have the time of the one before; say with --fps how many it has a second"
@@ -118,12 +119,6 @@ fn range(frames: usize, times: Option<&[f64]>, fps: Option<f64>, part: Part) -> 
         range.end
     );
     Ok(range)
-}
-
-fn median_interval(times: &[f64]) -> f64 {
-    let mut intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    intervals.sort_by(f64::total_cmp);
-    intervals[intervals.len() / 2]
 }
 
 /// For each tick from the first time to the last the place of the nearest frame.

@@ -8,6 +8,7 @@ use super::motion::Moving;
 use super::reel::{Reel, Take};
 use super::request::Request;
 use super::time_base::Clock;
+use crate::support::statistics::median;
 
 /// Share of the moving pixels from which on it is rather the camera that moves.
 const ALMOST_ALL: f64 = 0.5;
@@ -115,7 +116,5 @@ pub(super) fn of(
 fn way(moving: &Moving, frames: usize) -> Option<f64> {
     let middles: Vec<_> = moving.frames.iter().map(|frame| frame.middle).collect();
     let between = middles.windows(frames.max(2)).filter_map(|seen| Some((seen[0]?, seen[seen.len() - 1]?)));
-    let mut ways: Vec<f64> = between.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).collect();
-    ways.sort_by(f64::total_cmp);
-    ways.get(ways.len() / 2).copied()
+    median(between.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])))
 }

@@ -4,6 +4,8 @@
 //! at all. One lost frame in twenty seconds puts a fitted swing off by a frame for the rest of the video. Only positions
 //! are looked at, no equation: what was held out may be looked at in the same way.
 
+use crate::support::statistics::median;
+
 /// Steps before and after that are compared with.
 const NEIGHBOURS: usize = 5;
 /// A step differs by more than so many times what steps usually differ by.
@@ -69,8 +71,8 @@ impl Clock {
 
 /// Over how many steps the object went from a frame to the next, if it is clearly not one.
 fn whole_steps(steps: &[Vec<f64>], place: usize) -> Option<usize> {
-    let before = median(steps.get(place.checked_sub(NEIGHBOURS)?..place)?);
-    let after = median(steps.get(place + 1..place + 1 + NEIGHBOURS)?);
+    let before = median_step(steps.get(place.checked_sub(NEIGHBOURS)?..place)?)?;
+    let after = median_step(steps.get(place + 1..place + 1 + NEIGHBOURS)?)?;
     let usual: Vec<f64> = before.iter().zip(&after).map(|(a, b)| (a + b) / 2.0).collect();
     let length = dot(&usual, &usual).sqrt();
     let turned = before.iter().zip(&after).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
@@ -80,9 +82,7 @@ fn whole_steps(steps: &[Vec<f64>], place: usize) -> Option<usize> {
     }
     let off = |step: &[f64]| step.iter().zip(&usual).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
     let neighbours = (place - NEIGHBOURS..=place + NEIGHBOURS).filter(|it| *it != place);
-    let mut scatter: Vec<f64> = neighbours.map(|it| off(&steps[it])).collect();
-    scatter.sort_by(f64::total_cmp);
-    let usual_scatter = scatter[scatter.len() / 2];
+    let usual_scatter = median(neighbours.map(|it| off(&steps[it])))?;
     let step = &steps[place];
     let count = dot(step, &usual) / (length * length);
     let across: Vec<f64> = step.iter().zip(&usual).map(|(step, usual)| step - count * usual).collect();
@@ -93,13 +93,8 @@ fn whole_steps(steps: &[Vec<f64>], place: usize) -> Option<usize> {
 }
 
 /// Of each coordinate.
-fn median(steps: &[Vec<f64>]) -> Vec<f64> {
-    let middle = |coordinate: usize| {
-        let mut values: Vec<f64> = steps.iter().map(|step| step[coordinate]).collect();
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    (0..steps[0].len()).map(middle).collect()
+fn median_step(steps: &[Vec<f64>]) -> Option<Vec<f64>> {
+    (0..steps[0].len()).map(|coordinate| median(steps.iter().map(|step| step[coordinate]))).collect()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -9,6 +9,7 @@ use anyhow::{Result, ensure};
 use nalgebra::{DMatrix, DVector};
 
 use super::dynamics::Dynamics;
+use crate::support::statistics::{MEDIAN_TO_DEVIATION, median};
 
 /// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or of a raw number.
 const PROBE: f64 = 1e-5;
@@ -29,8 +30,6 @@ const DAMPING_LIMIT: f64 = 1e8;
 const LARGEST_STEP: f64 = 0.5;
 /// Residuals beyond so many usual ones count linearly.
 const HUBER: f64 = 3.0;
-/// Standard deviation of normal numbers whose median size is 1.
-const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 /// Least usual residual, in the unit of a coordinate: made data may have none.
 const LEAST_DEVIATION: f64 = 1e-9;
 /// Frames from which the first state of a piece is guessed.
@@ -337,9 +336,8 @@ impl<'a> Problem<'a> {
             let seen = self.seen(piece).iter().map(|seen| !seen.is_nan()).collect::<Vec<_>>();
             residual.iter().zip(seen).filter(|(_, seen)| *seen).map(|(x, _)| x.abs()).collect::<Vec<_>>()
         };
-        let mut sizes: Vec<f64> = unknowns.pieces.iter().flat_map(of_piece).collect();
-        sizes.sort_by(f64::total_cmp);
-        (sizes.get(sizes.len() / 2).copied().unwrap_or(0.0) * MEDIAN_TO_DEVIATION).max(LEAST_DEVIATION)
+        let size = median(unknowns.pieces.iter().flat_map(of_piece)).unwrap_or(0.0);
+        (size * MEDIAN_TO_DEVIATION).max(LEAST_DEVIATION)
     }
 
     /// Iterates until the cost stands still.

@@ -48,6 +48,7 @@ use crate::network::System;
 use crate::network::cells::{CellKind, Coordinates, PhysicalParameter};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::SavedWeights;
+use crate::runs::summary::Summary;
 use crate::tasks::video::Video;
 use crate::training::config::Config;
 use crate::training::identify::rank;
@@ -119,7 +120,11 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     let passes = subject.passes()?;
     let tracker = subject.tracker_fit(&explained, &passes);
     let videos = subject.seen(&sights, by_encoder);
-    let mut notes: Vec<String> = subject.notes(&explained, &uncertainty);
+    let mut notes = Vec::new();
+    if !Summary::read(folder)?.and_then(|summary| summary.verdict).is_none_or(|verdict| verdict.found) {
+        notes.push("the run's own verdict is \"not found\": do not trust these numbers before you know why".into());
+    }
+    notes.extend(subject.notes(&explained, &uncertainty));
     if let Err(error) = &tracker {
         notes.push(format!("colour tracker: {error:#}"));
     }

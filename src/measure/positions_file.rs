@@ -8,6 +8,7 @@ use anyhow::Result;
 use super::{Measured, Seen};
 use crate::network::cells::Coordinates;
 use crate::support::atomic;
+use crate::support::statistics::median;
 
 /// Where the equation has an object in one frame: pixels of a frame, and those per unit of `dt`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,9 +61,7 @@ impl Measured<'_> {
         (0..objects)
             .map(|object| {
                 let places = seen.pixels.chunks(2).skip(object).step_by(objects);
-                let mut distances: Vec<f64> = places.map(|at| (at[0] - middle).hypot(at[1] - middle)).collect();
-                distances.sort_by(f64::total_cmp);
-                distances.get(distances.len() / 2).copied().unwrap_or(0.0)
+                median(places.map(|at| (at[0] - middle).hypot(at[1] - middle))).unwrap_or(0.0)
             })
             .collect()
     }

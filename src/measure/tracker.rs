@@ -3,6 +3,8 @@
 
 use image::RgbImage;
 
+use crate::support::statistics::median;
+
 /// Difference from the background, summed over the colours, from which on a pixel moves.
 const MOVES: i32 = 60;
 /// Distance from the object's colour, summed over the colours, up to which a pixel is the object's.
@@ -23,7 +25,7 @@ pub struct ColourTracker {
 impl ColourTracker {
     /// Learns from some frames of one size; none where nothing moves.
     pub fn learn(frames: &[RgbImage]) -> Option<Self> {
-        let background = median(frames)?;
+        let background = median_frame(frames)?;
         let mut bins = std::collections::BTreeMap::<[u8; 3], (f64, [f64; 3], f64)>::new();
         for frame in frames {
             for (pixel, behind) in frame.pixels().zip(background.pixels()) {
@@ -50,7 +52,7 @@ impl ColourTracker {
             distance(pixel.0, behind.0) >= MOVES && distance(pixel.0, self.colour) < ALIKE
         });
         let mut own: Vec<[f64; 2]> = own.map(|((x, y, _), _)| [f64::from(x) + 0.5, f64::from(y) + 0.5]).collect();
-        let mut middle = [0, 1].map(|axis| median_of(own.iter().map(|place| place[axis])));
+        let mut middle = [0, 1].map(|axis| median(own.iter().map(|place| place[axis])).unwrap_or(f64::NAN));
         for _ in 0..ROUNDS {
             let reach = FAR * (own.len() as f64 / std::f64::consts::PI).sqrt();
             own.retain(|[x, y]| (x - middle[0]).hypot(y - middle[1]) <= reach);
@@ -65,14 +67,8 @@ fn distance(a: [u8; 3], b: [u8; 3]) -> i32 {
     (0..3).map(|part| (i32::from(a[part]) - i32::from(b[part])).abs()).sum()
 }
 
-fn median_of(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 /// The median of each level over the frames.
-fn median(frames: &[RgbImage]) -> Option<RgbImage> {
+fn median_frame(frames: &[RgbImage]) -> Option<RgbImage> {
     let first = frames.first()?;
     let mut levels = vec![0; frames.len()];
     let still = (0..first.as_raw().len()).map(|place| {

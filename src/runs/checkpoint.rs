@@ -53,6 +53,9 @@ pub struct RunState {
     /// Checksum of the config.toml that the run was begun with; empty in those of earlier versions.
     #[serde(default)]
     pub config: String,
+    /// Checksums of the clips that the run learns from; empty in those of earlier versions.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub clips: String,
     /// Of all the rest; empty in those of earlier versions.
     #[serde(default)]
     checksum: String,
@@ -74,6 +77,7 @@ impl RunState {
             log_bytes: 0,
             metrics_bytes: 0,
             config: String::new(),
+            clips: String::new(),
             checksum: String::new(),
         }
     }

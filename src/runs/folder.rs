@@ -40,7 +40,7 @@ impl RunFolder {
         // Checkpoints alone are of a run whose config was deleted: a new run must not go on from them.
         ensure!(
             !path.join(CONFIG).exists() && !path.join(CHECKPOINTS).exists(),
-            "{} holds a run already; continue it with --resume, or choose another folder with --out",
+            "{} holds a run already; continue it with --resume, or choose another folder with --out (also for other clips)",
             path.display()
         );
         let entries = match fs::read_dir(path) {

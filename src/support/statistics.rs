@@ -2,6 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Standard deviation of normal numbers whose median size is 1.
+pub const MEDIAN_TO_DEVIATION: f64 = 1.4826;
+
+/// The middle one of some numbers, of an even count the upper of the two; none without numbers.
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
 /// How some numbers are spread.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
@@ -41,7 +51,8 @@ mod tests {
 
     #[test]
     fn medians_of_odd_and_even_counts() {
-        assert_eq!(Spread::of([]), None);
+        assert_eq!((Spread::of([]), median([])), (None, None));
+        assert_eq!((median([3.0, 1.0, 2.0]), median([4.0, 1.0, 2.0, 3.0])), (Some(2.0), Some(3.0)));
         assert_eq!(Spread::of([3.0, 1.0, 2.0]), Some(Spread { median: 2.0, min: 1.0, max: 3.0 }));
         assert_eq!(Spread::of([4.0, 1.0, 2.0, 3.0]), Some(Spread { median: 2.5, min: 1.0, max: 4.0 }));
     }

@@ -182,6 +182,11 @@ impl Task {
         self.table.recipe.get(recipe).and_then(toml::Value::as_table).cloned().unwrap_or_default()
     }
 
+    /// The recipes in which the task changes something.
+    pub fn changed_recipes(&self) -> impl Iterator<Item = &str> {
+        self.table.recipe.keys().map(String::as_str)
+    }
+
     /// The true value of a parameter in the task's own clips, if it is known.
     pub fn truth_of(&self, symbol: &str) -> Option<f64> {
         self.truth.iter().find(|truth| truth.name == symbol).map(|truth| truth.value)

@@ -168,11 +168,10 @@ impl Config {
     }
 
     fn of_layers(layers: ConfigLayers) -> Result<Config> {
-        let config: Config = Value::Table(layers.merged).try_into().with_context(|| match layers.file {
-            Some((path, merged)) if Value::Table(merged.clone()).try_into::<Config>().is_err() => {
-                format!("config {}", path.display())
-            }
-            _ => "config, as the command line has it".to_string(),
+        let parsed = |table: Table| Value::Table(table).try_into::<Config>();
+        let config = parsed(layers.merged).with_context(|| {
+            let wrong = layers.below.into_iter().find(|(_, table)| parsed(table.clone()).is_err());
+            wrong.map_or("config, as the command line has it".to_string(), |(place, _)| place)
         })?;
         config.check()?;
         Ok(Config { format: FORMAT, ..config })

@@ -31,8 +31,8 @@ pub struct Overrides {
 #[derive(Debug)]
 pub struct ConfigLayers {
     pub merged: Table,
-    /// The file that is one of them, and the table without the command line: tells where a wrong value comes from.
-    pub file: Option<(PathBuf, Table)>,
+    /// Where each layer below the command line comes from, and the table up to it: tells where a wrong value stands.
+    pub below: Vec<(String, Table)>,
 }
 
 /// Recipe, task, file and command line; the task is the one that file or command line name.
@@ -115,23 +115,27 @@ fn merged(
 ) -> Result<ConfigLayers> {
     let said = |key: &str| command_line.get(key).or(file_layer.get(key)).and_then(Value::as_str).map(String::from);
     let recipe = said("recipe").unwrap_or_else(|| "fast".into());
+    let names: Vec<_> = RECIPES.iter().map(|(name, _)| *name).collect();
     let Some((_, recipe_text)) = RECIPES.iter().find(|(name, _)| *name == recipe) else {
-        let names: Vec<_> = RECIPES.iter().map(|(name, _)| *name).collect();
         bail!("unknown recipe {recipe:?}; the recipes are {}", names.join(", "));
     };
     let task: Task = Value::Table(task).try_into().context("config: task")?;
+    if let Some(changed) = task.changed_recipes().find(|name| !names.contains(name)) {
+        bail!("task {}: [recipe.{changed}]: unknown recipe; the recipes are {}", task.name, names.join(", "));
+    }
     let mut merged = task_layer(&task, folder);
     let mut recipe_layer = config_file::parse(recipe_text).expect("the recipes that come with the program are sound");
     shorten_horizons(&mut recipe_layer, task.train_frames);
     merge(&mut merged, recipe_layer);
     merge(&mut merged, task.recipe_changes(&recipe));
+    let mut below = vec![(format!("task {}: [recipe.{recipe}]", task.name), merged.clone())];
     for layer in [&mut file_layer, &mut command_line] {
         layer.remove("task");
     }
     merge(&mut merged, file_layer);
-    let file = file.map(|path| (path.to_path_buf(), merged.clone()));
+    below.extend(file.map(|path| (format!("config {}", path.display()), merged.clone())));
     merge(&mut merged, command_line);
-    Ok(ConfigLayers { merged, file })
+    Ok(ConfigLayers { merged, below })
 }
 
 /// Cuts a recipe's horizons off at the length of the clips.

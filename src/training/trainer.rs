@@ -19,6 +19,8 @@ use crate::support::device::COMMIT;
 pub struct Trainer<'a> {
     config: &'a Config,
     session: Session<'a>,
+    /// Checksums of the clips; empty where nobody says them.
+    clips: String,
 }
 
 impl<'a> Trainer<'a> {
@@ -48,7 +50,13 @@ impl<'a> Trainer<'a> {
             slots: None,
             clock: Instant::now(),
         };
-        Ok(Trainer { config, session })
+        Ok(Trainer { config, session, clips: String::new() })
+    }
+
+    /// Says by their checksums which clips these are: a run that was begun with others does not go on.
+    pub fn of_clips(mut self, checksums: &str) -> Self {
+        self.clips = checksums.into();
+        self
     }
 
     /// Saves checkpoints there, and goes on from the last one if there is any.
@@ -96,10 +104,18 @@ impl<'a> Trainer<'a> {
     /// Goes through the phases that are left, from the last checkpoint if there is one.
     ///
     /// # Errors
-    /// A loss that is not a number, a full disk, a damaged checkpoint.
+    /// A loss that is not a number, a full disk, a damaged checkpoint, or one of a training on other clips.
     pub fn run(&mut self) -> Result<Outcome> {
         flush_subnormals();
         self.session.load_last()?;
+        let begun_with = &mut self.session.state.clips;
+        if begun_with.is_empty() {
+            begun_with.clone_from(&self.clips);
+        }
+        ensure!(
+            self.clips.is_empty() || *begun_with == self.clips,
+            "the clips are not those that the run was begun with; put them back, or begin another run in another folder"
+        );
         if self.session.state.steps == 0 {
             self.check_start()?;
         }

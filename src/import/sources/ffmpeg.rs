@@ -32,6 +32,10 @@ fn command(path: &Path, output: &[&str]) -> Command {
 pub(super) fn facts(path: &Path) -> Result<Facts> {
     let output = command(path, &["-f", "framecrc"]).output().context("cannot start ffmpeg")?;
     let said = String::from_utf8_lossy(&output.stderr);
+    ensure!(
+        !said.contains("fps_mode"),
+        "it needs ffmpeg 5.1 or newer (the one on the PATH knows no -fps_mode); or convert it to H.264 in mp4"
+    );
     ensure!(output.status.success(), "ffmpeg cannot read it: {}", said.trim());
     let list = String::from_utf8_lossy(&output.stdout);
     let (mut tick, mut size, mut stamps) = (None, None, Vec::new());

@@ -4,13 +4,14 @@ use anyhow::Result;
 use tch::{Kind, Tensor};
 
 use super::Identify;
-use super::fit::{Fit, MEDIAN_TO_DEVIATION, Start, Trust, fit};
+use super::fit::{Fit, Start, Trust, fit};
 use super::rank::{self, Indistinct};
 use super::seen::Seen;
 use crate::network::cells::Coordinates;
 use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::naming::{self, Naming};
 use crate::support::assignment::best_assignment;
+use crate::support::statistics::MEDIAN_TO_DEVIATION;
 
 /// Names are taken from the paths where the encoder's change within more than this share of the clips.
 const RENAMED_CLIPS: f64 = 0.15;

@@ -14,6 +14,7 @@ use super::Identify;
 use crate::network::System;
 use crate::network::cells::{Actions, State};
 use crate::network::physics_models::PhysicsNet;
+use crate::support::statistics::MEDIAN_TO_DEVIATION;
 
 /// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or natural logarithm. In float64 roll-outs
 /// of positions up to 64 px it leaves nine digits.
@@ -29,8 +30,6 @@ const DAMPING_DOWN: f64 = 0.3;
 const DAMPING_LIMIT: f64 = 1e8;
 /// Added to the diagonal of normal equations, of their largest number.
 const LEAST_HELD: f64 = 1e-12;
-/// Standard deviation of normal numbers whose median size is 1.
-pub(super) const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 /// Relative fall of the cost at which a horizon is done.
 const CONVERGED: f64 = 1e-5;
 

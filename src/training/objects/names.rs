@@ -7,6 +7,7 @@ use tch::Tensor;
 use super::blobs::{Blob, FrameBlobs};
 use crate::support::assignment::best_assignment;
 use crate::support::random::named_generator;
+use crate::support::statistics::median;
 
 /// Blobs that are farther apart than this many of their radii are taken for one object each.
 const APART: f64 = 2.5;
@@ -43,11 +44,6 @@ pub struct Names {
 
 fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum()
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The blob of each look.
@@ -99,14 +95,14 @@ impl Names {
                     cost(a, b) + cost(b, a) - cost(a, a) - cost(b, b)
                 })
                 .collect();
-            let half = 0.5 * median(margins.clone());
+            let half = 0.5 * median(margins.iter().copied()).unwrap_or(0.0);
             margins.iter().filter(|margin| **margin < half).count() as f64 > UNSURE * margins.len() as f64
         };
         let class: Vec<usize> = (0..objects).map(|b| (0..b).find(|&a| alike(a, b)).unwrap_or(b)).collect();
         let of_object = |number: fn(&Blob) -> f64, object: usize| {
             // Objects that look alike share their numbers.
             let same = (0..objects).filter(|&other| class[other] == class[object]);
-            median(same.flat_map(|other| frames.iter().map(move |frame| number(&frame[other]))).collect())
+            median(same.flat_map(|other| frames.iter().map(move |frame| number(&frame[other])))).unwrap_or(0.0)
         };
         let looks = looks
             .into_iter()
@@ -212,7 +208,7 @@ fn order_axis(frames: &[Vec<Blob>], class: &[usize]) -> i64 {
     let apart = |axis: usize| {
         let pairs = (0..class.len()).flat_map(|b| (0..b).filter(move |&a| class[a] == class[b]).map(move |a| (a, b)));
         let gaps = pairs.flat_map(|(a, b)| frames.iter().map(move |f| (f[a].centre[axis] - f[b].centre[axis]).abs()));
-        median(gaps.collect())
+        median(gaps).unwrap_or(0.0)
     };
     i64::from(apart(1) > apart(0))
 }

@@ -1,6 +1,7 @@
 //! From the expressions of an equation to its operations: what names and functions mean, and whether all goes together.
 
 use std::collections::{BTreeMap, HashMap};
+use std::f64::consts::PI;
 
 use super::complaint::{Complaint, Span};
 use super::graph::{Extent, Given, Graph, Place};
@@ -179,6 +180,7 @@ impl<'a> Compiler<'a> {
             "w" => self.state(false, Whose::Other, at, view),
             "u" => self.graph.given(Given::Action, false, Unit::Any, at),
             "t" => self.graph.given(Given::Time, false, Unit::Of([0.0, 1.0]), at),
+            "pi" => self.graph.number(PI, at),
             "other" => Err(Complaint::new(at, "the other object's parameter is written other.name")),
             _ => match of_object(name) {
                 Some((letter, number)) => self.numbered(letter, number, at),
@@ -305,7 +307,7 @@ impl<'a> Compiler<'a> {
         if view.other != Other::Nobody {
             names.extend(["q", "w"]);
         }
-        names.extend(["u", "t"]);
+        names.extend(["u", "t", "pi"]);
         names.extend(self.definitions.keys().map(String::as_str));
         names.extend(self.parameters.each.keys().map(String::as_str));
         names.extend(self.parameters.all.iter().map(|declared| declared.name.as_str()));

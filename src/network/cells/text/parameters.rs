@@ -12,7 +12,7 @@ use crate::network::cells::{Bounds, PhysicalParameter};
 /// Most parameters, those of each object counted apart.
 const MOST: usize = 64;
 /// Names that mean something else.
-const RESERVED: [&str; 9] = ["p", "v", "q", "w", "u", "t", "other", "angle", "spin"];
+const RESERVED: [&str; 10] = ["p", "v", "q", "w", "u", "t", "pi", "other", "angle", "spin"];
 
 /// A parameter as the text knows it.
 #[derive(Debug, Clone, PartialEq)]

@@ -71,7 +71,7 @@ pub enum Restitution {
 
 /// A parameter of the equation.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table, such as { unit = [1, -2] } or { fixed = 9.81 }")]
 pub struct ParameterTable {
     /// Powers of a length and of a time; without it units are not checked where the parameter takes part.
     #[serde(default, skip_serializing_if = "Option::is_none")]

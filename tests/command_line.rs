@@ -172,6 +172,8 @@ fn printed_config_is_complete_and_reads_back_the_same() {
     let again = write_config(folder.path(), &paper);
     assert_eq!(paper, print(&["--config", again.to_str().unwrap()]));
     assert_says(&print(&[]), &["recipe = \"fast\"", "[discover.guide]"]);
+    // What is switched off is written down: a report tells such a run from the plain recipe by it.
+    assert_says(&print(&["--set", "discover.first_fit=0"]), &["first_fit = 0"]);
 }
 
 #[test]

@@ -11,8 +11,3 @@ pub(super) fn not_negative(key: &str, number: f64) -> Result<()> {
     ensure!(number.is_finite() && number >= 0.0, "config: {key} = {number}: must be 0 or a positive number");
     Ok(())
 }
-
-/// Whether a key stands at 0 and can be left out where it is written.
-pub(super) fn is_zero<T: Default + PartialEq>(number: &T) -> bool {
-    *number == T::default()
-}

@@ -16,7 +16,7 @@ pub struct LrSchedule {
     pub anneal_at: f64,
     pub anneal_factor: f64,
     /// Whether the rates fall to that little by little, to the end of the phase; otherwise at once, as in the original.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[serde(default)]
     pub anneal_gradually: bool,
     /// They are divided earlier once the best validation score fell by less than this share over `patience` validations,
     /// and the phase ends as much earlier; 0 switches that off.
@@ -24,7 +24,7 @@ pub struct LrSchedule {
     pub patience: usize,
     /// Whether the phase ends at once, without steps at the divided rates, where the validations so far are all worse than
     /// the first one that counts.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[serde(default)]
     pub end_without_gain: bool,
 }
 

@@ -24,7 +24,7 @@ use super::objects::pasting;
 use super::objects::sprites;
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
-use super::ranges::{at_least_one, is_zero, not_negative};
+use super::ranges::{at_least_one, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::Clips;
 use crate::network::System;
@@ -73,17 +73,17 @@ pub struct Discover {
     pub frames: usize,
     pub max_steps: u64,
     /// Steps, at most, on frames of half the side, where frames are large; 0: none.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default)]
     pub coarse_steps: u64,
     /// Steps, at most, on whole frames after those.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default)]
     pub fine_steps: u64,
     /// Whether the phase ends with the weights of its best validation; otherwise with its last ones.
     #[serde(default)]
     pub end_at_best: bool,
     /// Training clips to which the equation is fitted as soon as the objects are drawn well enough for that, and once more
     /// when they are drawn better; with 0 not before `identify`.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default)]
     pub first_fit: usize,
     pub schedule: LrSchedule,
     pub start: DiscoverStart,

@@ -20,7 +20,7 @@ use super::base::{Outcome, Session};
 use super::objects::motion::Motion;
 use super::observer::Event;
 use super::phase::Phase;
-use super::ranges::{at_least_one, is_zero};
+use super::ranges::at_least_one;
 use crate::datasets::iterators::Clips;
 use crate::network::physics_models::{DecoderKind, PhysicsNet};
 use crate::runs::metrics::{Kind, Record};
@@ -47,7 +47,7 @@ pub struct Identify {
     /// Whether templates and positions are re-centred where the motion is explained.
     pub recentre: bool,
     /// Steps on the velocity estimator, towards the fitted trajectories' velocities. A config without it means none.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default)]
     pub velocity_steps: u64,
 }
 

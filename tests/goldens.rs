@@ -97,7 +97,8 @@ fn every_golden_tensor_is_matched() {
     let summary = stdout.lines().last().unwrap();
     assert!(summary.starts_with(&format!("{files} files")), "{summary}");
     assert!(summary.contains(" 0 failed, "), "{summary}");
-    let uninformative = stdout.lines().filter(|line| line.contains("  uninformative ("));
+    let uninformative: Vec<_> = stdout.lines().filter(|line| line.contains("  uninformative (")).collect();
+    assert!(summary.contains(&format!(" {} uninformative", uninformative.len())), "{summary}");
     for row in uninformative {
         assert!(CHAOTIC.iter().any(|file| row.starts_with(file)), "{row}");
     }

@@ -343,6 +343,24 @@ fn finished_runs_of_the_paper_recipe_are_held_against_the_paper() {
 }
 
 #[test]
+fn runs_differ_by_what_is_switched_off_only_if_another_has_it_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let run = |seed: u64| runs.join(format!("seed={seed}"));
+    (0..3).for_each(|seed| finished(&run(seed), seed, &[], (4.0, 6.0), 0.3));
+    let config = |seed: u64| fs::read_to_string(run(seed).join("config.toml")).unwrap();
+    // An earlier version did not write this down, another had it on.
+    assert!(config(0).contains("velocity_steps = 0\n"));
+    fs::write(run(0).join("config.toml"), config(0).replace("velocity_steps = 0\n", "")).unwrap();
+    fs::write(run(2).join("config.toml"), config(2).replace("velocity_steps = 0\n", "velocity_steps = 5\n")).unwrap();
+    let out = folder.path().join("report");
+    assert!(report(&[runs], &out).status.success());
+    let page = fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(page.contains("- spring_color, fast: **2 of 2** runs succeeded"), "{page}");
+    assert!(page.contains("| spring_color | fast, identify.velocity_steps=5 | 1 | 1 | 1 |"), "{page}");
+}
+
+#[test]
 fn the_records_that_come_with_the_program_are_all_read() {
     fn configs(folder: &Path) -> usize {
         let below = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_dir());

@@ -167,12 +167,11 @@ impl OfTask<'_> {
         for (label, _, of_model) in self.models() {
             let first = of_model[0];
             let Some(source) = &first.frames else { continue };
-            if rows.is_empty() {
-                rows.push(("truth".into(), self.shown(source, TRUTH, &columns)?));
-            }
-            rows.push((label.into(), self.shown(source, &first.model, &columns)?));
-            for (name, (_, frames)) in [(TRUTH, &rows[0]), (&first.model, &rows[rows.len() - 1])] {
-                viz::write_strip(&strips.join(self.strip(name)), frames)?;
+            let truth = rows.is_empty().then_some(("truth", TRUTH));
+            for (label, name) in truth.into_iter().chain([(label, first.model.as_str())]) {
+                let frames = self.shown(source, name, &columns)?;
+                viz::write_strip(&strips.join(self.strip(name)), &frames)?;
+                rows.push((label.into(), frames));
             }
         }
         if rows.is_empty() {

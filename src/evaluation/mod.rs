@@ -62,7 +62,8 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
     let states = match states {
         Some(truth) => {
             let [encoded, positions, velocities] = seen.map(|parts| Tensor::cat(&parts, 0));
-            let seen = states::Seen { encoded, positions, velocities };
+            let twins = model.decoder.twins().unwrap_or_else(|| (0..system.objects).collect());
+            let seen = states::Seen { encoded, positions, velocities, twins };
             Some(states::errors(&seen, truth, system).context("true states")?)
         }
         None => None,

@@ -1,7 +1,9 @@
 //! Positions and velocities against the true ones.
 //!
 //! A model numbers its objects as it likes and may see each of them beside its true centre, by the same offset
-//! everywhere; so objects are matched first, and errors are given with and without that offset.
+//! everywhere; so objects are matched first, and errors are given with and without that offset. What looks different is
+//! matched once for all clips; of objects that look alike nothing says which is which from clip to clip, so these are
+//! matched in each clip.
 
 use std::f64::consts::TAU;
 
@@ -21,6 +23,8 @@ pub(super) struct Seen {
     /// From the last input frame on, `[clips, 1 + T - L, coordinates * objects]`.
     pub positions: Tensor,
     pub velocities: Tensor,
+    /// For each of the model's objects the first that looks like it.
+    pub twins: Vec<usize>,
 }
 
 pub(super) fn errors(seen: &Seen, truth: &SplitStates, system: &System) -> Result<StateErrors> {
@@ -39,15 +43,15 @@ pub(super) fn errors(seen: &Seen, truth: &SplitStates, system: &System) -> Resul
     let coordinates = system.cell.coordinates;
     let (input, pred) = (system.input_steps as i64, system.pred_steps as i64);
     let true_encoded = true_positions.narrow(1, 0, input + pred);
-    let order = best_order(&encoded, &true_encoded, coordinates)?;
-    let encoded = difference(&reordered(&encoded, &order), &true_encoded, coordinates);
+    let (order, in_each_clip) = best_orders(&encoded, &true_encoded, &seen.twins, coordinates)?;
+    let encoded = difference(&reordered(&encoded, &in_each_clip), &true_encoded, coordinates);
     let offset = encoded.mean_dim([0i64, 1].as_slice(), true, Kind::Double);
     // Rolled-out states begin at the last input frame.
     let rolled_out = positions.size()[1];
     let true_rolled_out = true_positions.narrow(1, input - 1, rolled_out);
-    let positions = difference(&reordered(&positions, &order), &true_rolled_out, coordinates);
+    let positions = difference(&reordered(&positions, &in_each_clip), &true_rolled_out, coordinates);
     let (velocities, true_velocities) =
-        (reordered(&velocities, &order), true_velocities.narrow(1, input - 1, rolled_out));
+        (reordered(&velocities, &in_each_clip), true_velocities.narrow(1, input - 1, rolled_out));
     let slope = slope(&velocities.narrow(1, 0, 1), &true_velocities.narrow(1, 0, 1));
     let velocities = velocities - true_velocities;
     let predicted = positions.narrow(1, 1, pred);
@@ -65,7 +69,7 @@ pub(super) fn errors(seen: &Seen, truth: &SplitStates, system: &System) -> Resul
         initial_velocity: rms(&velocities.narrow(1, 0, 1)),
         initial_velocity_slope: slope,
         predicted_velocity: rms(&velocities.narrow(1, 1, pred)),
-        objects: order.iter().map(|&object| object as usize).collect(),
+        objects: order,
     })
 }
 
@@ -84,8 +88,11 @@ fn difference(seen: &Tensor, truth: &Tensor, coordinates: Coordinates) -> Tensor
     }
 }
 
-fn reordered(states: &Tensor, order: &[i64]) -> Tensor {
-    states.index_select(2, &Tensor::from_slice(order))
+/// States `[clips, time, objects, coordinates]` in the order of each clip, `[clips, objects]`.
+fn reordered(states: &Tensor, in_each_clip: &Tensor) -> Tensor {
+    let size = states.size();
+    let index = in_each_clip.reshape([size[0], 1, size[2], 1]).expand(&size, false);
+    states.gather(2, &index, false)
 }
 
 /// Root mean square length of the vectors `[.., coordinates]`.
@@ -101,18 +108,34 @@ fn slope(seen: &Tensor, truth: &Tensor) -> Option<f64> {
     (squares > 0.0).then(|| sum(seen * truth) / squares)
 }
 
-/// The model's object for each true one, both `[clips, time, objects, coordinates]`: the assignment with the least sum of
-/// squared distances.
-fn best_order(seen: &Tensor, truth: &Tensor, coordinates: Coordinates) -> Result<Vec<i64>> {
-    let objects = truth.size()[2];
-    let cost = |of_truth: i64, of_model: i64| {
-        let apart = difference(&seen.select(2, of_model), &truth.select(2, of_truth), coordinates);
-        let mean = apart.square().sum_dim_intlist([-1i64].as_slice(), false, Kind::Double).mean(Kind::Double);
-        mean.double_value(&[])
+/// The model's object for each true one over all clips, and in each of them, `[clips, objects]`, where objects that look
+/// alike may change places; `seen` and `truth` are `[clips, time, objects, coordinates]`. Both are the assignment with the
+/// least sum of squared distances.
+fn best_orders(
+    seen: &Tensor,
+    truth: &Tensor,
+    twins: &[usize],
+    coordinates: Coordinates,
+) -> Result<(Vec<usize>, Tensor)> {
+    let objects = twins.len();
+    let apart = difference(&seen.unsqueeze(2), &truth.unsqueeze(3), coordinates);
+    let costs = apart.square().sum_dim_intlist([-1i64].as_slice(), false, Kind::Double).mean_dim(1i64, false, None);
+    let matrix = |costs: Tensor| -> Result<Vec<Vec<f64>>> {
+        let costs: Vec<f64> = costs.flatten(0, -1).try_into()?;
+        Ok(costs.chunks(objects).map(<[f64]>::to_vec).collect())
     };
-    let costs: Vec<Vec<f64>> =
-        (0..objects).map(|of_truth| (0..objects).map(|of_model| cost(of_truth, of_model)).collect()).collect();
-    Ok(best_assignment(&costs)?.into_iter().map(|object| object as i64).collect())
+    let order = best_assignment(&matrix(costs.mean_dim(0i64, false, None))?)?;
+    let clips = costs.size()[0];
+    let mut in_each_clip = Vec::with_capacity(objects * clips as usize);
+    for clip in 0..clips {
+        let mut costs = matrix(costs.get(clip))?;
+        for (costs, &usual) in costs.iter_mut().zip(&order) {
+            let others = (0..objects).filter(|&of_model| twins[of_model] != twins[usual]);
+            others.for_each(|of_model| costs[of_model] = f64::INFINITY);
+        }
+        in_each_clip.extend(best_assignment(&costs)?.into_iter().map(|object| object as i64));
+    }
+    Ok((order, Tensor::from_slice(&in_each_clip).reshape([clips, objects as i64])))
 }
 
 #[cfg(test)]
@@ -139,6 +162,7 @@ mod tests {
             encoded: seen(&states.positions, 0, 10, offset),
             positions: seen(&states.positions, 3, 27, offset),
             velocities: seen(&states.velocities, 3, 27, [0.5, 0.0, 0.0, 0.0]),
+            twins: vec![0, 1],
         };
         let found = errors(&seen, &states, &task.system).unwrap();
         assert_eq!(found.objects, [1, 0]);
@@ -164,7 +188,26 @@ mod tests {
         let mut place = [0i64; 10];
         expected.iter().enumerate().for_each(|(of_truth, &of_model)| place[of_model as usize] = of_truth as i64);
         let seen = truth.index_select(2, &Tensor::from_slice(&place)) + 0.3;
-        assert_eq!(best_order(&seen, &truth, Coordinates::Position).unwrap(), expected);
+        let unlike: Vec<usize> = (0..10).collect();
+        let (order, in_each_clip) = best_orders(&seen, &truth, &unlike, Coordinates::Position).unwrap();
+        assert_eq!(order, expected.map(|object| object as usize));
+        assert!((0..2).all(|clip| in_each_clip.get(clip) == Tensor::from_slice(&expected)));
+    }
+
+    /// Three balls in four clips: in the third the model swaps the last two, in the fourth the first two.
+    #[test]
+    fn only_what_looks_alike_is_matched_in_each_clip() {
+        let truth = Tensor::arange(4 * 5 * 3 * 2, (Kind::Double, tch::Device::Cpu)).reshape([4, 5, 3, 2]);
+        let swaps = Tensor::from_slice(&[0i64, 1, 2, 0, 1, 2, 0, 2, 1, 1, 0, 2]).reshape([4, 3]);
+        let seen = reordered(&truth, &swaps);
+        let remaining = |twins: &[usize]| {
+            let (order, in_each_clip) = best_orders(&seen, &truth, twins, Coordinates::Position).unwrap();
+            assert_eq!(order, [0, 1, 2]);
+            let error = difference(&reordered(&seen, &in_each_clip), &truth, Coordinates::Position);
+            (0..4).map(|clip| rms(&error.get(clip)) > 1.0).collect::<Vec<_>>()
+        };
+        assert_eq!(remaining(&[0, 0, 2]), [false, false, true, false]);
+        assert_eq!(remaining(&[0, 1, 2]), [false, false, true, true]);
     }
 
     #[test]

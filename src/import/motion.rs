@@ -65,10 +65,11 @@ pub fn small(frame: &RgbImage) -> RgbImage {
 impl Moving {
     /// Compares frames of one size with the median over them.
     pub fn measure(frames: &[RgbImage]) -> Self {
-        let Some((width, height)) = frames.first().map(RgbImage::dimensions) else {
+        let compared = spread(frames.len(), COMPARED_FRAMES).into_iter().map(|place| &frames[place]);
+        let Some(still) = median_frame(compared) else {
             return Moving { width: 0, height: 0, times: Vec::new(), frames: Vec::new() };
         };
-        let still = median_frame(frames);
+        let (width, height) = still.dimensions();
         let mut times = vec![0; (width * height) as usize];
         let of_frames = frames.iter().map(|frame| {
             let moves = moving(frame, &still);
@@ -140,23 +141,24 @@ fn middle_of(counts: &[usize]) -> Option<(u32, u32)> {
     Some((start as u32, end as u32))
 }
 
-/// The median over frames of each number of a picture.
-fn median_frame(frames: &[RgbImage]) -> Vec<u8> {
-    let chosen = spread(frames.len(), COMPARED_FRAMES);
-    let mut levels = vec![0; chosen.len()];
-    (0..frames[0].as_raw().len())
-        .map(|number| {
-            chosen.iter().zip(&mut levels).for_each(|(&frame, level)| *level = frames[frame].as_raw()[number]);
-            let middle = levels.len() / 2;
-            *levels.select_nth_unstable(middle).1
-        })
-        .collect()
+/// The median of each level over frames of one size; none without frames.
+pub fn median_frame<'a>(frames: impl IntoIterator<Item = &'a RgbImage>) -> Option<RgbImage> {
+    let frames: Vec<&RgbImage> = frames.into_iter().collect();
+    let (width, height) = frames.first()?.dimensions();
+    let mut levels = vec![0; frames.len()];
+    let middle = frames.len() / 2;
+    let still = (0..frames[0].as_raw().len()).map(|place| {
+        levels.iter_mut().zip(&frames).for_each(|(level, frame)| *level = frame.as_raw()[place]);
+        *levels.select_nth_unstable(middle).1
+    });
+    RgbImage::from_raw(width, height, still.collect())
 }
 
 /// Which pixels of a frame move. Averaged over 3 x 3 pixels noise falls to a third, an object stays.
-fn moving(frame: &RgbImage, still: &[u8]) -> Vec<bool> {
+fn moving(frame: &RgbImage, still: &RgbImage) -> Vec<bool> {
     let (width, height) = (frame.width() as i64, frame.height() as i64);
-    let differences: Vec<i32> = frame.as_raw().iter().zip(still).map(|(a, b)| i32::from(*a) - i32::from(*b)).collect();
+    let differences: Vec<i32> =
+        frame.as_raw().iter().zip(still.as_raw()).map(|(a, b)| i32::from(*a) - i32::from(*b)).collect();
     let size = |x: i64, y: i64| -> u32 {
         let mut sums = [0_i32; 3];
         let mut count = 0;

@@ -3,6 +3,7 @@
 
 use image::RgbImage;
 
+use crate::import::motion::median_frame;
 use crate::support::statistics::median;
 
 /// Difference from the background, summed over the colours, from which on a pixel moves.
@@ -65,18 +66,6 @@ impl ColourTracker {
 
 fn distance(a: [u8; 3], b: [u8; 3]) -> i32 {
     (0..3).map(|part| (i32::from(a[part]) - i32::from(b[part])).abs()).sum()
-}
-
-/// The median of each level over the frames.
-fn median_frame(frames: &[RgbImage]) -> Option<RgbImage> {
-    let first = frames.first()?;
-    let mut levels = vec![0; frames.len()];
-    let still = (0..first.as_raw().len()).map(|place| {
-        levels.iter_mut().zip(frames).for_each(|(level, frame)| *level = frame.as_raw()[place]);
-        let middle = frames.len() / 2;
-        *levels.select_nth_unstable(middle).1
-    });
-    RgbImage::from_raw(first.width(), first.height(), still.collect())
 }
 
 #[cfg(test)]

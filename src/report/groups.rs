@@ -55,6 +55,8 @@ const STATES: [(&str, StateError); 4] = [
     ("predicted_position", |states| Some(states.predicted)),
 ];
 
+/// Values of what is switched off, as TOML writes them.
+const OFF: [&str; 3] = ["false", "0", "0.0"];
 /// Changes that a label spells out.
 const SPELT_OUT: usize = 3;
 
@@ -188,8 +190,12 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
 /// Whether two runs differ in nothing that decides what is learned. Where the data lie is not that, nor the seed that they
 /// were made with: what they show is.
 fn alike(a: &Run, b: &Run) -> bool {
-    let what =
-        |run: &Run| (run.config.task.name.clone(), run.config.recipe.clone(), without_place(&run.config.choices));
+    let what = |run: &Run| {
+        let mut choices = without_place(&run.config.choices);
+        // Earlier versions did not write down all that is switched off.
+        choices.retain(|_, value| !OFF.contains(&value.as_str()));
+        (run.config.task.name.clone(), run.config.recipe.clone(), choices)
+    };
     let made = |run: &Run| run.data.as_ref().and_then(RunData::kind);
     let place = |run: &Run| run.config.choices.get(DATA_FOLDER).cloned();
     what(a) == what(b) && made(a) == made(b) && (made(a).is_some() || place(a) == place(b))

@@ -67,7 +67,8 @@ impl FrameSpread {
 /// equation is written in angles).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StateErrors {
-    /// The model's object for each true one: the order with the least error of the encoded positions.
+    /// The model's object for each true one: the order with the least error of the encoded positions. Errors are those of
+    /// this order; which of objects that look alike is which, the model may say otherwise in each clip.
     pub objects: Vec<usize>,
     /// Encoded minus true position of each true object, mean over clips and frames, `[x, y]` or
     /// `[angle]`.

@@ -99,15 +99,16 @@ impl CoordinateConsistent {
         (0..self.objects).map(|a| (0..self.objects).map(|b| error(a, b)).collect()).collect()
     }
 
-    /// Whether two objects look alike: the one in the place of the other is an error that is small beside drawing neither.
-    pub fn has_twins(&self) -> bool {
+    /// For each object the first that looks like it, itself where it is the first: in each other's place they are an error
+    /// that is small beside drawing neither.
+    pub fn twins(&self) -> Vec<usize> {
         let (drawn, _) = self.looks();
-        let twins = |a: i64, b: i64| {
-            let drawn = [a, b].map(|object| drawn.get(object));
+        let alike = |a: usize, b: usize| {
+            let drawn = [a, b].map(|object| drawn.get(object as i64));
             let least = drawn.each_ref().map(squared_norm).into_iter().fold(f64::INFINITY, f64::min);
             squared_norm(&(&drawn[0] - &drawn[1])) < TWINS * least
         };
-        (0..self.objects).any(|b| (0..b).any(|a| twins(a, b)))
+        (0..self.objects as usize).map(|b| (0..b).find(|&a| alike(a, b)).unwrap_or(b)).collect()
     }
 
     /// What each object adds to the background's mean colour, `[objects, channels, S/2, S/2]`, and how many pixels of a frame

@@ -116,9 +116,14 @@ impl Decoder {
         self.with_sprites().map(CoordinateConsistent::unlike)
     }
 
+    /// For each object the first that looks like it; none where there are no sprites to tell.
+    pub fn twins(&self) -> Option<Vec<usize>> {
+        self.with_sprites().map(CoordinateConsistent::twins)
+    }
+
     /// Whether two objects look alike.
     pub fn has_twins(&self) -> bool {
-        self.with_sprites().is_some_and(CoordinateConsistent::has_twins)
+        self.twins().is_some_and(|first| first.iter().enumerate().any(|(object, &first)| object != first))
     }
 
     /// Begins the background at these logits, `[channels, S, S]`, its network's kernel scaled by `kernel`.

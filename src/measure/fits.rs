@@ -1,0 +1,118 @@
+//! The fits to what was seen: by which measure of the positions, with a camera that drifts or without, to a colour tracker's
+//! positions, and of other equations.
+
+use anyhow::{Context, Result, ensure};
+
+use super::bootstrap::{self, Uncertainty};
+use super::explain::{Explained, explain};
+use super::fit::{Start, Track};
+use super::results::Alternative;
+use super::sight::Sight;
+use super::source::Passed;
+use super::subject::Subject;
+use super::{Named, Request};
+use crate::network::cells::{CellKind, Coordinates};
+
+/// Difference of the Bayesian criterion from which on a drift of the camera is believed.
+const CLEARLY_BETTER: f64 = 10.0;
+
+impl Subject<'_> {
+    /// The fit to that measure of the positions that the equation explains better; whether it is the encoder's.
+    pub(super) fn best_of_sights(
+        &self,
+        cell: &'static CellKind,
+        sights: &[Sight],
+    ) -> Result<(Vec<Track>, bool, Explained)> {
+        let (dynamics, starts) = (self.dynamics(cell)?, self.starts(cell));
+        let by_centroids = self.tracks(sights.iter().map(|sight| &sight.centroids));
+        let explained = explain(&dynamics, &by_centroids, &starts)?;
+        // From where the other measure led to.
+        let go_on = [Start { raw: explained.fitted.raw.clone(), ..starts[0].clone() }];
+        let by_encoder = self.tracks(sights.iter().map(|sight| &sight.encoded));
+        let encoded = explain(&dynamics, &by_encoder, &go_on)?;
+        let (tracks, by_encoder, explained) = if encoded.fitted.usual_residual < explained.fitted.usual_residual {
+            (by_encoder, true, encoded)
+        } else {
+            (by_centroids, false, explained)
+        };
+        let explained = self.with_drift(&tracks, &explained)?.unwrap_or(explained);
+        Ok((tracks, by_encoder, explained))
+    }
+
+    /// The same with a camera that drifts, where that explains clearly more: looked for in a task of one video and one
+    /// object.
+    fn with_drift(&self, tracks: &[Track], explained: &Explained) -> Result<Option<Explained>> {
+        let system = &self.model.system;
+        if tracks.len() != 1 || system.objects != 1 || system.cell.coordinates != Coordinates::Position {
+            return Ok(None);
+        }
+        let raw = [&explained.fitted.raw[..], &[0.0; 2]].concat();
+        let learned = [&explained.learned[..], &[true; 2]].concat();
+        let start = Start { raw, learned, piece: self.piece() };
+        let drifting = explain(&explained.dynamics, tracks, &[start])?;
+        let frames_in_one = bootstrap::frames_in_one(&drifting.fitted, drifting.dynamics.coordinates());
+        let gain = explained.criteria(frames_in_one).bic - drifting.criteria(frames_in_one).bic;
+        Ok((gain > CLEARLY_BETTER).then_some(drifting))
+    }
+
+    /// The same equation, fitted to what a colour tracker sees.
+    pub(super) fn tracker_fit(&self, explained: &Explained, passes: &[Passed]) -> Result<(Vec<Track>, Explained)> {
+        let system = &self.model.system;
+        ensure!(
+            system.objects == 1 && system.cell.coordinates == Coordinates::Position,
+            "it follows one object, by its position"
+        );
+        let track = |(video, passed): (usize, &Passed)| Track {
+            positions: passed.tracked.iter().flatten().copied().collect(),
+            ticks: self.clocks[video].ticks.clone(),
+            trained: self.trained(video),
+        };
+        let tracks: Vec<Track> = passes.iter().enumerate().map(track).collect();
+        for track in &tracks {
+            let missing = track.positions.iter().filter(|x| x.is_nan()).count();
+            ensure!(2 * missing < track.positions.len(), "it sees the object in less than half of the frames");
+        }
+        let start =
+            Start { raw: explained.fitted.raw.clone(), learned: explained.learned.clone(), piece: self.piece() };
+        let fitted = explain(&explained.dynamics, &tracks, &[start])?;
+        Ok((tracks, fitted))
+    }
+
+    /// The equation and those it is compared with, fitted to the same positions.
+    pub(super) fn alternatives(
+        &self,
+        main: &Named,
+        explained: &Explained,
+        request: &Request,
+        tracks: &[Track],
+        uncertainty: &Uncertainty,
+    ) -> Result<Vec<Alternative>> {
+        if request.against.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (times, _) = self.per_coordinate();
+        let mut all = vec![(main.name.clone(), explained.clone())];
+        for Named { name, cell } in &request.against {
+            let explained = explain(&self.dynamics(cell)?, tracks, &self.starts(cell));
+            let explained = explained.with_context(|| format!("equation of {name}"))?;
+            all.push((name.clone(), self.with_drift(tracks, &explained)?.unwrap_or(explained)));
+        }
+        // The residuals of the best one say how many positions are independent.
+        let frames_in_one = uncertainty.frames_in_one;
+        Ok(all
+            .into_iter()
+            .map(|(name, explained)| {
+                let criteria = explained.criteria(frames_in_one);
+                Alternative {
+                    equation: name,
+                    unknowns: criteria.unknowns,
+                    residual: times * explained.errors.learned,
+                    held_out_error: times * explained.errors.held_out,
+                    aic: criteria.aic,
+                    bic: criteria.bic,
+                    parameters: explained.parameters(&self.scale),
+                }
+            })
+            .collect())
+    }
+}

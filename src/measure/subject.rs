@@ -1,0 +1,167 @@
+//! What is measured: a run, the videos of its task, and what fits to them begin with.
+
+use anyhow::{Context, Result, ensure};
+use tch::Device;
+
+use super::Seen;
+use super::clock::Clock;
+use super::dynamics::Dynamics;
+use super::fit::{Start, Track};
+use super::scale::Scale;
+use super::sight::{self, Positions, Sight};
+use super::source::{Frames, Passed};
+use crate::datasets::dataset::Dataset;
+use crate::datasets::files::{ClipShape, Split};
+use crate::datasets::film::{FILM, FilmFile};
+use crate::datasets::iterators::Clips;
+use crate::import::hold_out::Parts;
+use crate::network::System;
+use crate::network::cells::{CellKind, Coordinates, PhysicalParameter};
+use crate::network::physics_models::PhysicsNet;
+use crate::tasks::video::Video;
+use crate::training::config::Config;
+
+/// A run and the videos of its task.
+pub(super) struct Subject<'a> {
+    config: &'a Config,
+    pub(super) model: &'a PhysicsNet,
+    pub(super) record: &'a Video,
+    film: FilmFile,
+    train: Clips,
+    pub(super) scale: Scale,
+    /// Frames of the film to one of a clip.
+    ratio: usize,
+    /// When the frames of each video were filmed.
+    pub(super) clocks: Vec<Clock>,
+}
+
+impl<'a> Subject<'a> {
+    pub(super) fn read(config: &'a Config, model: &'a PhysicsNet, device: Device) -> Result<Self> {
+        let task = &config.task;
+        let record =
+            task.video().context("the run's task has no video; only what was made by `import` can be measured")?;
+        let film_step = record.film_step.context("the task was imported without a film; import its videos again")?;
+        let path = config.data.train_path();
+        let system = &model.system;
+        let film = FilmFile::read(&path.with_file_name(FILM), record.sources.len(), system.side, system.channels)?;
+        let training = Dataset::open(&path, &ClipShape::training(task))?;
+        let train = training.clips(Split::Train, device);
+        let (scale, ratio) = (Scale::new(record, system), record.step / film_step);
+        let clocks = film.videos.iter().map(|frames| Clock::even(frames.dim().0)).collect();
+        Ok(Subject { config, model, record, film, train, scale, ratio, clocks })
+    }
+
+    pub(super) fn look(&self) -> Result<Vec<Sight>> {
+        let videos = 0..self.film.videos.len();
+        videos.map(|video| sight::look(self.model, &self.train, &self.film, video, self.config.seed)).collect()
+    }
+
+    pub(super) fn find_lost_frames(&mut self, sights: &[Sight]) {
+        let objects = self.model.system.objects;
+        self.clocks = sights.iter().map(|sight| Clock::of(&sight.centroids.pixels, 2 * objects)).collect();
+    }
+
+    /// Frames of a video that may be learned from: those from which clips for training were cut. Of one that was held out
+    /// whole it is the first half, which says where its motion begins.
+    pub(super) fn trained(&self, video: usize) -> usize {
+        let frames = self.film.videos[video].dim().0;
+        let source = &self.record.sources[video];
+        if source.is_learned_from() {
+            return frames;
+        }
+        if source.is_held_out() {
+            return frames.div_ceil(2);
+        }
+        (Parts::of(frames.div_ceil(self.ratio)).valid.start * self.ratio).min(frames)
+    }
+
+    pub(super) fn tracks<'b>(&self, positions: impl Iterator<Item = &'b Positions>) -> Vec<Track> {
+        let track = |(video, positions): (usize, &Positions)| Track {
+            positions: positions.coordinates.clone(),
+            ticks: self.clocks[video].ticks.clone(),
+            trained: self.trained(video),
+        };
+        positions.enumerate().map(track).collect()
+    }
+
+    pub(super) fn dynamics(&self, cell: &'static CellKind) -> Result<Dynamics> {
+        let system = System { cell, ..self.model.system.clone() };
+        system.check()?;
+        ensure!(
+            cell.coordinates == self.model.system.cell.coordinates,
+            "an equation for {:?} cannot be held against one for {:?}",
+            cell.coordinates,
+            self.model.system.cell.coordinates
+        );
+        Ok(Dynamics { dt: system.dt / self.ratio as f64, system })
+    }
+
+    /// Frames of the film in the pieces with which a fit begins: as many as a clip spans.
+    pub(super) fn piece(&self) -> usize {
+        self.train.time() * self.ratio
+    }
+
+    /// Where fits begin: at what the run has learned, as far as the parameters are called the same, and where the equation
+    /// itself starts.
+    pub(super) fn starts(&self, cell: &CellKind) -> Vec<Start> {
+        let model = self.model;
+        let of_run = |name: &str| model.parameters.iter().find(|parameter| parameter.kind.name == name);
+        let own =
+            cell.parameters.iter().map(|kind| kind.fixed.or(kind.start).map_or(0.0, |value| kind.bounds.raw(value)));
+        let own: Vec<f64> = own.collect();
+        // What another equation gives as fixed stays as it is given there.
+        let taken_over =
+            |kind: &PhysicalParameter| of_run(kind.name).filter(|_| kind.fixed.is_none() || model.system.cell == cell);
+        let learned_there = cell.parameters.iter().zip(&own).map(|(kind, own)| match taken_over(kind) {
+            Some(it) => Some(kind.bounds.raw(model.true_value(it.kind, it.raw.double_value(&[]))))
+                .filter(|raw| raw.is_finite())
+                .unwrap_or(*own),
+            None => *own,
+        });
+        let learned_there: Vec<f64> = learned_there.collect();
+        let learned: Vec<bool> = cell
+            .parameters
+            .iter()
+            .map(|kind| match of_run(kind.name) {
+                Some(it) if model.system.cell == cell => it.learned,
+                _ => kind.fixed.is_none(),
+            })
+            .collect();
+        let start = |raw| Start { raw, learned: learned.clone(), piece: self.piece() };
+        let mut starts = vec![start(learned_there.clone())];
+        if own != learned_there {
+            starts.push(start(own));
+        }
+        starts
+    }
+
+    pub(super) fn seen(&self, sights: &[Sight], by_encoder: bool) -> Vec<Seen> {
+        let names = self.record.source_names();
+        let seen = |(video, sight): (usize, &Sight)| Seen {
+            name: names[video].clone(),
+            first_seconds: self.record.sources[video].first_seconds,
+            pixels: if by_encoder { &sight.encoded } else { &sight.centroids }.pixels.clone(),
+            trained: self.trained(video),
+            ticks: self.clocks[video].ticks.clone(),
+        };
+        sights.iter().enumerate().map(seen).collect()
+    }
+
+    pub(super) fn passes(&self) -> Result<Vec<Passed>> {
+        let pass = |video| Frames::open(self.record, &self.film, video).pass(&self.scale, self.trained(video));
+        (0..self.film.videos.len()).map(pass).collect()
+    }
+
+    /// From the unit of a coordinate to pixels of the video, or radians.
+    pub(super) fn per_coordinate(&self) -> (f64, &'static str) {
+        match self.model.system.cell.coordinates {
+            Coordinates::Position => (self.scale.video_pixels, "px"),
+            Coordinates::Angle => (1.0, "rad"),
+        }
+    }
+}
+
+/// Frames of an even clock in the part that may be learned from.
+pub(super) fn trained_ticks(track: &Track) -> usize {
+    track.ticks[track.trained - 1] + 1
+}

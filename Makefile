@@ -51,6 +51,7 @@ baselines: build
 # Two tasks and two scenes of the stress suite; what is left out or changed, each alone.
 ABLATED := spring_color 3bp_color configs/stress/spring_noise_10.toml configs/stress/spring_same_colour.toml
 ABLATIONS := discover.guide.coverage=0 discover.guide.identity=0 discover.guide.tie=0 \
+	"discover.guide.compactness=0 discover.guide.balance=0" \
 	discover.start.median_background=false discover.start.sprites=false \
 	"discover.start.sprites=false discover.start.template_bump=0" discover.start.mask_spread=0 \
 	discover.start.localiser_scale=0 "discover.end_at_best=false join.end_at_best=false" \

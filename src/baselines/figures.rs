@@ -35,7 +35,7 @@ const COLOURS: [RGBColor; 11] = [
 const HEIGHT: u32 = 620;
 /// Columns of a gallery, at most.
 const COLUMNS: usize = 9;
-/// Stands for the model where the frames are the true ones.
+/// Stands for the model, and for its label, where the frames are the true ones.
 const TRUTH: &str = "truth";
 
 /// What a task's figures show.
@@ -167,7 +167,7 @@ impl OfTask<'_> {
         for (label, _, of_model) in self.models() {
             let first = of_model[0];
             let Some(source) = &first.frames else { continue };
-            let truth = rows.is_empty().then_some(("truth", TRUTH));
+            let truth = rows.is_empty().then_some((TRUTH, TRUTH));
             for (label, name) in truth.into_iter().chain([(label, first.model.as_str())]) {
                 let frames = self.shown(source, name, &columns)?;
                 viz::write_strip(&strips.join(self.strip(name)), &frames)?;

@@ -56,7 +56,7 @@ impl Subject<'_> {
     }
 
     /// The same equation, fitted to what a colour tracker sees.
-    pub(super) fn tracker_fit(&self, explained: &Explained, passes: &[Passed]) -> Result<(Vec<Track>, Explained)> {
+    pub(super) fn tracker_fit(&self, explained: &Explained, passes: &[Passed]) -> Result<Explained> {
         let system = &self.model.system;
         ensure!(
             system.objects == 1 && system.cell.coordinates == Coordinates::Position,
@@ -74,8 +74,7 @@ impl Subject<'_> {
         }
         let start =
             Start { raw: explained.fitted.raw.clone(), learned: explained.learned.clone(), piece: self.piece() };
-        let fitted = explain(&explained.dynamics, &tracks, &[start])?;
-        Ok((tracks, fitted))
+        explain(&explained.dynamics, &tracks, &[start])
     }
 
     /// The equation and those it is compared with, fitted to the same positions.

@@ -104,8 +104,10 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     let passes = subject.passes()?;
     let tracker = subject.tracker_fit(&explained, &passes);
     let videos = subject.seen(&sights, by_encoder);
+    let summary = Summary::read(folder)?;
+    let verdict = summary.as_ref().and_then(|summary| summary.verdict.as_ref());
     let mut notes = Vec::new();
-    if !Summary::read(folder)?.and_then(|summary| summary.verdict).is_none_or(|verdict| verdict.found) {
+    if !verdict.is_none_or(|verdict| verdict.found) {
         notes.push("the run's own verdict is \"not found\": do not trust these numbers before you know why".into());
     }
     notes.extend(subject.notes(&explained, &uncertainty));
@@ -130,7 +132,7 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
         residuals: subject.residuals(&explained, &uncertainty),
         alternatives: Vec::new(),
         notes,
-        training_seconds: Summary::read(folder)?.map(|summary| summary.wall_seconds),
+        training_seconds: summary.map(|summary| summary.wall_seconds),
         seconds: 0.0,
     };
     measurement.alternatives = subject.alternatives(main, &explained, request, &tracks, &uncertainty)?;

@@ -23,7 +23,7 @@ impl Subject<'_> {
         tracks: &[Track],
         explained: &Explained,
         uncertainty: &Uncertainty,
-        tracker: Option<&(Vec<Track>, Explained)>,
+        tracker: Option<&Explained>,
     ) -> Vec<Quantity> {
         let parameters = explained.dynamics.system.cell.parameters.iter().enumerate();
         let parameters = parameters.filter(|(place, _)| explained.learned[*place]).map(|(place, parameter)| {
@@ -38,7 +38,7 @@ impl Subject<'_> {
             Quantity::new(parameter.name, factor * in_frames, draws.collect())
                 .in_unit(powers.map_or("?".into(), |powers| self.scale.unit(powers)))
                 .in_frames(in_frames)
-                .of_tracker(tracker.map(|(_, fit)| factor * value(&fit.fitted.raw)))
+                .of_tracker(tracker.map(|fit| factor * value(&fit.fitted.raw)))
         });
         let mut quantities: Vec<Quantity> = parameters.collect();
         quantities.extend(self.drift(explained, uncertainty));
@@ -65,7 +65,7 @@ impl Subject<'_> {
         tracks: &[Track],
         explained: &Explained,
         uncertainty: &Uncertainty,
-        tracker: Option<&(Vec<Track>, Explained)>,
+        tracker: Option<&Explained>,
     ) -> Vec<Quantity> {
         let coordinates = explained.dynamics.coordinates();
         let second = self.scale.seconds * explained.dynamics.dt;
@@ -81,7 +81,7 @@ impl Subject<'_> {
             )
         });
         let (periods, amplitudes): (Vec<f64>, Vec<f64>) = drawn.unzip();
-        let of_tracker = tracker.and_then(|(_, fit)| Some(second * motion::period(&swing(&fit.states[0]))?));
+        let of_tracker = tracker.and_then(|fit| Some(second * motion::period(&swing(&fit.states[0]))?));
         let length = |period: f64| STANDARD_GRAVITY * (period / std::f64::consts::TAU).powi(2);
         let lengths = periods.iter().map(|period| length(*period)).collect();
         let (times, unit) = self.per_coordinate();

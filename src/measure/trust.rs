@@ -15,7 +15,7 @@ impl Subject<'_> {
         tracks: &[Track],
         explained: &Explained,
         steady: &[Vec<f64>],
-        tracker: Option<&(Vec<Track>, Explained)>,
+        tracker: Option<&Explained>,
     ) -> HeldOut {
         let (times, unit) = self.per_coordinate();
         let coordinates = explained.dynamics.coordinates();
@@ -25,7 +25,7 @@ impl Subject<'_> {
             unit: unit.into(),
             error: times * explained.errors.held_out,
             constant_velocity: times * Errors::of(tracks, steady, &explained.dynamics).held_out,
-            tracker_fit: tracker.map(|(_, fit)| times * fit.errors.held_out),
+            tracker_fit: tracker.map(|fit| times * fit.errors.held_out),
             percent_of_amplitude: 100.0 * explained.errors.held_out
                 / motion::amplitude(&along[..trained_ticks(&tracks[0])]),
             metres_per_unit: (unit == "px" && self.scale.length_unit() == "m")

@@ -147,6 +147,7 @@ fn repetition<'a>(
                 huber: 1.0,
                 recentre: false,
                 velocity_steps: 0,
+                velocity_learning_rate: None,
             };
             Box::new(move || {
                 let start = Start::of(model);

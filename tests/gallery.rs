@@ -99,6 +99,7 @@ fn fitted(task: &Task, states: &[State], actions: &Actions) -> Fit {
         huber: 1.0,
         recentre: false,
         velocity_steps: 0,
+        velocity_learning_rate: None,
     };
     fit(&settings, &task.system, &(seen + noise), actions, &start, &Trust::default()).unwrap()
 }

@@ -23,6 +23,7 @@ fn settings() -> Identify {
         huber: 1.0,
         recentre: false,
         velocity_steps: 0,
+        velocity_learning_rate: None,
     }
 }
 

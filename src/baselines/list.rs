@@ -75,6 +75,9 @@ pub struct Entry {
     /// The key of its learning rate, if that is searched.
     #[serde(default)]
     pub rate: Option<String>,
+    /// The rates that are tried; those of the search, if it has none of its own.
+    #[serde(default)]
+    pub rates: Option<Vec<f64>>,
     /// Of a whole other model whose rate is not searched.
     #[serde(default)]
     pub learning_rate: Option<f64>,
@@ -114,8 +117,16 @@ impl Comparison {
         self.efficiency.models.iter().try_for_each(|name| self.model(name).map(drop))?;
         let tasks = self.tasks.iter().chain([&self.search.task, &self.efficiency.task]);
         tasks.map(|task| tasks::find(task)).try_for_each(|task| task.map(drop))?;
-        ensure!(self.search.rates.iter().all(|rate| *rate > 0.0), "search.rates: rates are positive");
+        let mut rates = self.models.iter().flat_map(|entry| self.rates(entry));
+        ensure!(rates.all(|rate| *rate > 0.0), "search.rates, or a model's: rates are positive");
+        let seed = self.search.seed;
+        ensure!(!self.seeds.contains(&seed), "search.seed = {seed}: take one that is not among seeds");
         Ok(())
+    }
+
+    /// The learning rates that are tried for a model.
+    pub fn rates<'a>(&'a self, entry: &'a Entry) -> &'a [f64] {
+        entry.rates.as_ref().unwrap_or(&self.search.rates)
     }
 
     /// The model of this name.

@@ -88,6 +88,10 @@ impl Report<'_> {
     }
 
     fn search(&self, page: &mut String) {
+        let mut tried: Vec<f64> =
+            self.searched.iter().flat_map(|search| search.rates.iter().map(|(rate, _)| *rate)).collect();
+        tried.sort_by(f64::total_cmp);
+        tried.dedup();
         let _ = writeln!(
             page,
             "\n## Search of the learning rates\n\nL_pred on the validation clips of `{}` at the end of a training with seed \
@@ -95,11 +99,16 @@ impl Report<'_> {
              recipe's rate.\n\n| model | key | {} | taken |\n|---|---|{}---|",
             self.list.search.task,
             self.list.search.seed,
-            self.list.search.rates.iter().map(|rate| format!("{rate:e}")).collect::<Vec<_>>().join(" | "),
-            "---|".repeat(self.list.search.rates.len())
+            tried.iter().map(|rate| format!("{rate:e}")).collect::<Vec<_>>().join(" | "),
+            "---|".repeat(tried.len())
         );
         for Searched { model, key, rates, chosen } in &self.searched {
-            let scores = rates.iter().map(|(_, score)| score.map_or("not run".into(), |score| format!("{score:.3}")));
+            let score = |rate: &f64| match rates.iter().find(|(known, _)| known == rate) {
+                Some((_, Some(score))) => format!("{score:.3}"),
+                Some((_, None)) => "not run".into(),
+                None => "-".into(),
+            };
+            let scores = tried.iter().map(score);
             let taken = chosen.map_or("-".into(), |rate| format!("{rate:e}"));
             let _ = writeln!(
                 page,

@@ -155,7 +155,7 @@ impl Places {
 impl Training<'_> {
     fn folder_name(&self) -> String {
         let Entry { name, .. } = self.entry;
-        match self.rate.filter(|_| self.searched) {
+        match self.rate {
             Some(rate) => format!("{name}-rate-{rate:e}"),
             None => name.clone(),
         }
@@ -167,7 +167,7 @@ pub fn search<'a>(list: &'a Comparison, models: &[&'a Entry], clips: usize) -> V
     let searched = models.iter().filter(|entry| entry.rate.is_some());
     let of_model = |entry: &&'a Entry| {
         let entry = *entry;
-        list.search.rates.iter().map(move |rate| Training {
+        list.rates(entry).iter().map(move |rate| Training {
             entry,
             task: list.search.task.clone(),
             clips,

@@ -85,10 +85,11 @@ impl Row {
         row.with_context(|| format!("run {}", folder.display()))
     }
 
-    /// Whether it is of this training.
+    /// Whether it is of this training, at the same rate.
     pub fn is_of(&self, training: &Training) -> bool {
-        let Training { entry, task, clips, seed, .. } = training;
-        (&self.model, &self.task, self.training_clips, self.seed) == (&entry.name, task, *clips, *seed)
+        let Training { entry, task, clips, seed, rate, .. } = training;
+        let what = (&self.model, &self.task, self.training_clips, self.seed, self.searched_rate);
+        what == (&entry.name, task, *clips, *seed, *rate)
     }
 
     /// The scores of its frames, for figures.
@@ -167,7 +168,6 @@ fn of_whole(training: &Training, folder: &Path) -> Result<Option<Row>> {
     Ok(Some(Row {
         steps: whole.config.steps,
         seconds: whole.seconds,
-        searched_rate: training.entry.rate.as_ref().and(training.rate),
         courses: [(VALIDATION_ERROR.into(), thinned(&errors))].into(),
         ..row(training, folder, whole.weights, &whole.scores)
     }))

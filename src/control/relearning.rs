@@ -66,6 +66,7 @@ impl Relearning {
             huber: HUBER,
             recentre: false,
             velocity_steps: 0,
+            velocity_learning_rate: None,
         };
         let named = |name: &str| self.names.iter().any(|given| given == name);
         let all = Start::of(model);

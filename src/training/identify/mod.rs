@@ -49,18 +49,34 @@ pub struct Identify {
     /// Steps on the velocity estimator, towards the fitted trajectories' velocities. A config without it means none.
     #[serde(default)]
     pub velocity_steps: u64,
+    /// Adam's rate in them; a tenth of it in the last quarter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub velocity_learning_rate: Option<f64>,
 }
+
+/// The rate where a config gives none.
+const VELOCITY_RATE: f64 = 1e-3;
 
 impl Identify {
     /// A fit of clips of so many frames as the default recipe has it: for those who judge a training that had none.
     pub(super) fn usual(clip_frames: usize) -> Self {
         let horizons = [3, 4, 6, 8].into_iter().filter(|horizon| *horizon < clip_frames).chain([clip_frames]).collect();
-        Identify { clips: 400, horizons, max_iterations: 30, huber: 1.0, recentre: false, velocity_steps: 0 }
+        Identify {
+            clips: 400,
+            horizons,
+            max_iterations: 30,
+            huber: 1.0,
+            recentre: false,
+            velocity_steps: 0,
+            velocity_learning_rate: None,
+        }
     }
 
     pub(super) fn check(&self, clip_frames: usize) -> Result<()> {
         at_least_one("identify.clips", self.clips as u64)?;
-        ensure!(self.huber > 0.0, "config: identify.huber = {}: must be positive", self.huber);
+        for (key, number) in [("huber", self.huber), ("velocity_learning_rate", self.velocity_rate())] {
+            ensure!(number > 0.0, "config: identify.{key} = {number}: must be positive");
+        }
         ensure!(
             !self.horizons.is_empty() && self.horizons.iter().all(|&h| h >= 3 && h <= clip_frames),
             "config: identify.horizons = {:?}: there must be at least one, and each between 3 and the clip length \
@@ -68,6 +84,10 @@ impl Identify {
             self.horizons
         );
         Ok(())
+    }
+
+    fn velocity_rate(&self) -> f64 {
+        self.velocity_learning_rate.unwrap_or(VELOCITY_RATE)
     }
 
     /// Moves positions and templates to where the objects were seen; whether it did.
@@ -135,8 +155,8 @@ impl Phase for Identify {
         }
         record.offsets = Some(explanation.offsets);
         if self.velocity_steps > 0 {
-            let (frames, steps) = (session.train.time(), self.velocity_steps);
-            let left = velocity_fit::fit(model, &fit.states, &seen.actions, frames, steps)?;
+            let (steps, rate) = (self.velocity_steps, self.velocity_rate());
+            let left = velocity_fit::fit(model, &fit.states, &seen.actions, session.train.time(), steps, rate)?;
             session.tell(&Event::Note(&format!("velocity - residual={left:.4} {unit} per time unit")))?;
             record.velocity_residual = Some(left);
         }

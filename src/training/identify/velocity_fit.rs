@@ -12,8 +12,9 @@ use crate::network::physics_models::losses::latent_error;
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
 use crate::training::optimizers::{Optimizer, OptimizerKind};
 
-/// Adam's rate.
-const RATE: f64 = 1e-3;
+/// The share of the steps after which Adam's rate is divided by `ANNEAL_FACTOR`, as in a black box's `pretrain`.
+const ANNEAL_AT: f64 = 0.75;
+const ANNEAL_FACTOR: f64 = 10.0;
 
 /// Descends the smooth L1 between estimated velocities and those of the trajectories that begin at `first` (positions
 /// and velocities, `[clips, 2 * coordinates * objects]`) and run for `frames` frames under the model's physics. Each of
@@ -22,7 +23,7 @@ const RATE: f64 = 1e-3;
 ///
 /// # Errors
 /// Trajectories that are shorter than the input or not finite.
-pub fn fit(model: &PhysicsNet, first: &Tensor, actions: &Actions, frames: usize, steps: u64) -> Result<f64> {
+pub fn fit(model: &PhysicsNet, first: &Tensor, actions: &Actions, frames: usize, steps: u64, rate: f64) -> Result<f64> {
     let input = model.system.input_steps;
     ensure!(frames >= input, "identify: trajectories of {frames} frames; the velocity estimator sees {input}");
     let (positions, velocities) = trajectories(model, first, actions, frames);
@@ -39,9 +40,11 @@ pub fn fit(model: &PhysicsNet, first: &Tensor, actions: &Actions, frames: usize,
         model.named_variables().into_iter().filter(|(name, _)| model.group(name) == VariableGroup::Velocity).collect();
     let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
     for step in 0..steps {
+        let late = step as f64 >= ANNEAL_AT * steps as f64;
+        let rate = if late { rate / ANNEAL_FACTOR } else { rate };
         let (estimate, target) = stretch((step % stretches) as i64);
         latent_error(&estimate, &target).backward();
-        optimizer.step(&variables, |_| RATE);
+        optimizer.step(&variables, |_| rate);
     }
     let _guard = tch::no_grad_guard();
     let squares: Vec<_> = (0..stretches as i64)

@@ -140,7 +140,8 @@ fn a_small_comparison_runs_to_its_report() {
 
     // Nothing is trained twice.
     let runs = folder.path().join("runs/baselines/clips=30/spring_color");
-    let scores = runs.join("video_lstm/seed=0/scores.json");
+    let scores =
+        runs.join(format!("video_lstm-rate-{:e}/seed=0/scores.json", video["searched_rate"].as_f64().unwrap()));
     let before = fs::metadata(&scores).unwrap().modified().unwrap();
     let again = compare(&[]);
     assert!(again.status.success() && text(&again).contains("finished before"), "{}", text(&again));

@@ -91,6 +91,16 @@ fn said(call: &str, place: &Path) -> String {
     format!("{code} {first}")
 }
 
+/// What a call says when no other call is using its run.
+fn said_alone(call: &str, place: &Path) -> String {
+    loop {
+        let answer = said(call, place);
+        if !answer.contains("another run is using") {
+            return answer;
+        }
+    }
+}
+
 #[test]
 fn bad_invocations_are_refused_in_these_words() {
     let folder = tempfile::tempdir().unwrap();
@@ -98,7 +108,7 @@ fn bad_invocations_are_refused_in_these_words() {
     let table = fs::read_to_string(TABLE).unwrap();
     let calls: Vec<&str> = table.lines().filter_map(|line| line.strip_prefix("$ ")).collect();
     // Most of the time goes into loading libtorch, once for each call.
-    let answers: Vec<String> = calls.par_iter().map(|call| said(call, folder.path())).collect();
+    let answers: Vec<String> = calls.par_iter().map(|call| said_alone(call, folder.path())).collect();
     let (mut found, mut answers, calls) = (String::new(), answers.iter(), calls.len());
     for line in table.lines() {
         if line.starts_with("$ ") {

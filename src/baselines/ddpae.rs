@@ -2,10 +2,9 @@
 //! with a content that stays and a pose that moves, both latent and random.
 //!
 //! As published: image latent 256, content 128, pose 3 (scale, x, y), memories of 64, Adam at 1e-3; a component's pose
-//! depends on those of the components before it; the pose changes by `beta_t ~ N(mu_t, sigma_t)`; loss = reconstruction of
-//! input and future frames + KL to standard normals. Ours, where the paper leaves it open or colours need it: three
-//! convolutions of 16, 32, 64 channels, contents in colour, a learned background behind the components, and a squared
-//! error over `2 * 0.1^2` for its binary cross-entropy.
+//! depends on those of the components before it; the pose changes by `beta_t ~ N(mu_t, sigma_t)`; loss = binary
+//! cross-entropy of input and future frames + KL to standard normals. Ours, where the paper leaves it open or colours need
+//! it: three convolutions of 16, 32, 64 channels, contents in colour, a learned background behind the components.
 
 use tch::nn::VarStore;
 use tch::{Kind, Tensor};
@@ -25,8 +24,8 @@ const POSE: usize = 3;
 const HIDDEN: usize = 64;
 /// Channels of the convolutions, each followed by a pooling.
 const CHANNELS: [usize; 3] = [16, 32, 64];
-/// Standard deviation of a pixel.
-const PIXEL_DEVIATION: f64 = 0.1;
+/// Pixels are predicted no nearer to black and white than this: the cross-entropy of a certain mistake is infinite.
+const CERTAIN: f64 = 1e-3;
 /// Logit at which contents and background begin: a sum that is clipped at white has no gradient.
 const DARK: f64 = -3.0;
 /// Side of a component's window in frames: the scales it may have.
@@ -242,8 +241,9 @@ impl FrameModel for Ddpae {
         let mut noise = Noise::of_step(self.seed, step);
         let input = clips.narrow(1, 0, self.input_steps);
         let Inferred { frames, divergence } = self.infer(&input, (time - self.input_steps) as usize, &mut noise);
-        let error = (frames - clips).square().sum(Kind::Float) / batch as f64;
-        (error / (2.0 * PIXEL_DEVIATION.powi(2)) + divergence).sum(Kind::Float) / time as f64
+        let bright = frames * (1.0 - 2.0 * CERTAIN) + CERTAIN;
+        let entropy = bright.binary_cross_entropy(clips, None::<&Tensor>, tch::Reduction::Sum);
+        (entropy / batch as f64 + divergence).sum(Kind::Float) / time as f64
     }
 
     fn predict(&self, input: &Tensor, _actions: &Actions, frames: usize) -> Tensor {

@@ -4,7 +4,6 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use plotters::chart::SeriesLabelPosition;
 use plotters::style::RGBColor;
 use tch::Tensor;
 
@@ -65,7 +64,7 @@ impl OfTask<'_> {
         let system = &self.task.system;
         let similar = |at: &FrameSpread| at.ssim;
         let wrong = |at: &FrameSpread| at.squared_error;
-        let chart = |title: &'static str, score: fn(&FrameSpread) -> Spread, log, legend| Chart {
+        let chart = |title: &'static str, score: fn(&FrameSpread) -> Spread, log| Chart {
             title: format!("{}: {title} of the predicted frames", self.task.name),
             axis: "frame",
             values: title,
@@ -73,12 +72,9 @@ impl OfTask<'_> {
             lines: self.models().flat_map(|(label, colour, rows)| self.lines(label, colour, &rows, score)).collect(),
             level: None,
             log: Some(log),
-            legend,
+            legend: None,
         };
-        let charts = vec![
-            chart("structural similarity (SSIM)", similar, false, SeriesLabelPosition::LowerLeft),
-            chart("squared error", wrong, true, SeriesLabelPosition::LowerRight),
-        ];
+        let charts = vec![chart("structural similarity (SSIM)", similar, false), chart("squared error", wrong, true)];
         chart::write(path, HEIGHT, charts)
     }
 
@@ -118,7 +114,7 @@ impl OfTask<'_> {
         let spans = vec![Span { name: String::new(), first: 0.0, last }];
         let title = format!("{}: squared error of all predicted frames of validation clips", self.task.name);
         let (axis, values) = ("step", "squared error");
-        let (level, log, legend) = (None, Some(true), SeriesLabelPosition::UpperRight);
+        let (level, log, legend) = (None, Some(true), None);
         chart::write(path, HEIGHT, vec![Chart { title, axis, values, spans, lines, level, log, legend }])
     }
 
@@ -147,7 +143,7 @@ impl OfTask<'_> {
                 lines,
                 level: self.task.truth_of(parameter.name).map(|truth| ("true value", GREEN, truth)),
                 log: None,
-                legend: SeriesLabelPosition::LowerRight,
+                legend: None,
             });
         }
         chart::write(path, HEIGHT, charts)

@@ -58,7 +58,7 @@ fn chart_of(title: &'static str, axis: &'static str, end: f64, lines: Vec<Line>)
         lines,
         level: None,
         log: Some(false),
-        legend: SeriesLabelPosition::LowerRight,
+        legend: Some(SeriesLabelPosition::LowerRight),
     }
 }
 

@@ -55,7 +55,7 @@ fn charts(measured: &Measured) -> Vec<Chart> {
         lines,
         level: None,
         log: Some(false),
-        legend: SeriesLabelPosition::UpperRight,
+        legend: Some(SeriesLabelPosition::UpperRight),
     };
     vec![
         chart(

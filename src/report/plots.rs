@@ -27,7 +27,7 @@ pub(super) fn losses(group: &Group) -> Vec<Chart> {
         level: published().paper_loss(task, loss).map(|paper| ("paper (test)", RED, paper)),
         values: "squared error of a frame",
         log: Some(true),
-        legend: SeriesLabelPosition::UpperRight,
+        legend: Some(SeriesLabelPosition::UpperRight),
         ..courses(group, Some(Kind::Valid), loss.key())
     };
     Loss::ALL.map(chart).into()
@@ -64,6 +64,6 @@ fn courses(group: &Group, kind: Option<Kind>, name: &str) -> Chart {
         lines: STATUSES.map(line).into(),
         level: None,
         log: None,
-        legend: SeriesLabelPosition::MiddleLeft,
+        legend: Some(SeriesLabelPosition::MiddleLeft),
     }
 }

@@ -10,8 +10,8 @@ use plotters::coord::cartesian::Cartesian2d;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::coord::types::RangedCoordf64;
 use plotters::drawing::DrawingArea;
-use plotters::element::{Circle, DashedPathElement, IntoDynElement, PathElement, Polygon, Rectangle, Text};
-use plotters::prelude::{BitMapBackend, IntoLogRange};
+use plotters::element::{Circle, DashedPathElement, DynElement, IntoDynElement, PathElement, Polygon, Rectangle, Text};
+use plotters::prelude::{BitMapBackend, DrawingBackend, IntoLogRange};
 use plotters::series::{DashedLineSeries, LineSeries};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, RGBColor, ShapeStyle, TextStyle, WHITE};
@@ -31,6 +31,8 @@ const GRID: RGBColor = RGBColor(212, 218, 226);
 const WIDTH: u32 = 1600;
 const FONT_SIZE: u32 = 24;
 const DASH: u32 = 12;
+/// Of a legend beside the plot, pixels: its width, where its rows begin, a row.
+const BESIDE: [u32; 3] = [390, 70, 40];
 /// Values that span more than this factor get a log axis.
 const LOG_FROM: f64 = 20.0;
 
@@ -81,8 +83,8 @@ pub(crate) struct Chart {
     pub level: Option<(&'static str, RGBColor, f64)>,
     /// Whether the value axis is logarithmic; none lets the values decide.
     pub log: Option<bool>,
-    /// Where the lines leave room.
-    pub legend: SeriesLabelPosition,
+    /// Where the lines leave room; none puts it beside the plot, for many lines.
+    pub legend: Option<SeriesLabelPosition>,
 }
 
 /// Draws charts one above the other, each so high, without those that have no point. False and no file if none has one.
@@ -155,8 +157,10 @@ impl Chart {
         Y: AsRangedCoord<Value = f64>,
         Y::CoordDescType: ValueFormatter<f64>,
     {
+        let beside = if self.legend.is_none() { BESIDE[0] } else { 0 };
+        let (area, legend) = area.split_horizontally(area.dim_in_pixel().0 - beside);
         let mut plot = drawn(
-            ChartBuilder::on(area)
+            ChartBuilder::on(&area)
                 .caption(&self.title, TextStyle::from(font(30)).color(&INK))
                 .margin(16)
                 .margin_right(40)
@@ -190,9 +194,12 @@ impl Chart {
         for line in &self.lines {
             line.draw(&mut plot)?;
         }
+        let Some(position) = self.legend.clone() else {
+            return self.draw_legend(&legend);
+        };
         drawn(
             plot.configure_series_labels()
-                .position(self.legend.clone())
+                .position(position)
                 .label_font(text(&INK))
                 .background_style(WHITE.mix(0.85))
                 .border_style(GRID)
@@ -200,6 +207,18 @@ impl Chart {
                 .legend_area_size(46)
                 .draw(),
         )
+    }
+
+    /// The lines' names, one below the other.
+    fn draw_legend(&self, area: &Area) -> Result<()> {
+        let [_, top, row] = BESIDE.map(|pixels| pixels as i32);
+        let middle = Pos::new(HPos::Left, VPos::Center);
+        for (place, line) in self.lines.iter().filter(|line| !line.label.is_empty()).enumerate() {
+            let y = top + row * place as i32;
+            drawn(area.draw(&sample((0, y), line.stroke, line.style())))?;
+            drawn(area.draw(&Text::new(line.label.clone(), (4 * DASH as i32, y), text(&INK).pos(middle))))?;
+        }
+        Ok(())
     }
 }
 
@@ -228,15 +247,7 @@ impl Line {
                 _ => drawn(plot.draw_series(LineSeries::new(points, style)))?,
             };
             if place == 0 && !self.label.is_empty() {
-                series.label(self.label.clone()).legend(move |(x, y)| {
-                    let (end, half) = (x + 3 * DASH as i32, DASH as i32 / 2);
-                    let ends = [(x, y), (end, y)];
-                    match stroke {
-                        Stroke::Filled => Rectangle::new([(x, y - half), (end, y + half)], style).into_dyn(),
-                        Stroke::Dashed => DashedPathElement::new(ends, DASH, DASH, style).into_dyn(),
-                        _ => PathElement::new(ends, style).into_dyn(),
-                    }
-                });
+                series.label(self.label.clone()).legend(move |place| sample(place, stroke, style));
             }
             // A single point has no line and shows only as a dot.
             if stroke == Stroke::Dotted || piece.len() == 1 {
@@ -254,6 +265,21 @@ impl Line {
             Stroke::Dashed => self.colour.stroke_width(2),
             Stroke::Filled => self.colour.mix(0.25).filled(),
         }
+    }
+}
+
+/// A short piece of a line, for a legend.
+fn sample<B: DrawingBackend>(
+    (x, y): (i32, i32),
+    stroke: Stroke,
+    style: ShapeStyle,
+) -> DynElement<'static, B, (i32, i32)> {
+    let (end, half) = (x + 3 * DASH as i32, DASH as i32 / 2);
+    let ends = [(x, y), (end, y)];
+    match stroke {
+        Stroke::Filled => Rectangle::new([(x, y - half), (end, y + half)], style).into_dyn(),
+        Stroke::Dashed => DashedPathElement::new(ends, DASH, DASH, style).into_dyn(),
+        _ => PathElement::new(ends, style).into_dyn(),
     }
 }
 

@@ -47,7 +47,7 @@ pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Resu
         lines: lines.into(),
         level: None,
         log: Some(true),
-        legend: SeriesLabelPosition::UpperRight,
+        legend: Some(SeriesLabelPosition::UpperRight),
     };
     let any = chart::write(&folder.join("losses.png"), LOSSES_HEIGHT, vec![losses])?;
     ensure!(any, "{} holds no losses", path.display());
@@ -64,7 +64,7 @@ pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Resu
             level: truth.map(|truth| ("true value", RED, truth)),
             log: None,
             // A parameter goes from where it started to the truth: the middle of the right side stays free.
-            legend: SeriesLabelPosition::MiddleRight,
+            legend: Some(SeriesLabelPosition::MiddleRight),
         })
     };
     let parameters = task.system.cell.parameters.iter().filter_map(|p| parameter(p.name)).collect();

@@ -36,7 +36,7 @@ pub(crate) fn frame_charts(task: &Task, frames: &[FrameSpread]) -> Vec<Chart> {
         lines,
         level: None,
         log: Some(false),
-        legend,
+        legend: Some(legend),
     };
     let (similar, wrong) = (lines(BLUE, frames, |at| at.ssim), lines(ORANGE, frames, |at| at.squared_error));
     let similar = chart("structural similarity (SSIM)", similar, SeriesLabelPosition::UpperRight);

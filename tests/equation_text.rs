@@ -288,6 +288,15 @@ fn mistakes_are_told_with_their_place() {
         ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = 1.5", "restitution = 1.5: must be 0 to 1"),
         ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = \"e\"", "there is no such parameter"),
         ("acceleration = \"0\"\nstate = \"angle\"\nwalls = true", "there are walls for positions, not for angles"),
+        ("acceleration = \"0\"\nstate = \"angle\"\nwalls.left = 3.0", "there are walls for positions, not for angles"),
+        ("acceleration = \"vec(0, 0)\"\nwalls = {}", "walls: none of left, right, top and bottom is given"),
+        ("acceleration = \"vec(0, 0)\"\nwalls.floor = 3.0", "places in pixels for some of left, right, top and bottom"),
+        ("acceleration = \"vec(0, 0)\"\nwalls.top = \"roof\"", "walls.top = \"roof\": there is no such parameter"),
+        (
+            "acceleration = \"vec(0, 0)\"\nwalls.top = \"roof\"\nparameters.roof.unit = [1, -1]",
+            "walls.top = \"roof\": has the unit [1, -1], but is a place, in pixels",
+        ),
+        ("acceleration = \"vec(0, 0)\"\nwalls = { left = 20.0, right = 10.0 }", "20 and 10 leave no room"),
         ("acceleration = \"vec(0, 0)\"\nsubsteps = 0", "substeps = 0: must be 1 to"),
         ("acceleration = \"vec(0, 0)\"\nintegrator = \"leapfrog\"", "unknown variant `leapfrog`"),
     ] {
@@ -495,6 +504,45 @@ fn restitution_is_what_a_wall_leaves_and_is_taken_back_in_reverse() {
             1e-12,
             kind.name,
         );
+    }
+}
+
+/// A floor that is a parameter turns a ball back, and nothing else does; the path depends on it as difference quotients say.
+#[test]
+fn a_wall_stands_where_the_equation_says() {
+    let floor = |force: &str| {
+        let parameters = "parameters.g = { fixed = 6.0 }\nparameters.floor = { unit = [1, 0], high = 32.0 }";
+        let walls = "walls.bottom = \"floor\"\nrestitution = 0.75\nsubsteps = 1";
+        read(&format!("acceleration = \"vec(0, {force})\"\n{walls}\n{parameters}"), 1)
+    };
+    let raw = |kind: &CellKind, place: f64| {
+        kind.parameters.iter().map(|it| Tensor::from(it.bounds.raw(it.fixed.unwrap_or(place)))).collect::<Vec<_>>()
+    };
+    let first = State::from_joined(&Tensor::from_slice(&[29.0, 19.0, 8.0, 4.0]).unsqueeze(0));
+    let coasts = floor("0 * g");
+    let next = coasts.cell(&raw(coasts, 20.0), Walls::new(32, 2.0)).substep(&first, None, 0.5);
+    // To the right it leaves the frame; downwards it would be 1 beyond the floor.
+    assert_close(&next.joined(), &Tensor::from_slice(&[33.0, 19.25, 8.0, -3.0]).unsqueeze(0), 1e-12, "next");
+
+    let falls = floor("g");
+    let end = |raw: &[Tensor]| {
+        let states = falls.cell(raw, Walls::new(32, 2.0)).roll_out(&first, &Actions::none(), 0.1, 12);
+        states.last().unwrap().joined().select(0, 0)
+    };
+    let at = raw(falls, 20.0);
+    let place = falls.parameters.iter().position(|it| it.name == "floor").unwrap();
+    let learned: Vec<_> = at.iter().map(|raw| raw.detach().set_requires_grad(true)).collect();
+    for number in [1, 3] {
+        let by =
+            Tensor::run_backward(&[end(&learned).get(number)], &[&learned[place]], true, false)[0].double_value(&[]);
+        let moved = |step: f64| {
+            let mut raw: Vec<_> = at.iter().map(Tensor::shallow_clone).collect();
+            raw[place] = &raw[place] + step;
+            end(&raw).double_value(&[number])
+        };
+        let quotient = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+        assert!((by - quotient).abs() < 1e-4 * quotient.abs().max(0.1), "number {number}: {by}, quotient {quotient}");
+        assert!(quotient.abs() > 0.1, "the path does not depend on the floor: the test would show nothing");
     }
 }
 

@@ -50,3 +50,28 @@ fn recentring_moves_positions_and_keeps_the_picture() {
     // wrong sign or axis would cost several times the yardstick.
     assert!(change < 0.1 * unshifted, "masks changed by {change}; without the sprites' shift by {unshifted}");
 }
+
+/// Objects that are numbered anew are seen and drawn as before, under their new numbers.
+#[test]
+fn a_new_order_changes_only_the_numbers() {
+    let system = paig::tasks::builtin("3bp_color").unwrap().system;
+    let model = PhysicsNet::new(&system, &ModelOptions::original(), Device::Cpu, 5).unwrap();
+    let _guard = tch::no_grad_guard();
+    tch::manual_seed(1);
+    let frames = Tensor::rand([6, 3, 36, 36], (Kind::Float, Device::Cpu));
+    let (before, [drawn]) =
+        (model.encoder.forward(&frames).positions, model.decoder.draw([&positions(&model, &frames)]));
+    model.reorder(&[2, 0, 1]);
+    let after = model.encoder.forward(&frames).positions;
+    let order = Tensor::from_slice(&[2i64, 0, 1]);
+    let expected = before.reshape([6, 3, 2]).index_select(1, &order).flatten(1, 2);
+    let off = (&after - expected).abs().max().double_value(&[]);
+    assert!(off < 1e-4, "positions are {off} px off");
+    let [redrawn] = model.decoder.draw([&after]);
+    let off = (redrawn - drawn).abs().max().double_value(&[]);
+    assert!(off < 1e-5, "what is drawn is {off} off");
+}
+
+fn positions(model: &PhysicsNet, frames: &Tensor) -> Tensor {
+    model.encoder.forward(frames).positions
+}

@@ -213,6 +213,24 @@ fn divergence_stops_the_run_and_names_tensor_and_step() {
     assert!(!run.join("summary.json").exists());
 }
 
+/// What was found before the last phase is not lost where that diverges.
+#[test]
+fn a_join_that_diverges_goes_back_to_its_best() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let config = write_config(folder.path(), TINY);
+    let mut command = spring(&run);
+    fresh(&mut command).arg("--config").arg(&config);
+    command.args(["--set", "join.learning_rate=1e30", "--set", "join.end_at_best=true"]);
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", text(&output));
+    let log = fs::read_to_string(run.join("log.txt")).unwrap();
+    let said = log.lines().find(|line| line.contains("is not finite at step "));
+    let said = said.unwrap_or_else(|| panic!("{log}"));
+    assert!(said.contains("join - ") && said.ends_with("back to its step 0, the best by validation"), "{said}");
+    assert!(run.join("summary.json").exists());
+}
+
 /// The same file with all true positions and velocities ten times as large.
 fn change_states(from: &Path, to: &Path) {
     use ndarray::ArrayD;

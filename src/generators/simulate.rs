@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use rand::Rng;
 use tch::Tensor;
 
-use crate::network::cells::{CellKind, State, Walls};
+use crate::network::cells::{Build, CellKind, State, Walls};
 use crate::tasks::scene::{Begin, Motion};
 
 /// Draws after which a clip is given up: far more than any clip of a built-in task needs.
@@ -55,6 +55,20 @@ pub struct Law {
 impl Law {
     /// The state of objects between these walls a time `h` later.
     fn substep(&self, state: &mut SceneState, walls: Walls, h: f64) {
+        match self.equation.build {
+            Build::Text(equation) => {
+                let values = self.equation.parameters.iter().zip(&self.raw).map(|(it, raw)| it.bounds.value(*raw));
+                let mut equation = equation.single(&values.collect::<Vec<_>>(), walls);
+                equation.substep(&mut state.positions, &mut state.velocities, state.action, h);
+            }
+            Build::Rust(_) => self.substep_by_tensors(state, walls, h),
+        }
+        if self.equation.tells_time() {
+            state.action += h;
+        }
+    }
+
+    fn substep_by_tensors(&self, state: &mut SceneState, walls: Walls, h: f64) {
         let _guard = tch::no_grad_guard();
         let raw: Vec<_> = self.raw.iter().map(|raw| Tensor::from(*raw)).collect();
         let row = |numbers: &[f64]| Tensor::from_slice(numbers).unsqueeze(0);
@@ -63,9 +77,6 @@ impl Law {
         let next = self.equation.cell(&raw, walls).substep(&now, action.as_ref(), h);
         let numbers = |x: Tensor| Vec::try_from(x.select(0, 0)).expect("a float64 vector");
         (state.positions, state.velocities) = (numbers(next.pos), numbers(next.vel));
-        if self.equation.tells_time() {
-            state.action += h;
-        }
     }
 }
 

@@ -16,8 +16,8 @@ use crate::tasks::video::Video;
 /// as long as the frames have pixels, and the frames of one video are much alike.
 const SMALL_SIDE: usize = 48;
 const LARGE_STEP: [usize; 2] = [16, 10];
-/// Steps on whole frames, of such: with fewer the apple's held-out quarter is predicted half as well.
-const FINE_STEPS: u64 = 900;
+/// Steps on whole frames, of such.
+const FINE_STEPS: u64 = 400;
 
 /// The table of the videos, its keys in their order.
 #[derive(Serialize)]
@@ -55,10 +55,15 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
     } else {
         let [frames, clips] = LARGE_STEP;
         format!(
-            "# Large frames: fewer of them in a step.\n\
+            "# Large frames, for small objects: fewer of them in a step.\n\
+             [recipe.fast.model]\n\
+             subtract_background = true       # what moves shows by itself before what stands still\n\n\
              [recipe.fast.discover]\n\
              frames = {frames}\n\
-             fine_steps = {FINE_STEPS}               # a measurement wants positions as good as they get\n\n\
+             fine_steps = {FINE_STEPS}                 # a measurement wants positions as good as they get\n\
+             end_at_best = false              # validation sees later frames, maybe places where nothing was before\n\n\
+             [recipe.fast.discover.guide]\n\
+             waits = false                    # shadows and strings move, too, and are never drawn\n\n\
              [recipe.fast.join]\n\
              batch = {clips}\n\n"
         )

@@ -297,6 +297,15 @@ impl UNet {
         self.logits.forward(&h)
     }
 
+    /// Gives the logits another order: the one that was `order[i]` (`[objects]`) is i from now on.
+    pub fn reorder_logits(&self, order: &Tensor) {
+        let _guard = tch::no_grad_guard();
+        let Conv2d { weight, bias, .. } = &self.logits;
+        for values in [weight, bias] {
+            values.shallow_clone().copy_(&values.index_select(0, order));
+        }
+    }
+
     /// Replaces each logit y by `scale (y - mean) + centre`; `mean` is `[objects]`.
     pub fn rescale_logits(&self, scale: &Tensor, mean: &Tensor, centre: f64) {
         let _guard = tch::no_grad_guard();

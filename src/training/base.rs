@@ -125,12 +125,19 @@ impl Session<'_> {
             self.validate(phase, objective)?;
         }
         let mut outcome = Outcome::Finished;
+        let mut diverged = None;
         while !objective.timetable().finished(self.state.step, &self.state.validations) {
             let step = self.state.step;
             let loss = objective.loss(self.model, step, &self.state.validations)?;
             let value = loss.total.double_value(&[]);
             if !value.is_finite() {
-                bail!("{phase}: {}", self.not_finite(&loss, &variables));
+                let culprit = self.not_finite(&loss, &variables);
+                // What the phases before have found is not lost for it.
+                if self.last_phase && objective.ends_at_best() {
+                    diverged = Some(culprit);
+                    break;
+                }
+                bail!("{phase}: {culprit}; begin again in another folder (--out) with a lower learning rate");
             }
             loss.total.backward();
             let factor = objective.timetable().factor(step, &self.state.validations);
@@ -154,20 +161,27 @@ impl Session<'_> {
             }
         }
         if outcome == Outcome::Finished && objective.ends_at_best() {
-            self.return_to_best(phase, objective)?;
+            self.return_to_best(phase, objective, diverged)?;
         }
         self.tell(&Event::PhaseEnds { phase })?;
         Ok(outcome)
     }
 
-    /// Gives the model the weights of the phase's best validation, if the last is not the best.
-    fn return_to_best(&mut self, phase: &'static str, objective: &mut dyn Objective) -> Result<()> {
-        if !self.state.step.is_multiple_of(objective.timetable().validate_every()) {
+    /// Gives the model the weights of the phase's best validation, if the last is not the best; in any case where it
+    /// `diverged`, for a reason.
+    fn return_to_best(
+        &mut self,
+        phase: &'static str,
+        objective: &mut dyn Objective,
+        diverged: Option<String>,
+    ) -> Result<()> {
+        if diverged.is_none() && !self.state.step.is_multiple_of(objective.timetable().validate_every()) {
             self.validate(phase, objective)?;
         }
-        let scores = &self.state.validations;
+        let first = objective.timetable().first_counted(&self.state.validations);
+        let scores = &self.state.validations[first..];
         let best = scores.iter().copied().fold(f64::INFINITY, f64::min);
-        if scores.last().is_none_or(|last| *last == best) {
+        if diverged.is_none() && scores.last().is_none_or(|last| *last == best) {
             return Ok(());
         }
         match (&self.store, self.best.take()) {
@@ -175,9 +189,10 @@ impl Session<'_> {
             (None, Some(best)) => weights::fill(self.model, &best)?,
             (None, None) => bail!("{phase}: the best weights were not kept"),
         }
-        let place = scores.iter().position(|score| *score == best).unwrap_or(0) as u64;
+        let place = (first + scores.iter().position(|score| *score == best).unwrap_or(0)) as u64;
         let step = place * objective.timetable().validate_every();
-        self.tell(&Event::Note(&format!("{phase} - back to its step {step}, the best by validation")))
+        let why = diverged.map_or_else(String::new, |culprit| format!("{culprit}: "));
+        self.tell(&Event::Note(&format!("{phase} - {why}back to its step {step}, the best by validation")))
     }
 
     fn best_of<'p>(&self, phase: &'p str) -> BestOf<'p> {
@@ -220,7 +235,10 @@ impl Session<'_> {
             ..self.record(Kind::Valid, phase)
         };
         self.tell(&Event::Recorded(&record))?;
-        let best = self.state.validations.iter().all(|&before| score < before);
+        self.state.validations.push(score);
+        let first = objective.timetable().first_counted(&self.state.validations);
+        let (last, before) = self.state.validations[first..].split_last().expect("the score that was just added");
+        let best = before.iter().all(|before| last < before);
         if best && (self.last_phase || objective.ends_at_best()) {
             match &self.store {
                 Some(store) => store.save_best(self.model, self.state.steps, self.best_of(phase))?,
@@ -230,7 +248,6 @@ impl Session<'_> {
                 }
             }
         }
-        self.state.validations.push(score);
         if let Some(done) = objective.after_validation(self.model, &self.state.validations)? {
             self.tell(&Event::Note(&done))?;
         }
@@ -247,9 +264,6 @@ impl Session<'_> {
             (None, Some((name, _))) => name.to_string(),
             (None, None) => "the total loss".to_string(),
         };
-        format!(
-            "{culprit} is not finite at step {}; begin again in another folder (--out) with a lower learning rate",
-            self.state.steps + 1
-        )
+        format!("{culprit} is not finite at step {}", self.state.steps + 1)
     }
 }

@@ -52,7 +52,10 @@ impl Cell for Falling {
         let vel = &state.vel + self.log_g.exp() * down * h;
         let pos = &state.pos + &vel * h;
         let [pos, vel] = match self.walls {
-            Some(walls) => turned_back([&state.pos, &state.vel], [pos, vel], walls, None),
+            Some(walls) => {
+                let [near, far] = walls.tensors((pos.kind(), pos.device()));
+                turned_back([&state.pos, &state.vel], [pos, vel], [&near, &far], None)
+            }
             None => [pos, vel],
         };
         State { pos, vel }

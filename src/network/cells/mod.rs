@@ -24,7 +24,7 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
+use tch::{Device, Kind, Tensor};
 
 pub use actions::Actions;
 pub use bouncing::BOUNCING;
@@ -110,6 +110,11 @@ impl Walls {
     pub fn new(side: usize, margin: f64) -> Self {
         Walls { near: margin, far: side as f64 - margin }
     }
+
+    /// Near and far, `[1]` each.
+    fn tensors(self, options: (Kind, Device)) -> [Tensor; 2] {
+        [self.near, self.far].map(|place| Tensor::full([1], place, options))
+    }
 }
 
 /// An equation: what it is called, what it is about, and how a cell of it is made.
@@ -144,6 +149,11 @@ impl CellKind {
     /// Whether what the dataset holds for each frame is its time, and nothing acts.
     pub fn tells_time(&self) -> bool {
         matches!(&self.build, Build::Text(equation) if equation.tells_time())
+    }
+
+    /// Whether it matters which object is which: a text names a given one, or there is one for each.
+    pub fn tells_objects_apart(&self) -> bool {
+        matches!(&self.build, Build::Text(equation) if equation.tells_objects_apart())
     }
 
     /// Whether something acts that may be chosen.

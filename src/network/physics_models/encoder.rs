@@ -108,6 +108,11 @@ impl Encoder {
         self.localisation[2].scale(factor);
     }
 
+    /// Gives the masks another order: the one that was `order[i]` (`[objects]`) is i from now on.
+    pub fn reorder(&self, order: &Tensor) {
+        self.unet.reorder_logits(order);
+    }
+
     /// Gives the objects' logits equal means and a standard deviation of `spread` between them on the moving pixels, so
     /// that no object starts without a mask and none starts equal to another. A single object only gets the mean.
     ///

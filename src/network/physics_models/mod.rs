@@ -58,6 +58,10 @@ pub struct ModelOptions {
     /// Encode frames whose objects look alike twice, where nothing is learned from them; see [`second_look`].
     #[serde(default)]
     pub second_look: bool,
+    /// Give the encoder what a frame adds to the background that the decoder has learned, instead of the frame: what moves
+    /// then shows by itself, however small it is beside what stands behind.
+    #[serde(default)]
+    pub subtract_background: bool,
     /// Improve the encoded positions of the input frames by this many Gauss-Newton steps of the drawing towards the frame;
     /// see [`alignment`].
     #[serde(default)]
@@ -85,6 +89,7 @@ impl ModelOptions {
             exact_shift: false,
             names_by_continuity: false,
             second_look: false,
+            subtract_background: false,
             alignment_steps: 0,
             fixed: BTreeMap::new(),
             refinement_steps: 0,
@@ -341,11 +346,27 @@ impl PhysicsNet {
     /// What the encoder makes of single frames `[frames, channels, S, S]`; where no gradients are wanted and the options say so,
     /// after a second look.
     pub fn look(&self, frames: &Tensor) -> Encoding {
-        let encoding = self.encoder.forward(frames);
+        let given = self.given(frames);
+        let encoding = self.encoder.forward(&given);
         if encoding.positions.requires_grad() || !self.looks_twice() {
             return encoding;
         }
-        second_look::better_drawn(&self.encoder, &self.decoder, frames, encoding)
+        second_look::better_drawn(&self.encoder, &self.decoder, [frames, &given], encoding)
+    }
+
+    /// Numbers the objects anew: the one that was `order[i]` is i from now on. Masks and sprites go together.
+    pub fn reorder(&self, order: &[i64]) {
+        let order = Tensor::from_slice(order).to_device(self.variables.device());
+        self.encoder.reorder(&order);
+        self.decoder.reorder(&order);
+    }
+
+    /// What the encoder is given of frames, all `[frames, channels, S, S]`: see [`ModelOptions::subtract_background`].
+    pub fn given(&self, frames: &Tensor) -> Tensor {
+        match self.options.subtract_background.then(|| self.decoder.background()).flatten() {
+            Some(background) => frames - background.detach(),
+            None => frames.shallow_clone(),
+        }
     }
 
     fn looks_twice(&self) -> bool {
@@ -360,9 +381,10 @@ impl PhysicsNet {
             return all;
         }
         let _guard = tch::no_grad_guard();
-        let first = self.encoder.forward(frames);
+        let given = self.given(frames);
+        let first = self.encoder.forward(&given);
         let positions = first.positions.shallow_clone();
-        let chosen = second_look::better_drawn(&self.encoder, &self.decoder, frames, first);
+        let chosen = second_look::better_drawn(&self.encoder, &self.decoder, [frames, &given], first);
         let changed = (chosen.positions - positions).abs();
         all.masked_select(&changed.amax([1], false).eq(0.0))
     }

@@ -6,10 +6,10 @@ use tch::Tensor;
 
 use super::{Decoder, Encoder, Encoding};
 
-/// Of two encodings of each frame `[frames, channels, S, S]`, the given one and one with x and y exchanged, the one from
-/// which it is drawn better.
-pub fn better_drawn(encoder: &Encoder, decoder: &Decoder, frames: &Tensor, first: Encoding) -> Encoding {
-    let second = exchanged(&encoder.forward(&frames.transpose(2, 3).contiguous()));
+/// Of two encodings of each frame `[frames, channels, S, S]`, the first one and one with x and y exchanged, the one from
+/// which it is drawn better. `given` is what the encoder is given of the frames.
+pub fn better_drawn(encoder: &Encoder, decoder: &Decoder, [frames, given]: [&Tensor; 2], first: Encoding) -> Encoding {
+    let second = exchanged(&encoder.forward(&given.transpose(2, 3).contiguous()));
     let error = |encoding: &Encoding| {
         let [drawn] = decoder.draw([&encoding.positions]);
         (drawn - frames).square().sum_dim_intlist([1i64, 2, 3].as_slice(), false, None)

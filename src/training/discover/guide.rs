@@ -31,11 +31,19 @@ pub struct Guide {
     /// found by then.
     pub full_until: u64,
     pub zero_from: u64,
+    /// Whether they have full weight until the objects are drawn also on whole frames after halved ones; otherwise they fade
+    /// there at once.
+    #[serde(default = "yes")]
+    pub waits: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 impl Guide {
     pub(super) fn check(&self) -> Result<()> {
-        let Guide { coverage, compactness, balance, identity, tie, full_until, zero_from } = *self;
+        let Guide { coverage, compactness, balance, identity, tie, full_until, zero_from, waits: _ } = *self;
         for (key, number) in [
             ("discover.guide.coverage", coverage),
             ("discover.guide.compactness", compactness),
@@ -152,6 +160,7 @@ mod tests {
             tie: 5.0,
             full_until: 10,
             zero_from: 20,
+            waits: true,
         }
     }
 

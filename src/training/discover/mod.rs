@@ -208,7 +208,11 @@ impl<'a> Discovery<'a> {
             full_until: rounds * config.guide.full_until,
             zero_from: rounds * config.guide.zero_from,
             found_at: undrawn.but(UNDRAWN_AT_FIT[0]),
-            at_the_latest: rounds * config.max_steps / 2,
+            at_the_latest: if config.guide.full_until > 0 || config.guide.waits {
+                rounds * config.max_steps / 2
+            } else {
+                0
+            },
             validate_every,
         };
         let timetable = Timetable::new(schedule, config.max_steps, rounds).with_guides(guides);
@@ -250,7 +254,7 @@ impl<'a> Discovery<'a> {
             let places = self.train.random_places(self.config.frames, self.seed, 0);
             let frames = self.train.frames(&places);
             let moving = self.motion.of(self.train, &places, &frames);
-            model.encoder.spread_masks(&frames, &moving.share, mask_spread);
+            model.encoder.spread_masks(&model.given(&frames), &moving.share, mask_spread);
         }
         Ok(())
     }
@@ -349,7 +353,7 @@ impl Objective for Discovery<'_> {
         if self.few {
             self.paste_half(model, &places, &mut frames, step);
         }
-        let encoding = model.encoder.forward(&frames);
+        let encoding = model.encoder.forward(&model.given(&frames));
         let [drawn] = model.decoder.draw([&model.coordinates(&encoding)]);
         let reconstruction = frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames.unsqueeze(1));
         let fade = self.timetable.guides_weight(step, validations);

@@ -68,6 +68,16 @@ impl Start {
             states: None,
         }
     }
+
+    /// The parameters where the equation lets them begin; those that are fixed as they are.
+    pub(super) fn afresh(model: &PhysicsNet) -> Self {
+        let begun = Start::of(model);
+        let afresh = model.parameters.iter().zip(&begun.logs).map(|(parameter, now)| match parameter.learned {
+            true => parameter.kind.start.map_or(0.0, |start| parameter.kind.bounds.raw(start)),
+            false => *now,
+        });
+        Start { logs: afresh.collect(), ..begun }
+    }
 }
 
 /// The result of a fit.

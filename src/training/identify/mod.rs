@@ -5,6 +5,7 @@
 
 pub mod explain;
 pub mod fit;
+mod order;
 pub mod rank;
 pub mod recentre;
 pub mod seen;
@@ -114,11 +115,22 @@ impl Identify {
 /// # Errors
 /// Positions that are not finite.
 pub(super) fn first_fit(model: &PhysicsNet, train: &Clips, motion: &Motion, clips: usize) -> Result<Explanation> {
-    let config = Identify { clips, ..Identify::usual(train.time().min(LONGEST_OF_FIRST)) };
-    let seen = Seen::of(model, train, motion, clips, FIRST_BATCH);
-    let explanation = explain::explain(&config, model, &seen, &Start::of(model))?;
+    let explanation = explain_some(model, train, motion, clips, &Start::of(model))?;
     explanation.apply(model);
     Ok(explanation)
+}
+
+/// The fit of the equation to the first `clips` clips as they are encoded now; the model stays as it is.
+fn explain_some(
+    model: &PhysicsNet,
+    train: &Clips,
+    motion: &Motion,
+    clips: usize,
+    start: &Start,
+) -> Result<Explanation> {
+    let config = Identify { clips, ..Identify::usual(train.time().min(LONGEST_OF_FIRST)) };
+    let seen = Seen::of(model, train, motion, clips, FIRST_BATCH);
+    explain::explain(&config, model, &seen, start)
 }
 
 impl Phase for Identify {
@@ -130,6 +142,10 @@ impl Phase for Identify {
         let model = session.model;
         session.tell(&Event::PhaseBegins { phase: self.name(), done: 0, of: 0 })?;
         let motion = Motion::measure(session.train, session.seed);
+        if let Some(order) = order::find(model, session.train, &motion)? {
+            let numbers: Vec<_> = order.iter().map(|number| number + 1).collect();
+            session.tell(&Event::Note(&format!("identify - the objects' order in the equation is {numbers:?}")))?;
+        }
         let seen = Seen::of(model, session.train, &motion, self.clips, session.validation.batch);
         let explanation = explain::explain(self, model, &seen, &Start::of(model))?;
         explanation.apply(model);

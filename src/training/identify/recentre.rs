@@ -25,7 +25,7 @@ pub fn recentre(model: &PhysicsNet, frames: &Tensor, positions: &Tensor, offsets
     // What was taken from a second look is in an order that the first has not.
     let firsts = model.at_first_look(frames);
     let [frames, positions] = [frames, &positions].map(|x| x.index_select(0, &firsts));
-    let solved = model.encoder.solve_localiser(&frames, &positions, RIDGE)?;
+    let solved = model.encoder.solve_localiser(&model.given(&frames), &positions, RIDGE)?;
     // A sprite that turns about the frame's middle has no place of its own.
     if model.system.cell.coordinates == Coordinates::Position {
         model.decoder.shift_sprites(&Tensor::from_slice(offsets).to_device(frames.device()).to_kind(Kind::Float));

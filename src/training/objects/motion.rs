@@ -9,6 +9,10 @@ pub const FRAMES: usize = 2000;
 const COMPARED_FRAMES: usize = 200;
 /// A frame's level of noise is the median difference of its pixels; what moves differs by more than this many of them.
 const LEVELS: f64 = 3.0;
+/// Where more than this share of the pixels never changes, the level is that of the others: black bars beside a filmed strip
+/// have no noise. It counts up to this; what differs more there is an object that hardly leaves its place.
+const STILL_SHARE: f64 = 0.5;
+const QUIET: f64 = 0.1;
 /// The still background is left for each clip's own where that explains the frames this much better, and there is
 /// something to explain: a summed difference of so much.
 const BETTER: f64 = 0.6;
@@ -17,12 +21,14 @@ const WORTH_EXPLAINING: f64 = 0.03;
 const SATURATION: f64 = 0.1;
 
 /// A pixel is a speckle where it differs by so much, summed over channels, and by so many levels of noise, while the median
-/// of the 3x3 pixels about it differs by less than the last number. Frames are speckled where more than this share of all that differs so much are speckles;
-/// of objects only corners are.
+/// of the 3x3 pixels about it differs by less than the third number. Frames are speckled where more than this share of all
+/// that differs so much are speckles (of objects only corners are), and more than this share of all pixels: a tiny object
+/// may be all speckle.
 const SPECKLE: f64 = 0.3;
 const SPECKLE_LEVELS: f64 = 6.0;
 const AROUND_SPECKLE: f64 = 0.1;
 const SPECKLED: f64 = 0.06;
+const SPECKLED_PIXELS: f64 = 0.002;
 
 /// What stands behind the objects.
 #[derive(Debug)]
@@ -39,6 +45,8 @@ pub struct Motion {
     background: Background,
     /// Whether single pixels differ for no reason: then neighbours vote instead of being averaged.
     speckled: bool,
+    /// Places of the pixels that say how noisy a frame is, where these are not all.
+    noisy: Option<Tensor>,
     /// The median over the dataset, `[channels, S, S]`.
     pub median: Tensor,
 }
@@ -63,14 +71,17 @@ impl Motion {
         let median = clips.median_frame(FRAMES, seed);
         let places = clips.random_places(COMPARED_FRAMES, seed, 0);
         let frames = clips.frames(&places);
-        let speckled = speckles(&(&frames - &median)) > SPECKLED;
+        let difference = &frames - &median;
+        let noisy = changing_pixels(&difference);
+        let speckled = are_speckled(&difference, noisy.as_ref());
         let level = |background: &Tensor| {
-            noise_level(&sizes(&smoothed(&(&frames - background), speckled))).mean(Kind::Double).double_value(&[])
+            let size = sizes(&smoothed(&(&frames - background), speckled));
+            noise_level(&size, noisy.as_ref()).mean(Kind::Double).double_value(&[])
         };
         let (still, of_clip) = (level(&median), level(&clips.clip_medians(&places)));
         let own = still > WORTH_EXPLAINING && of_clip < BETTER * still;
         let background = if own { Background::OfEachClip } else { Background::Still(median.shallow_clone()) };
-        Motion { background, speckled, median }
+        Motion { background, speckled, noisy, median }
     }
 
     /// What moves in these frames of the clips, by their place in the sequence of all frames; `frames` are their pixels
@@ -83,7 +94,7 @@ impl Motion {
         };
         let difference = smoothed(&sharp, self.speckled);
         let size = sizes(&difference);
-        let noise = noise_level(&size).unsqueeze(-1).unsqueeze(-1);
+        let noise = noise_level(&size, self.noisy.as_ref()).unsqueeze(-1).unsqueeze(-1);
         let excess = (size - noise * LEVELS).clamp_min(0.0);
         let share = 1.0 - (&excess / -SATURATION).exp();
         Moving { sharp, difference, excess, share }
@@ -103,21 +114,32 @@ fn neighbours_median(x: &Tensor) -> Tensor {
     columns.reshape([size[0], size[1], 9, size[2] * size[3]]).median_dim(2, false).0.reshape(&size)
 }
 
-/// Of the pixels that differ much, the share of speckles.
-fn speckles(difference: &Tensor) -> f64 {
+/// Whether single pixels differ for no reason.
+fn are_speckled(difference: &Tensor, noisy: Option<&Tensor>) -> bool {
     let size = sizes(difference);
-    let noise = noise_level(&size).unsqueeze(-1).unsqueeze(-1);
+    let noise = noise_level(&size, noisy).unsqueeze(-1).unsqueeze(-1);
     let differs = size.gt_tensor(&(noise * SPECKLE_LEVELS).clamp_min(SPECKLE));
     let alone = sizes(&neighbours_median(difference)).lt(AROUND_SPECKLE).logical_and(&differs);
-    let count = |x: &Tensor| x.sum(Kind::Double).double_value(&[]);
-    count(&alone) / count(&differs).max(1.0)
+    let share = |x: &Tensor| x.to_kind(Kind::Double).mean(Kind::Double).double_value(&[]);
+    share(&alone) > SPECKLED * share(&differs) && share(&alone) > SPECKLED_PIXELS
+}
+
+/// Places of the pixels that differ from the median in any of these frames, `[count]`; none where they are most of all.
+fn changing_pixels(difference: &Tensor) -> Option<Tensor> {
+    let changes = sizes(difference).amax([0i64].as_slice(), false).flatten(0, -1).gt(0.0);
+    let still = 1.0 - changes.to_kind(Kind::Double).mean(Kind::Double).double_value(&[]);
+    (still > STILL_SHARE && still < 1.0).then(|| changes.nonzero().squeeze_dim(1))
 }
 
 fn sizes(differences: &Tensor) -> Tensor {
     differences.abs().sum_dim_intlist([1i64].as_slice(), false, None)
 }
 
-/// The median over each frame's pixels, `[frames]`.
-fn noise_level(sizes: &Tensor) -> Tensor {
-    sizes.flatten(1, 2).median_dim(1, false).0
+/// The median over each frame's pixels, or over those at the places given, `[frames]`.
+fn noise_level(sizes: &Tensor, noisy: Option<&Tensor>) -> Tensor {
+    let sizes = sizes.flatten(1, 2);
+    let Some(places) = noisy else { return sizes.median_dim(1, false).0 };
+    let level = sizes.index_select(1, places).median_dim(1, false).0;
+    let quiet = level.le(QUIET);
+    level * quiet
 }

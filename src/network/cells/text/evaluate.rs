@@ -65,6 +65,12 @@ impl Program {
         self.names(Given::Time)
     }
 
+    /// Whether the position or velocity of a given object is in it.
+    pub(super) fn names_objects(&self) -> bool {
+        let named = |given| matches!(given, Given::PositionOf(_) | Given::VelocityOf(_));
+        self.graph.nodes.iter().any(|node| matches!(node.operation, Operation::Given(given) if named(given)))
+    }
+
     fn names(&self, given: Given) -> bool {
         self.graph.nodes.iter().any(|node| node.operation == Operation::Given(given))
     }

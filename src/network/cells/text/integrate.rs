@@ -5,8 +5,8 @@ use tch::Tensor;
 use super::Equation;
 use super::evaluate::{Constants, Instant};
 use super::plain::PlainText;
-use super::restitution::Restitution;
 use super::table::Integrator;
+use super::walls::TextWalls;
 use crate::network::cells::impact::turned_back;
 use crate::network::cells::plain::PlainCell;
 use crate::network::cells::{Actions, Cell, State, Walls};
@@ -26,8 +26,16 @@ pub(super) struct TextCell {
 /// A roll-out under way.
 struct Run<'a> {
     cell: &'a TextCell,
-    parameters: Vec<Tensor>,
     constants: Constants,
+    barrier: Option<Barrier>,
+}
+
+/// The walls with the parameters as they are now.
+struct Barrier {
+    /// Near and far ones, `[2]` each or one number for both axes.
+    places: [Tensor; 2],
+    /// What they leave of a speed; none for all of it.
+    left: Option<Tensor>,
 }
 
 /// Positions and velocities, each `[batch, objects, coordinates]`.
@@ -42,7 +50,11 @@ impl TextCell {
         let parameters: Vec<_> = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.values(raw).reshape([1])).collect();
         let options = (state.pos.kind(), state.pos.device());
         let constants = self.equation.program.constants(&parameters, options);
-        Run { cell: self, parameters, constants }
+        let barrier = |walls: &TextWalls| Barrier {
+            places: walls.tensors(self.walls, &parameters, options),
+            left: walls.left_tensor(&parameters, options),
+        };
+        Run { cell: self, constants, barrier: self.equation.walls.as_ref().map(barrier) }
     }
 
     fn grid(&self, state: &State) -> Grid {
@@ -147,17 +159,10 @@ impl Run<'_> {
 
     /// The state after the walls have turned back what has passed them, each with what is left of its speed.
     fn turned_back(&self, before: &Grid, after: Grid, h: f64) -> Grid {
-        if !self.cell.equation.table.walls {
-            return after;
-        }
-        let left = match self.cell.equation.restitution {
-            Restitution::All => None,
-            Restitution::Number(number) => Some(Tensor::full([1], number, (after.pos.kind(), after.pos.device()))),
-            Restitution::Parameter(place) => Some(self.parameters[place].shallow_clone()),
-        };
-        let left = left.map(|left| if h < 0.0 { left.clamp_min(LEAST_RESTITUTION).reciprocal() } else { left });
-        let [pos, vel] =
-            turned_back([&before.pos, &before.vel], [after.pos, after.vel], self.cell.walls, left.as_ref());
+        let Some(Barrier { places: [near, far], left }) = &self.barrier else { return after };
+        let gained = |left: &Tensor| left.clamp_min(LEAST_RESTITUTION).reciprocal();
+        let left = left.as_ref().map(|left| if h < 0.0 { gained(left) } else { left.shallow_clone() });
+        let [pos, vel] = turned_back([&before.pos, &before.vel], [after.pos, after.vel], [near, far], left.as_ref());
         Grid { pos, vel }
     }
 }

@@ -19,9 +19,9 @@ mod operation;
 mod parameters;
 mod parse;
 mod plain;
-mod restitution;
 mod table;
 mod units;
+mod walls;
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -34,11 +34,12 @@ use self::evaluate::Program;
 use self::integrate::TextCell;
 use self::parameters::{Parameters, check_name};
 use self::parse::{Expression, parse};
-use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, Walls};
+use self::walls::TextWalls;
+use super::{Build, Cell, CellKind, PhysicalParameter, Walls};
 use crate::support::random::fnv1a;
 
 pub use plain::SingleEquation;
-pub use table::{Accelerations, EquationTable, Integrator, ParameterTable, Restitution};
+pub use table::{Accelerations, EquationTable, Given, Integrator, ParameterTable, Sides, WallTable};
 
 /// Most objects, and most steps for a frame.
 const MOST_OBJECTS: usize = 32;
@@ -53,7 +54,7 @@ pub struct Equation {
     table: EquationTable,
     parameters: &'static [PhysicalParameter],
     program: Program,
-    restitution: restitution::Restitution,
+    walls: Option<TextWalls>,
 }
 
 /// The texts that were read.
@@ -79,7 +80,7 @@ pub fn kind(table: &EquationTable, objects: usize) -> Result<&'static CellKind> 
         scope: SCOPE,
         objects: Some(objects),
         coordinates: table.state,
-        walls: table.walls,
+        walls: equation.walls.as_ref().is_some_and(TextWalls::are_the_edges),
         actions: equation.program.acts() || equation.program.tells_time(),
         parameters: equation.parameters,
         build: Build::Text(equation),
@@ -113,6 +114,11 @@ impl Equation {
     /// Whether it names the time.
     pub(super) fn tells_time(&self) -> bool {
         self.program.tells_time()
+    }
+
+    /// Whether it has an acceleration for each object, or names a given one.
+    pub(super) fn tells_objects_apart(&self) -> bool {
+        self.program.objects > 1 && (self.program.accelerations.len() > 1 || self.program.names_objects())
     }
 
     /// The cell with these raw parameters (scalars, one for each).
@@ -155,7 +161,7 @@ impl Equation {
                 || object.map_or("acceleration".into(), |object| format!("acceleration of object {}", object + 1));
             accelerations.push(place.with_context(whose)?);
         }
-        let restitution = restitution(table, &parameters, &mut compiler.used)?;
+        let walls = TextWalls::of(table, &parameters, &mut compiler.used)?;
         if let Some(unused) = compiler.used.iter().position(|used| !used) {
             let name = &parameters.all[unused].name;
             bail!("parameters: no acceleration names {name}; use it, or take it out");
@@ -168,7 +174,7 @@ impl Equation {
             !(program.acts() && program.tells_time()),
             "the equation names both u and t, and a dataset holds one number for each frame: what acts, or its time"
         );
-        Ok(Equation { table: table.clone(), parameters: parameters.physical(), program, restitution })
+        Ok(Equation { table: table.clone(), parameters: parameters.physical(), program, walls })
     }
 }
 
@@ -183,26 +189,4 @@ fn definitions(table: &EquationTable, parameters: &Parameters) -> Result<BTreeMa
         Ok((name.clone(), (text.clone(), parsed.with_context(of_name)?)))
     };
     table.definitions.iter().map(read).collect()
-}
-
-fn restitution(table: &EquationTable, parameters: &Parameters, used: &mut [bool]) -> Result<restitution::Restitution> {
-    let angle = table.state == Coordinates::Angle;
-    ensure!(!(table.walls && angle), "walls = true: there are walls for positions, not for angles");
-    let Some(restitution) = &table.restitution else { return Ok(restitution::Restitution::All) };
-    ensure!(table.walls, "restitution is what walls leave of a speed; set walls = true, or take it out");
-    match restitution {
-        Restitution::Number(1.0) => Ok(restitution::Restitution::All),
-        Restitution::Number(number) => {
-            ensure!((0.0..=1.0).contains(number), "restitution = {number}: must be 0 to 1");
-            Ok(restitution::Restitution::Number(*number))
-        }
-        Restitution::Parameter(name) => {
-            let place = parameters.place(name);
-            let place = place.with_context(|| format!("restitution = {name:?}: there is no such parameter"))?;
-            let unit = parameters.all[place].unit;
-            ensure!(unit.is_none(), "restitution = {name:?}: has the unit {unit}, but is a plain number");
-            used[place] = true;
-            Ok(restitution::Restitution::Parameter(place))
-        }
-    }
 }

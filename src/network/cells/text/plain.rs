@@ -3,7 +3,6 @@
 
 use super::Equation;
 use super::columns::{Columns, Moment, Number};
-use super::restitution::Restitution;
 use super::table::Integrator;
 use crate::network::cells::Walls;
 use crate::network::cells::plain::PlainCell;
@@ -14,9 +13,8 @@ use crate::network::cells::plain::PlainCell;
 pub(super) struct PlainText<F> {
     equation: &'static Equation,
     columns: Columns<F>,
-    /// Where balls turn back, near and far, and what is left of their speed.
-    walls: [F; 2],
-    left: F,
+    /// Where balls turn back, near and far on each axis, and what is left of their speed; none without walls.
+    walls: Option<([[F; 2]; 2], F)>,
     /// Columns of the integration's stages: position, velocity, acceleration, sums.
     stages: [Vec<F>; 5],
     /// Positions and velocities where a substep begins, for the walls.
@@ -25,44 +23,39 @@ pub(super) struct PlainText<F> {
 
 impl<F: Number> PlainText<F> {
     pub(super) fn new(equation: &'static Equation, parameters: Vec<F>, walls: Walls) -> Self {
-        let left = match equation.restitution {
-            Restitution::All => F::one(),
-            Restitution::Number(number) => F::of(number),
-            Restitution::Parameter(place) => parameters[place],
-        };
+        let value = |place: usize| parameters[place].to_f64().unwrap_or(f64::NAN);
+        let walls = equation
+            .walls
+            .as_ref()
+            .map(|standing| (standing.places(walls, value).map(|axes| axes.map(F::of)), F::of(standing.left(value))));
         let columns = Columns::new(&equation.program, equation.table.state.per_object(), parameters);
-        PlainText {
-            equation,
-            columns,
-            walls: [walls.near, walls.far].map(F::of),
-            left,
-            stages: Default::default(),
-            before: Default::default(),
-        }
+        PlainText { equation, columns, walls, stages: Default::default(), before: Default::default() }
     }
 
     /// All states a time `dt` later, one frame. `held` is what the dataset holds for the frame, `[batch]`.
     fn frame(&mut self, pos: &mut [F], vel: &mut [F], held: &[F], dt: F) {
-        self.columns.make_room(held.len());
-        self.stages.iter_mut().for_each(|stage| stage.resize(pos.len(), F::zero()));
         let substeps = self.equation.table.substeps;
         let h = dt / F::of(substeps as f64);
         for substep in 0..substeps {
-            let at = (held, F::of(substep as f64) * h);
-            if self.equation.table.walls {
-                for (before, now) in self.before.iter_mut().zip([&*pos, &*vel]) {
-                    before.clear();
-                    before.extend_from_slice(now);
-                }
-                self.substep(pos, vel, at, h);
-                self.turn_back(pos, vel);
-            } else {
-                self.substep(pos, vel, at, h);
-            }
+            self.substep(pos, vel, (held, F::of(substep as f64) * h), h);
         }
     }
 
+    /// All states a time `h` later, in one step between the walls; `at` is what is held for a frame, and the time since then.
     fn substep(&mut self, pos: &mut [F], vel: &mut [F], at: (&[F], F), h: F) {
+        let batch = at.0.len();
+        self.columns.make_room(batch);
+        self.stages.iter_mut().for_each(|stage| stage.resize(pos.len(), F::zero()));
+        let Some((places, left)) = self.walls else { return self.integrate(pos, vel, at, h) };
+        for (before, now) in self.before.iter_mut().zip([&*pos, &*vel]) {
+            before.clear();
+            before.extend_from_slice(now);
+        }
+        self.integrate(pos, vel, at, h);
+        self.turn_back(pos, vel, places, left, batch);
+    }
+
+    fn integrate(&mut self, pos: &mut [F], vel: &mut [F], at: (&[F], F), h: F) {
         let half = F::of(0.5);
         match self.equation.table.integrator {
             Integrator::Euler => {
@@ -123,12 +116,13 @@ impl<F: Number> PlainText<F> {
         }
     }
 
-    /// Turns back what has passed a wall, with what is left of its speed; what the force gave after the impact counts on the
-    /// way back.
-    fn turn_back(&self, pos: &mut [F], vel: &mut [F]) {
-        let ([near, far], left) = (self.walls, self.left);
+    /// Turns back what has passed a wall, with what is `left` of its speed; what the force gave after the impact counts on
+    /// the way back. Coordinates stand one after the other, each for all states of the `batch`.
+    fn turn_back(&self, pos: &mut [F], vel: &mut [F], [near, far]: [[F; 2]; 2], left: F, batch: usize) {
         let before = self.before[0].iter().zip(&self.before[1]);
-        for ((x, v), (from, speed)) in pos.iter_mut().zip(vel).zip(before) {
+        for (place, ((x, v), (from, speed))) in pos.iter_mut().zip(vel).zip(before).enumerate() {
+            let axis = place / batch % 2;
+            let (near, far) = (near[axis], far[axis]);
             let wall = if *x > far { far } else { near };
             if *x <= far && *x >= near {
                 continue;
@@ -156,6 +150,11 @@ impl SingleEquation {
     /// The equation with these values (not the raw numbers) of its parameters.
     pub(super) fn new(equation: &'static Equation, parameters: &[f64], walls: Walls) -> Self {
         SingleEquation(PlainText::new(equation, parameters.to_vec(), walls))
+    }
+
+    /// Moves a state on by a time `h` in one step. `held` acts meanwhile, or is the time at the beginning.
+    pub fn substep(&mut self, pos: &mut [f64], vel: &mut [f64], held: f64, h: f64) {
+        self.0.substep(pos, vel, (&[held], 0.0), h);
     }
 
     /// States of `frames` frames, each positions and then velocities of all objects, the initial one first, at the time

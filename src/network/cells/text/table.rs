@@ -22,12 +22,12 @@ pub struct EquationTable {
     /// Steps for one frame.
     #[serde(default = "substeps")]
     pub substeps: usize,
-    /// Whether the objects are turned back where they pass a wall.
+    /// The walls that turn the objects back.
     #[serde(default)]
-    pub walls: bool,
+    pub walls: WallTable,
     /// What is left of the speed towards a wall; 1 if nothing is said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub restitution: Option<Restitution>,
+    pub restitution: Option<Given>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, ParameterTable>,
 }
@@ -61,12 +61,42 @@ pub enum Integrator {
     Rk4,
 }
 
-/// What is left of the speed towards a wall.
+/// A number beside the accelerations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "a number, or the name of a parameter")]
-pub enum Restitution {
+pub enum Given {
     Number(f64),
     Parameter(String),
+}
+
+/// Where walls stand.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "true, false, or a table with places in pixels for some of left, right, top and bottom")]
+pub enum WallTable {
+    /// All four, so far from the frame's edges as the system says; or none.
+    AtTheEdges(bool),
+    /// Those that are named.
+    At(Sides),
+}
+
+impl Default for WallTable {
+    fn default() -> Self {
+        WallTable::AtTheEdges(false)
+    }
+}
+
+/// Where an object's centre turns, pixels: from the left for the first two, from the top for the others.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sides {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub left: Option<Given>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub right: Option<Given>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub top: Option<Given>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bottom: Option<Given>,
 }
 
 /// A parameter of the equation.

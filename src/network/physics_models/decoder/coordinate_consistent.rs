@@ -83,12 +83,16 @@ impl CoordinateConsistent {
 
     /// The learned sprites and background.
     pub fn sprites(&self) -> Sprites {
-        let channels_first = |x: Tensor| x.permute([0, 3, 1, 2]);
         Sprites {
-            template: channels_first(self.template.value()),
-            contents: channels_first(self.contents.value()),
-            background: channels_first(self.background.value()).sigmoid(),
+            template: channels_first(&self.template.value()),
+            contents: channels_first(&self.contents.value()),
+            background: self.background(),
         }
+    }
+
+    /// The learned background, `[1, channels, S, S]`.
+    pub fn background(&self) -> Tensor {
+        channels_first(&self.background.value()).sigmoid()
     }
 
     /// How unlike the objects look: the squared error, summed over a frame, of drawing each in the place of each other before
@@ -183,6 +187,12 @@ impl CoordinateConsistent {
         };
         self.template.map(shift);
         self.contents.map(shift);
+    }
+
+    /// Gives the sprites another order: the one that was `order[i]` (`[objects]`) is i from now on.
+    pub fn reorder(&self, order: &Tensor) {
+        self.template.map(|values| values.index_select(0, order));
+        self.contents.map(|values| values.index_select(0, order));
     }
 
     /// Draws the objects at `positions`, `[frames, coordinates * objects]`.
@@ -295,6 +305,11 @@ impl CoordinateConsistent {
             side,
         ])
     }
+}
+
+/// `[n, height, width, channels]`, as the original's networks give it, with the channels before height and width.
+fn channels_first(x: &Tensor) -> Tensor {
+    x.permute([0, 3, 1, 2])
 }
 
 fn squared_norm(x: &Tensor) -> f64 {

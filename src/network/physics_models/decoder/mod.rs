@@ -110,6 +110,11 @@ impl Decoder {
         self.with_sprites().map(CoordinateConsistent::sprites)
     }
 
+    /// What is drawn where no object is, `[1, channels, S, S]`; a perceptron has none.
+    pub fn background(&self) -> Option<Tensor> {
+        self.with_sprites().map(CoordinateConsistent::background)
+    }
+
     /// How unlike the objects look: the squared error, summed over a frame, of drawing each in the place of each other before
     /// the background's mean colour. None where there are no sprites to tell.
     pub fn unlike(&self) -> Option<Vec<Vec<f64>>> {
@@ -155,6 +160,14 @@ impl Decoder {
     pub fn begin_as(&self, coarse: &Self) {
         if let (Some(decoder), Some(coarse)) = (self.with_sprites(), coarse.with_sprites()) {
             decoder.begin_as(coarse);
+        }
+    }
+
+    /// Gives the sprites another order: the one that was `order[i]` (`[objects]`) is i from now on. Nothing happens where there
+    /// are none.
+    pub fn reorder(&self, order: &Tensor) {
+        if let Some(decoder) = self.with_sprites() {
+            decoder.reorder(order);
         }
     }
 

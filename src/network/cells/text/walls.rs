@@ -1,0 +1,134 @@
+//! Which walls turn the objects back, where they stand, and what they leave of a speed.
+
+use anyhow::{Context, Result, ensure};
+use tch::{Kind, Tensor};
+
+use super::parameters::Parameters;
+use super::table::{EquationTable, Given, WallTable};
+use super::units::Unit;
+use crate::network::cells::{Coordinates, Walls};
+
+/// A number that the table gives, or a parameter by its place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Value {
+    Number(f64),
+    Parameter(usize),
+}
+
+/// The walls of an equation.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct TextWalls {
+    /// Left and top, right and bottom, where the table says; the frame's edges where it does not.
+    stand: Option<[[Option<Value>; 2]; 2]>,
+    /// What is left of the speed towards a wall; none for all of it.
+    restitution: Option<Value>,
+}
+
+impl Value {
+    fn among(self, parameters: impl Fn(usize) -> f64) -> f64 {
+        match self {
+            Value::Number(number) => number,
+            Value::Parameter(place) => parameters(place),
+        }
+    }
+
+    /// `[1]`, differentiable by the parameter.
+    fn tensor(self, parameters: &[Tensor], options: (Kind, tch::Device)) -> Tensor {
+        match self {
+            Value::Number(number) => Tensor::full([1], number, options),
+            Value::Parameter(place) => parameters[place].shallow_clone(),
+        }
+    }
+}
+
+impl TextWalls {
+    /// The walls of a table, if it has any. Parameters that they name are marked as `used`.
+    ///
+    /// # Errors
+    /// Walls for an angle, a restitution without walls or that cannot be one, a parameter that is not there or has another
+    /// unit, no wall at all.
+    pub(super) fn of(table: &EquationTable, parameters: &Parameters, used: &mut [bool]) -> Result<Option<Self>> {
+        let angle = table.state == Coordinates::Angle;
+        ensure!(
+            !(table.walls != WallTable::default() && angle),
+            "walls: there are walls for positions, not for angles"
+        );
+        let mut value = |given: &Given, key: &str, unit: Unit, what: &str| match given {
+            Given::Number(number) => Ok(Value::Number(*number)),
+            Given::Parameter(name) => {
+                let place = parameters.place(name);
+                let place = place.with_context(|| format!("{key} = {name:?}: there is no such parameter"))?;
+                let its = parameters.all[place].unit;
+                ensure!(its == Unit::Any || its == unit, "{key} = {name:?}: has the unit {its}, but is {what}");
+                used[place] = true;
+                anyhow::Ok(Value::Parameter(place))
+            }
+        };
+        let stand = match &table.walls {
+            WallTable::AtTheEdges(false) => {
+                let without = "restitution is what walls leave of a speed; set walls = true, or take it out";
+                ensure!(table.restitution.is_none(), without);
+                return Ok(None);
+            }
+            WallTable::AtTheEdges(true) => None,
+            WallTable::At(sides) => {
+                let mut side = |given: &Option<Given>, key| {
+                    let given = given.as_ref();
+                    given.map(|given| value(given, key, Unit::Of([1.0, 0.0]), "a place, in pixels")).transpose()
+                };
+                let near = [side(&sides.left, "walls.left")?, side(&sides.top, "walls.top")?];
+                let far = [side(&sides.right, "walls.right")?, side(&sides.bottom, "walls.bottom")?];
+                let given = near.iter().chain(&far).flatten();
+                ensure!(given.clone().count() > 0, "walls: none of left, right, top and bottom is given");
+                let finite = |value: &Value| !matches!(value, Value::Number(number) if !number.is_finite());
+                ensure!(given.clone().all(finite), "walls: a wall stands at a finite number of pixels");
+                for (near, far) in near.iter().zip(&far) {
+                    if let (Some(Value::Number(near)), Some(Value::Number(far))) = (near, far) {
+                        ensure!(near < far, "walls: {near} and {far} leave no room between them");
+                    }
+                }
+                Some([near, far])
+            }
+        };
+        let restitution = match &table.restitution {
+            None | Some(Given::Number(1.0)) => None,
+            Some(given) => {
+                if let Given::Number(number) = given {
+                    ensure!((0.0..=1.0).contains(number), "restitution = {number}: must be 0 to 1");
+                }
+                Some(value(given, "restitution", Unit::Of([0.0, 0.0]), "a plain number")?)
+            }
+        };
+        Ok(Some(TextWalls { stand, restitution }))
+    }
+
+    /// Whether they stand at the frame's edges.
+    pub(super) fn are_the_edges(&self) -> bool {
+        self.stand.is_none()
+    }
+
+    /// Near and far walls, of x and of y each; infinitely far where there is none. `edges` are those of the frame.
+    pub(super) fn places(&self, edges: Walls, parameters: impl Fn(usize) -> f64) -> [[f64; 2]; 2] {
+        let Some([near, far]) = self.stand else { return [[edges.near; 2], [edges.far; 2]] };
+        let place = |value: Option<Value>, none: f64| value.map_or(none, |value| value.among(&parameters));
+        [near.map(|value| place(value, f64::NEG_INFINITY)), far.map(|value| place(value, f64::INFINITY))]
+    }
+
+    /// The same as tensors `[2]`, differentiable by the parameters.
+    pub(super) fn tensors(&self, edges: Walls, parameters: &[Tensor], options: (Kind, tch::Device)) -> [Tensor; 2] {
+        let Some([near, far]) = self.stand else { return edges.tensors(options) };
+        let place = |value: Option<Value>, none| value.unwrap_or(Value::Number(none)).tensor(parameters, options);
+        let both = |[x, y]: [Option<Value>; 2], none| Tensor::cat(&[place(x, none), place(y, none)], 0);
+        [both(near, f64::NEG_INFINITY), both(far, f64::INFINITY)]
+    }
+
+    /// What is left of a speed.
+    pub(super) fn left(&self, parameters: impl Fn(usize) -> f64) -> f64 {
+        self.restitution.map_or(1.0, |value| value.among(parameters))
+    }
+
+    /// The same as a tensor `[1]`; none for all of it.
+    pub(super) fn left_tensor(&self, parameters: &[Tensor], options: (Kind, tch::Device)) -> Option<Tensor> {
+        self.restitution.map(|value| value.tensor(parameters, options))
+    }
+}

@@ -12,11 +12,30 @@ use super::source::Passed;
 use super::subject::Subject;
 use super::{Named, Request};
 use crate::network::cells::{CellKind, Coordinates};
+use crate::support::statistics::median;
 
 /// Difference of the Bayesian criterion from which on a drift of the camera is believed.
 const CLEARLY_BETTER: f64 = 10.0;
 
+/// The encoder strays where it differs from the masks by so many times as much in the frames held out as in those learned
+/// from, and by so many pixels of a frame.
+const STRAYS: f64 = 3.0;
+const LEAST_STRAY: f64 = 0.5;
+
 impl Subject<'_> {
+    /// Whether the encoder misreads frames that were held out: it has learned no places but those where the objects were. Masks
+    /// follow them anywhere.
+    fn encoder_strays(&self, sights: &[Sight]) -> bool {
+        sights.iter().enumerate().any(|(video, Sight { encoded, centroids })| {
+            let apart =
+                encoded.pixels.iter().zip(&centroids.pixels).map(|(encoded, centroid)| (encoded - centroid).abs());
+            let apart: Vec<f64> = apart.collect();
+            let (learned, held_out) = apart.split_at(2 * self.model.system.objects * self.trained(video));
+            let usual = |apart: &[f64]| median(apart.iter().copied()).unwrap_or(0.0);
+            usual(held_out) > LEAST_STRAY.max(STRAYS * usual(learned))
+        })
+    }
+
     /// The fit to that measure of the positions that the equation explains better; whether it is the encoder's.
     pub(super) fn best_of_sights(
         &self,
@@ -26,6 +45,10 @@ impl Subject<'_> {
         let (dynamics, starts) = (self.dynamics(cell)?, self.starts(cell));
         let by_centroids = self.tracks(sights.iter().map(|sight| &sight.centroids));
         let explained = explain(&dynamics, &by_centroids, &starts)?;
+        if self.encoder_strays(sights) {
+            let explained = self.with_drift(&by_centroids, &explained)?.unwrap_or(explained);
+            return Ok((by_centroids, false, explained));
+        }
         // From where the other measure led to.
         let go_on = [Start { raw: explained.fitted.raw.clone(), ..starts[0].clone() }];
         let by_encoder = self.tracks(sights.iter().map(|sight| &sight.encoded));

@@ -117,9 +117,7 @@ fn repetition<'a>(
         What::Discover => {
             let frames = clips(1);
             Box::new(move || {
-                let [drawn] = model
-                    .decoder
-                    .draw([&model.coordinates(&model.encoder.forward(&model.given(&frames.select(1, 0))))]);
+                let [drawn] = model.decoder.draw([&model.coordinates(&model.first_look(&frames.select(1, 0)))]);
                 frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames).backward();
                 optimizer.step(&variables, |_| join.learning_rate);
                 Ok(())

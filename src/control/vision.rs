@@ -87,7 +87,7 @@ impl<'a> Vision<'a> {
                 .collect(),
         };
         let states: Vec<_> = (0..count).map(|picture| ControlState::new(at(picture), Vec::new())).collect();
-        let encoding = self.model.encoder.forward(&self.model.given(&self.drawn(&states.iter().collect::<Vec<_>>())));
+        let encoding = self.model.first_look(&self.drawn(&states.iter().collect::<Vec<_>>()));
         Vec::try_from(self.masses(&encoding).median_dim(0, false).0).expect("a number for each object")
     }
 
@@ -102,7 +102,7 @@ impl<'a> Vision<'a> {
         let _guard = tch::no_grad_guard();
         let system = &self.model.system;
         let frames = frames.to_device(self.model.variables.device());
-        let encoding = self.model.encoder.forward(&self.model.given(&frames));
+        let encoding = self.model.first_look(&frames);
         let numbers = |x: Tensor| -> Vec<f64> { Vec::try_from(x.flatten(0, 1)).expect("numbers") };
         let places = numbers(self.model.aligned_places(&frames, &encoding.positions).to_kind(Kind::Double));
         let masses = numbers(self.masses(&encoding));

@@ -361,6 +361,11 @@ impl PhysicsNet {
         self.decoder.reorder(&order);
     }
 
+    /// What the encoder makes of single frames `[frames, channels, S, S]` at first.
+    pub fn first_look(&self, frames: &Tensor) -> Encoding {
+        self.encoder.forward(&self.given(frames))
+    }
+
     /// What the encoder is given of frames, all `[frames, channels, S, S]`: see [`ModelOptions::subtract_background`].
     pub fn given(&self, frames: &Tensor) -> Tensor {
         match self.options.subtract_background.then(|| self.decoder.background()).flatten() {

@@ -353,7 +353,7 @@ impl Objective for Discovery<'_> {
         if self.few {
             self.paste_half(model, &places, &mut frames, step);
         }
-        let encoding = model.encoder.forward(&model.given(&frames));
+        let encoding = model.first_look(&frames);
         let [drawn] = model.decoder.draw([&model.coordinates(&encoding)]);
         let reconstruction = frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames.unsqueeze(1));
         let fade = self.timetable.guides_weight(step, validations);

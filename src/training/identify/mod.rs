@@ -142,7 +142,8 @@ impl Phase for Identify {
         let model = session.model;
         session.tell(&Event::PhaseBegins { phase: self.name(), done: 0, of: 0 })?;
         let motion = Motion::measure(session.train, session.seed);
-        if let Some(order) = order::find(model, session.train, &motion)? {
+        let fits = self.max_iterations > 0;
+        if let Some(order) = fits.then(|| order::find(model, session.train, &motion)).transpose()?.flatten() {
             let numbers: Vec<_> = order.iter().map(|number| number + 1).collect();
             session.tell(&Event::Note(&format!("identify - the objects' order in the equation is {numbers:?}")))?;
         }

@@ -1,7 +1,7 @@
 //! Makes a task from videos. See `import --help`.
 
 use std::cell::RefCell;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
@@ -15,9 +15,9 @@ use paig::import::sources::quiet_decoders;
 use paig::import::time_base::{Clock, Part};
 use paig::import::tracker::TrackerFile;
 use paig::import::{Imported, import};
-use paig::network::system::{EquationEntry, SystemTable};
+use paig::network::system::EquationEntry;
 use paig::say;
-use paig::tasks;
+use paig::tasks::equation_file::EquationFile;
 
 /// Turns videos into a task: clips for training, validation and test, the task file, and a contact sheet that shows what
 /// will be learned from.
@@ -99,7 +99,7 @@ struct Arguments {
     /// them
     #[arg(long, value_name = "FILE", help_heading = "Scale and axes")]
     tracker: Option<PathBuf>,
-    /// The equation that the objects obey: its name, or a task file (.toml) whose equation is taken, such as one of
+    /// The equation that the objects obey: its name, or a file (.toml) whose [system.equation] is taken, such as one of
     /// configs/gallery; it can be changed in the new task file
     #[arg(long, default_value = "falling", help_heading = "Task")]
     equation: String,
@@ -145,13 +145,13 @@ fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
-/// An equation by its name or from a task file, and how many objects that file has.
+/// An equation by its name or from a file, and how many objects that file speaks of.
 fn equation(named: String) -> Result<(EquationEntry, Option<usize>)> {
     if !named.ends_with(".toml") {
         return Ok((EquationEntry::Name(named), None));
     }
-    let system = tasks::find(&named)?.system;
-    Ok((SystemTable::from(&system).equation, Some(system.objects)))
+    let file = EquationFile::read(Path::new(&named))?;
+    Ok((file.equation, file.objects))
 }
 
 fn request(arguments: Arguments) -> Result<Request> {

@@ -1,16 +1,17 @@
 //! Measures what a run learned from videos. See `measure --help`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Parser;
 use paig::cli::ending::exit_code;
 use paig::cli::environment;
 use paig::cli::measure_display::print_measurement;
-use paig::measure::{Named, Request, measure};
+use paig::measure::{Request, measure};
+use paig::say;
 use paig::support::device;
-use paig::{say, tasks};
+use paig::tasks::equation_file::EquationFile;
 
 /// Measures the parameters of a run's videos: fits the equation to every frame as one long trajectory, predicts the last
 /// quarter, and says how far all of it can be trusted.
@@ -26,10 +27,10 @@ use paig::{say, tasks};
 struct Arguments {
     /// Run folder
     run: PathBuf,
-    /// Task file with another equation than the run's own
+    /// File with another equation than the run's own, in [system.equation] as in a task
     #[arg(long, value_name = "FILE")]
     equation: Option<PathBuf>,
-    /// Task file with an equation to be compared with; may be repeated
+    /// File with an equation to be compared with; may be repeated
     #[arg(long, value_name = "FILE")]
     against: Vec<PathBuf>,
     /// Folder for the files [default: the run's]
@@ -52,18 +53,12 @@ fn run(arguments: &Arguments) -> Result<()> {
     let device = device::parse(&arguments.device)?;
     device::set_threads(arguments.threads)?;
     let request = Request {
-        equation: arguments.equation.as_ref().map(|path| named(path)).transpose()?,
-        against: arguments.against.iter().map(|path| named(path)).collect::<Result<_>>()?,
+        equation: arguments.equation.as_deref().map(EquationFile::read).transpose()?,
+        against: arguments.against.iter().map(|path| EquationFile::read(path)).collect::<Result<_>>()?,
     };
     let out = arguments.out.as_ref().unwrap_or(&arguments.run);
     let measurement = measure(&arguments.run, &request, out, device)?;
     print_measurement(&measurement);
     say!("look at {}", out.join("measurement.html").display());
     Ok(())
-}
-
-/// The equation of a task file.
-fn named(path: &Path) -> Result<Named> {
-    let text = path.to_str().with_context(|| format!("{}: the path must be UTF-8", path.display()))?;
-    Ok(Named { name: path.display().to_string(), cell: tasks::find(text)?.system.cell })
 }

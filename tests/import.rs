@@ -14,7 +14,8 @@ use paig::import::sources::Video;
 use paig::import::time_base::{Clock, Part};
 use paig::import::tracker::TrackerFile;
 use paig::import::{Imported, import};
-use paig::network::system::{EquationEntry, SystemTable};
+use paig::network::system::EquationEntry;
+use paig::tasks::equation_file::EquationFile;
 use paig::tasks::{self, Task};
 
 /// Standard output and error together.
@@ -337,6 +338,36 @@ fn a_given_rate_replaces_the_times_and_uneven_times_are_said() {
     assert!(done.warnings.iter().any(|warning| warning.contains("frame rate varies")), "{:?}", done.warnings);
 }
 
+/// Two balls that go past each other: each goes six pixels of the video in three frames, their middle nowhere.
+#[test]
+fn what_moves_is_followed_ball_by_ball() {
+    let folder = tempfile::tempdir().unwrap();
+    let two = |frame: usize| {
+        RgbImage::from_fn(120, 80, |x, y| {
+            let at = |place: f64, height: f64| (f64::from(x) + 0.5 - place).hypot(f64::from(y) + 0.5 - height) < 6.0;
+            let shift = 2.0 * frame as f64;
+            if at(20.0 + shift, 25.0) || at(100.0 - shift, 55.0) { Rgb([250, 200, 40]) } else { Rgb([60, 60, 60]) }
+        })
+    };
+    let (video, out) = (pictures(folder.path(), (0..40).map(two)), folder.path().join("out"));
+    let seen = Request { fps: Some(25.0), crop: CropChoice::Full, objects: Some(2), ..request(&[&video], &out) };
+    let made = imported(&seen);
+    assert!(!made.warnings.iter().any(|warning| warning.contains("goes only")), "{:?}", made.warnings);
+    assert!(!made.warnings.iter().any(|warning| warning.contains("wide as a model")), "{:?}", made.warnings);
+    // As large, but so slow that a frame of 32 pixels hardly shows it; and a dot.
+    let slow = pictures(&folder.path().join("slow"), (0..40).map(|frame| two(frame / 8)));
+    let made = imported(&Request { out: folder.path().join("slow-out"), videos: vec![slow], ..seen.clone() });
+    assert!(made.warnings.iter().any(|warning| warning.contains("goes only")), "{:?}", made.warnings);
+    let dot = |frame: usize| {
+        RgbImage::from_fn(120, 80, |x, y| {
+            if x as usize / 4 == 4 + frame / 2 && y / 4 == 10 { Rgb([250, 200, 40]) } else { Rgb([60, 60, 60]) }
+        })
+    };
+    let dots = pictures(&folder.path().join("dots"), (0..40).map(dot));
+    let made = imported(&Request { out: folder.path().join("dots-out"), videos: vec![dots], ..seen });
+    assert!(made.warnings.iter().any(|warning| warning.contains("wide as a model")), "{:?}", made.warnings);
+}
+
 const TRK: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <object class="org.opensourcephysics.cabrillo.tracker.TrackerPanel">
     <property name="clipcontrol" type="object">
@@ -539,11 +570,27 @@ fn an_equation_as_text_stands_in_the_new_task() {
     let (video, out) = (pictures(folder.path(), (0..48).map(ball)), folder.path().join("out"));
     let gallery = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/gallery/fall_linear_drag.toml");
     let drag = tasks::find(gallery.to_str().unwrap()).unwrap().system;
-    let equation = SystemTable::from(&drag).equation;
+    let equation = EquationFile::read(&gallery).unwrap().equation;
     let made = imported(&Request { fps: Some(10.0), equation, ..request(&[&video], &out) });
     let task = tasks::find(made.task_file.to_str().unwrap()).unwrap();
     assert_eq!(task.system.cell, drag.cell);
     assert_eq!((task.system.dt, task.system.side), (0.1, 32));
+}
+
+/// A file for `--equation` need say no more than the equation; what it says wrongly is named.
+#[test]
+fn an_equation_stands_alone_in_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("own.toml");
+    let text = "[system.equation]\nacceleration = \"-k * p\"\n[system.equation.parameters]\nk = { unit = [0, -2] }\n";
+    fs::write(&file, text).unwrap();
+    let read = EquationFile::read(&file).unwrap();
+    assert_eq!(read.objects, None);
+    assert_eq!(read.equation.kind(1).unwrap().parameters[0].name, "k");
+    fs::write(&file, text.replace("acceleration", "acelleration")).unwrap();
+    assert_says(&format!("{:#}", EquationFile::read(&file).unwrap_err()), &["own.toml", "acelleration"]);
+    fs::write(&file, "[system]\nside = 32\n").unwrap();
+    assert_says(&format!("{:#}", EquationFile::read(&file).unwrap_err()), &["own.toml", "equation"]);
 }
 
 /// An equation that names the time is told when each frame of a clip was filmed, counted from its take's first frame.
@@ -552,7 +599,7 @@ fn clips_know_their_time_where_the_equation_names_it() {
     let folder = tempfile::tempdir().unwrap();
     let (video, out) = (pictures(folder.path(), (0..200).map(levelled)), folder.path().join("out"));
     let gallery = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/gallery/driven_pendulum.toml");
-    let equation = SystemTable::from(&tasks::find(gallery.to_str().unwrap()).unwrap().system).equation;
+    let equation = EquationFile::read(&gallery).unwrap().equation;
     let takes = [(3, 103), (110, 200)];
     let parts = takes.map(|(first, end)| Part::Frames(first, Some(end))).to_vec();
     let asked = request(&[&video], &out);

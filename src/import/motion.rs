@@ -1,5 +1,7 @@
 //! What moves in a video: pixels that differ from what stands behind them by more than the noise.
 
+use std::f64::consts::PI;
+
 use image::RgbImage;
 
 use super::crop::Rectangle;
@@ -28,16 +30,36 @@ pub struct Moving {
     height: u32,
     /// How often each pixel moves, row by row, over all frames looked at.
     times: Vec<u32>,
-    /// Of each frame looked at: the share of its pixels that move, and the middle of them.
     pub frames: Vec<MovingFrame>,
 }
 
 /// What moves in one frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct MovingFrame {
+    /// Part of all pixels.
     pub share: f64,
-    /// Middle of what moves, pixels; none where nothing does.
-    pub middle: Option<[f64; 2]>,
+    pub patches: Vec<Patch>,
+}
+
+/// Moving pixels that touch each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Patch {
+    /// Pixels.
+    pub middle: [f64; 2],
+    pub pixels: usize,
+}
+
+impl Patch {
+    /// Pixels from its middle to that of the nearest of others; none without others.
+    pub fn way_to_nearest(&self, others: &[Patch]) -> Option<f64> {
+        let way = |other: &Patch| (other.middle[0] - self.middle[0]).hypot(other.middle[1] - self.middle[1]);
+        others.iter().map(way).min_by(f64::total_cmp)
+    }
+
+    /// Diameter of a disc that shows as such a patch, pixels: one is smeared by a pixel to each side.
+    pub fn width(&self) -> f64 {
+        (2.0 * (self.pixels as f64 / PI).sqrt() - 2.0).max(1.0)
+    }
 }
 
 /// The places of at most so many of `count` things, evenly spread.
@@ -73,15 +95,10 @@ impl Moving {
         let mut times = vec![0; (width * height) as usize];
         let of_frames = frames.iter().map(|frame| {
             let moves = moving(frame, &still);
-            let (mut count, mut sum) = (0_u32, [0.0, 0.0]);
-            for (place, _) in moves.iter().enumerate().filter(|(_, moves)| **moves) {
-                times[place] += 1;
-                count += 1;
-                sum[0] += f64::from(place as u32 % width) + 0.5;
-                sum[1] += f64::from(place as u32 / width) + 0.5;
-            }
-            let middle = (count > 0).then(|| sum.map(|sum| sum / f64::from(count)));
-            MovingFrame { share: f64::from(count) / f64::from(width * height), middle }
+            times.iter_mut().zip(&moves).for_each(|(times, moves)| *times += u32::from(*moves));
+            let count = moves.iter().filter(|moves| **moves).count();
+            let share = count as f64 / f64::from(width * height);
+            MovingFrame { share, patches: patches(moves, width as usize) }
         });
         let frames = of_frames.collect();
         Moving { width, height, times, frames }
@@ -176,4 +193,29 @@ fn moving(frame: &RgbImage, still: &RgbImage) -> Vec<bool> {
     let middle = sorted.len() / 2;
     let noise = *sorted.select_nth_unstable(middle).1;
     sizes.iter().map(|size| *size > LEAST_DIFFERENCE.max(NOISE_LEVELS * noise)).collect()
+}
+
+/// Moving pixels that touch each other, at a side or a corner.
+fn patches(mut moves: Vec<bool>, width: usize) -> Vec<Patch> {
+    let mut patches = Vec::new();
+    for start in 0..moves.len() {
+        if !std::mem::take(&mut moves[start]) {
+            continue;
+        }
+        let (mut pixels, mut sum, mut reached) = (0, [0.0, 0.0], vec![start]);
+        while let Some(place) = reached.pop() {
+            let (x, y) = (place % width, place / width);
+            pixels += 1;
+            sum[0] += x as f64 + 0.5;
+            sum[1] += y as f64 + 0.5;
+            let rows = y.saturating_sub(1)..(y + 2).min(moves.len() / width);
+            for beside in rows.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(width)).map(move |x| y * width + x)) {
+                if std::mem::take(&mut moves[beside]) {
+                    reached.push(beside);
+                }
+            }
+        }
+        patches.push(Patch { middle: sum.map(|sum| sum / pixels as f64), pixels });
+    }
+    patches
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::crop::Square;
 use super::hold_out::Cut;
-use super::motion::Moving;
+use super::motion::{Moving, Patch};
 use super::reel::{Reel, Take};
 use super::request::Request;
 use super::time_base::Clock;
@@ -18,6 +18,8 @@ const FEW_CLIPS: usize = 25;
 const FEW_HELD_OUT: usize = 3;
 /// Pixels by which what moves should be displaced over the frames that the encoder sees.
 const LEAST_WAY: f64 = 1.0;
+/// Pixels that an object should be wide.
+const LEAST_WIDTH: f64 = 2.0;
 /// Frames a second that cameras have.
 const USUAL_RATES: [f64; 12] = [12.5, 15.0, 23.976, 24.0, 25.0, 29.97, 30.0, 48.0, 50.0, 59.94, 60.0, 120.0];
 const SAME_RATE: f64 = 0.01;
@@ -90,6 +92,14 @@ pub(super) fn of(
             request.input_steps
         ));
     }
+    let widest = moving.iter().filter_map(width).fold(0.0, f64::max);
+    if widest > 0.0 && widest < LEAST_WIDTH {
+        warnings.push(format!(
+            "what moves is only about {widest:.1} pixels wide as a model sees it: a smaller --crop or a larger --side than \
+             {} shows more of it",
+            request.side
+        ));
+    }
     if counts[0] < FEW_CLIPS {
         warnings.push(format!(
             "{} training clips are few (a step of the recipe takes {FEW_CLIPS}); use more or longer videos",
@@ -112,9 +122,14 @@ pub(super) fn of(
     warnings
 }
 
-/// Median way of the middle of what moves over so many frames, pixels; none where too little moves.
+/// Median way of what moves over so many frames, pixels: from each patch to the nearest one that is seen then. None where
+/// too little moves.
 fn way(moving: &Moving, frames: usize) -> Option<f64> {
-    let middles: Vec<_> = moving.frames.iter().map(|frame| frame.middle).collect();
-    let between = middles.windows(frames.max(2)).filter_map(|seen| Some((seen[0]?, seen[seen.len() - 1]?)));
-    median(between.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])))
+    let between = moving.frames.windows(frames.max(2)).map(|seen| (&seen[0].patches, &seen[seen.len() - 1].patches));
+    median(between.flat_map(|(first, last)| first.iter().filter_map(|patch| patch.way_to_nearest(last))))
+}
+
+/// Width of the largest thing that moves in a typical frame, pixels; none where nothing moves.
+fn width(moving: &Moving) -> Option<f64> {
+    median(moving.frames.iter().filter_map(|frame| frame.patches.iter().map(Patch::width).max_by(f64::total_cmp)))
 }

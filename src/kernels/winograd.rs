@@ -12,14 +12,14 @@ use super::planes::{Planes, PlanesMut, Workspace};
 use super::threads::side_by_side;
 
 /// Pixels of a tile.
-const PIXELS: usize = 4;
+pub(super) const PIXELS: usize = 4;
 /// Pixels that a tile depends on, and its products.
-const POINTS: usize = PIXELS + 2;
+pub(super) const POINTS: usize = PIXELS + 2;
 /// Tiles side by side whose products are summed in registers, at most.
 const STRIP: usize = 3;
 
-const A: f32 = std::f32::consts::FRAC_1_SQRT_2;
-const B: f32 = std::f32::consts::SQRT_2;
+pub(super) const A: f32 = std::f32::consts::FRAC_1_SQRT_2;
+pub(super) const B: f32 = std::f32::consts::SQRT_2;
 
 /// `G w`.
 fn transform_kernel([w0, w1, w2]: [f32; 3]) -> [f32; POINTS] {
@@ -45,6 +45,34 @@ unsafe fn transform_input<L: Lanes>([d0, d1, d2, d3, d4, d5]: [L; POINTS]) -> [L
     }
 }
 
+/// Transforms a row of a channel; `row` counts the border, and pixels beyond the right border are 0. The points stand `apart`.
+#[inline(always)]
+pub(super) unsafe fn transform_pixels<L: Lanes>(
+    input: &Planes,
+    channel: usize,
+    row: usize,
+    into: *mut f32,
+    apart: usize,
+) {
+    unsafe {
+        let from = input.data.as_ptr().add(channel * input.plane::<L>() + row * input.row::<L>());
+        for tile in 0..input.side.div_ceil(PIXELS) {
+            let first = tile * PIXELS;
+            let pixels = if first + POINTS <= input.side + 2 {
+                std::array::from_fn(|i| L::load(from.add((first + i) * L::LANES)))
+            } else {
+                std::array::from_fn(|i| {
+                    let x = first + i;
+                    if x < input.side + 2 { L::load(from.add(x * L::LANES)) } else { L::splat(0.0) }
+                })
+            };
+            for (point, value) in transform_input::<L>(pixels).into_iter().enumerate() {
+                value.store(into.add(point * apart + tile * L::LANES));
+            }
+        }
+    }
+}
+
 /// `A^T m`.
 #[inline(always)]
 unsafe fn transform_output<L: Lanes>([m0, m1, m2, m3, m4, m5]: [L; POINTS]) -> [L; PIXELS] {
@@ -62,7 +90,7 @@ unsafe fn transform_output<L: Lanes>([m0, m1, m2, m3, m4, m5]: [L; POINTS]) -> [
 
 /// `x + c y`.
 #[inline(always)]
-unsafe fn plus<L: Lanes>(x: L, c: f32, y: L) -> L {
+pub(super) unsafe fn plus<L: Lanes>(x: L, c: f32, y: L) -> L {
     unsafe { x.add_product(L::splat(c), y) }
 }
 
@@ -240,23 +268,14 @@ impl Layer<'_> {
         }
     }
 
-    /// Of all channels; `row` counts the border, and pixels beyond the right border are 0.
+    /// Of all channels; `row` counts the border.
     #[inline(always)]
     unsafe fn transform_row<L: Lanes>(&self, row: usize) {
         unsafe {
-            let (input, tiles) = (&self.input, self.tiles);
-            for channel in 0..input.channels {
-                let from = input.data.as_ptr().add(channel * input.plane::<L>() + row * input.row::<L>());
-                let seen = self.seen.add((row % 3 * POINTS * input.channels + channel) * tiles * L::LANES);
-                for tile in 0..tiles {
-                    let pixels = std::array::from_fn(|i| {
-                        let x = tile * PIXELS + i;
-                        if x < input.side + 2 { L::load(from.add(x * L::LANES)) } else { L::splat(0.0) }
-                    });
-                    for (point, value) in transform_input::<L>(pixels).into_iter().enumerate() {
-                        value.store(seen.add((point * input.channels * tiles + tile) * L::LANES));
-                    }
-                }
+            let (inputs, of_row) = (self.input.channels, self.tiles * L::LANES);
+            for channel in 0..inputs {
+                let seen = self.seen.add((row % 3 * POINTS * inputs + channel) * of_row);
+                transform_pixels::<L>(&self.input, channel, row, seen, inputs * of_row);
             }
         }
     }

@@ -93,7 +93,7 @@ impl Kind {
     pub fn coverage(&self, sets: usize, seed: u64) -> Result<Vec<Held>> {
         let task = Task::from_toml(self.task)?;
         let parameters = task.system.cell.parameters;
-        let dynamics = Dynamics { dt: task.system.dt, system: task.system.clone() };
+        let dynamics = Dynamics::new(task.system.clone(), task.system.dt)?;
         let truth: Vec<f64> =
             parameters.iter().map(|it| it.bounds.raw(task.truth_of(it.name).unwrap_or(f64::NAN))).collect();
         let mut held: Vec<_> = parameters.iter().map(|it| Held { parameter: it.name, held: 0, sets }).collect();

@@ -1,19 +1,39 @@
 //! Roll-outs of an equation over a whole video, one state at a time.
 
+use std::collections::BTreeMap;
+
+use anyhow::Result;
 use tch::{Kind, Tensor};
 
 use crate::network::System;
-use crate::network::cells::{Actions, Build, State};
+use crate::network::cells::text::{self, EquationTable, Integrator, WallTable, written};
+use crate::network::cells::{Actions, Build, CellKind, State};
 
 /// An equation, ready to be rolled out from frame to frame of a film.
 #[derive(Debug, Clone)]
 pub struct Dynamics {
     pub system: System,
     /// Time between two frames of the film, in the unit of the system's `dt`.
-    pub dt: f64,
+    pub(super) dt: f64,
+    /// The equation as text, by the method of Runge and Kutta; none of one that has no text.
+    exact: Option<&'static CellKind>,
 }
 
 impl Dynamics {
+    /// The equation of `system` with `dt` from frame to frame of the film. What was filmed went on between the frames: Euler's
+    /// steps, by which the original learns, would be off by more than the positions are over a long video.
+    ///
+    /// # Errors
+    /// None that the equation itself did not have.
+    pub fn new(system: System, dt: f64) -> Result<Self> {
+        let table = match system.cell.build {
+            Build::Text(equation) => Some(equation.table().clone()),
+            Build::Rust(_) => written(system.cell),
+        };
+        let exact = table.map(|table| text::kind(&finely(table), system.objects)).transpose()?;
+        Ok(Dynamics { system, dt, exact })
+    }
+
     /// Numbers in the positions of all objects.
     pub fn coordinates(&self) -> usize {
         self.system.coordinates()
@@ -27,13 +47,14 @@ impl Dynamics {
     /// States of `frames` frames, each positions and then velocities, the initial one first: it is that of the frame
     /// `begin`. `raw` are the raw numbers of all parameters. Nothing acts from outside.
     pub fn roll_out(&self, raw: &[f64], initial: &[f64], begin: usize, frames: usize) -> Vec<f64> {
-        match self.system.cell.build {
-            Build::Text(equation) => {
-                let mut equation = equation.single(&self.values(raw), self.system.walls);
-                equation.roll_out(initial, begin as f64 * self.dt, self.dt, frames)
-            }
-            Build::Rust(_) => self.by_tensors(raw, initial, frames),
-        }
+        let Some(CellKind { build: Build::Text(equation), parameters, .. }) = self.exact else {
+            return self.by_tensors(raw, initial, frames);
+        };
+        // A text's parameters are sorted by name.
+        let own = self.system.cell.parameters.iter();
+        let named: BTreeMap<_, _> = own.map(|parameter| parameter.name).zip(self.values(raw)).collect();
+        let values: Vec<f64> = parameters.iter().map(|parameter| named[parameter.name]).collect();
+        equation.single(&values, self.system.walls).roll_out(initial, begin as f64 * self.dt, self.dt, frames)
     }
 
     fn by_tensors(&self, raw: &[f64], initial: &[f64], frames: usize) -> Vec<f64> {
@@ -57,4 +78,12 @@ impl Dynamics {
         let states = self.roll_out(raw, initial, begin, frames);
         states.chunks(initial.len()).flat_map(|state| &state[..state.len() / 2]).copied().collect()
     }
+}
+
+/// The same equation by the method of Runge and Kutta. A step of it is as exact as many of Euler's; what bounces keeps its
+/// steps, at whose ends walls are looked for.
+fn finely(table: EquationTable) -> EquationTable {
+    let few = table.integrator == Integrator::Euler && table.walls == WallTable::default();
+    let substeps = if few { table.substeps.div_ceil(2) } else { table.substeps };
+    EquationTable { integrator: Integrator::Rk4, substeps, ..table }
 }

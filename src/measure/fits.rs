@@ -3,6 +3,7 @@
 
 use anyhow::{Context, Result, ensure};
 
+use super::Named;
 use super::bootstrap::{self, Uncertainty};
 use super::explain::{Explained, explain};
 use super::fit::{Start, Track};
@@ -10,7 +11,6 @@ use super::results::Alternative;
 use super::sight::Sight;
 use super::source::Passed;
 use super::subject::Subject;
-use super::{Named, Request};
 use crate::network::cells::{CellKind, Coordinates};
 use crate::support::statistics::median;
 
@@ -105,16 +105,16 @@ impl Subject<'_> {
         &self,
         main: &Named,
         explained: &Explained,
-        request: &Request,
+        against: &[Named],
         tracks: &[Track],
         uncertainty: &Uncertainty,
     ) -> Result<Vec<Alternative>> {
-        if request.against.is_empty() {
+        if against.is_empty() {
             return Ok(Vec::new());
         }
         let (times, _) = self.per_coordinate();
         let mut all = vec![(main.name.clone(), explained.clone())];
-        for Named { name, cell } in &request.against {
+        for Named { name, cell } in against {
             let explained = explain(&self.dynamics(cell)?, tracks, &self.starts(cell));
             let explained = explained.with_context(|| format!("equation of {name}"))?;
             all.push((name.clone(), self.with_drift(tracks, &explained)?.unwrap_or(explained)));

@@ -43,23 +43,31 @@ use self::subject::Subject;
 use crate::network::cells::CellKind;
 use crate::runs::checkpoint::SavedWeights;
 use crate::runs::summary::Summary;
+use crate::tasks::equation_file::EquationFile;
 use crate::training::saved::load_model;
 
 /// An equation to be compared.
 #[derive(Debug, Clone)]
-pub struct Named {
+struct Named {
     /// For people: the file it stands in.
-    pub name: String,
-    pub cell: &'static CellKind,
+    name: String,
+    cell: &'static CellKind,
+}
+
+impl Named {
+    fn of(file: &EquationFile, objects: usize) -> Result<Self> {
+        let cell = file.equation.kind(objects).with_context(|| format!("equation file {}", file.name))?;
+        Ok(Named { name: file.name.clone(), cell })
+    }
 }
 
 /// What is to be measured, and how.
 #[derive(Debug, Clone, Default)]
 pub struct Request {
     /// In place of the run's own equation.
-    pub equation: Option<Named>,
+    pub equation: Option<EquationFile>,
     /// Held against it.
-    pub against: Vec<Named>,
+    pub against: Vec<EquationFile>,
 }
 
 /// A measured run with all that its files are made of.
@@ -96,8 +104,10 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     let sights = subject.look()?;
     subject.find_lost_frames(&sights);
     let subject = subject;
+    let named = |file: &EquationFile| Named::of(file, model.system.objects);
     let own = Named { name: "the run's own".into(), cell: model.system.cell };
-    let main = request.equation.as_ref().unwrap_or(&own);
+    let main = request.equation.as_ref().map(named).transpose()?.unwrap_or(own);
+    let against = request.against.iter().map(named).collect::<Result<Vec<_>>>()?;
     let (tracks, by_encoder, explained) = subject.best_of_sights(main.cell, &sights)?;
     let uncertainty = bootstrap(&explained.dynamics, &tracks, &explained.learned, &explained.fitted, config.seed)?;
 
@@ -135,7 +145,7 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
         training_seconds: summary.map(|summary| summary.wall_seconds),
         seconds: 0.0,
     };
-    measurement.alternatives = subject.alternatives(main, &explained, request, &tracks, &uncertainty)?;
+    measurement.alternatives = subject.alternatives(&main, &explained, &against, &tracks, &uncertainty)?;
     measurement.seconds = begun.elapsed().as_secs_f64();
     std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let measured = Measured { measurement, scale: subject.scale.clone(), videos, explained, frames: &passes };

@@ -93,7 +93,8 @@ impl<'a> Subject<'a> {
             cell.coordinates,
             self.model.system.cell.coordinates
         );
-        Ok(Dynamics { dt: system.dt / self.ratio as f64, system })
+        let dt = system.dt / self.ratio as f64;
+        Dynamics::new(system, dt)
     }
 
     /// Frames of the film in the pieces with which a fit begins: as many as a clip spans.

@@ -8,6 +8,7 @@
 
 mod builtin;
 pub mod camera;
+pub mod equation_file;
 pub mod looks;
 pub mod published;
 pub mod scene;

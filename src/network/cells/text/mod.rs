@@ -9,6 +9,7 @@
 //! gradients in plain numbers (`columns`, `plain`).
 
 mod arithmetic;
+mod built_in;
 mod columns;
 mod compile;
 mod complaint;
@@ -38,6 +39,7 @@ use self::walls::TextWalls;
 use super::{Build, Cell, CellKind, PhysicalParameter, Walls};
 use crate::support::random::fnv1a;
 
+pub use built_in::written;
 pub use plain::SingleEquation;
 pub use table::{Accelerations, EquationTable, Given, Integrator, ParameterTable, Sides, WallTable};
 

@@ -1,0 +1,44 @@
+//! The equation in a file: a whole task's, or one that says nothing else.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::Deserialize;
+
+use crate::network::system::EquationEntry;
+
+/// An equation that was read from a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EquationFile {
+    /// The file, for people.
+    pub name: String,
+    pub equation: EquationEntry,
+    /// How many objects the file speaks of, if it does.
+    pub objects: Option<usize>,
+}
+
+/// What is read of it; the rest is for those who learn or generate.
+#[derive(Deserialize)]
+struct Contents {
+    system: Part,
+}
+
+#[derive(Deserialize)]
+struct Part {
+    objects: Option<usize>,
+    equation: EquationEntry,
+}
+
+impl EquationFile {
+    /// Reads `[system.equation]`, and `system.objects` where it is given.
+    ///
+    /// # Errors
+    /// A file that cannot be read or holds no such table; the message names the key.
+    pub fn read(path: &Path) -> Result<Self> {
+        let read = || -> Result<Self> {
+            let Contents { system: Part { objects, equation } } = toml::from_str(&std::fs::read_to_string(path)?)?;
+            Ok(EquationFile { name: path.display().to_string(), equation, objects })
+        };
+        read().with_context(|| format!("equation file {}", path.display()))
+    }
+}

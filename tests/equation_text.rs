@@ -74,14 +74,7 @@ impl Pair {
 }
 
 const PAIRS: [Pair; 8] = [
-    Pair {
-        built_in: &SPRING,
-        text: None,
-        objects: 2,
-        logs: &[1.4, 1.8],
-        within: (4.0, 28.0, 8.0),
-        order: &[0, 1],
-    },
+    Pair { built_in: &SPRING, text: None, objects: 2, logs: &[1.4, 1.8], within: (4.0, 28.0, 8.0), order: &[0, 1] },
     Pair {
         built_in: &SPRING,
         text: Some(SPRINGS_ONE_BY_ONE),
@@ -98,31 +91,10 @@ const PAIRS: [Pair; 8] = [
         within: (4.0, 28.0, 8.0),
         order: &[1, 2, 0],
     },
-    Pair {
-        built_in: &GRAVITY,
-        text: None,
-        objects: 3,
-        logs: &[2.0, 0.1],
-        within: (0.0, 90.0, 2.0),
-        order: &[0, 1],
-    },
-    Pair {
-        built_in: &PENDULUM,
-        text: None,
-        objects: 1,
-        logs: &[2.3, -0.1],
-        within: (-2.0, 2.0, 2.0),
-        order: &[1, 0],
-    },
+    Pair { built_in: &GRAVITY, text: None, objects: 3, logs: &[2.0, 0.1], within: (0.0, 90.0, 2.0), order: &[0, 1] },
+    Pair { built_in: &PENDULUM, text: None, objects: 1, logs: &[2.3, -0.1], within: (-2.0, 2.0, 2.0), order: &[1, 0] },
     Pair { built_in: &FALLING, text: None, objects: 3, logs: &[0.4], within: (4.0, 28.0, 8.0), order: &[0] },
-    Pair {
-        built_in: &FALLING_BOUNCING,
-        text: None,
-        objects: 2,
-        logs: &[0.4],
-        within: (4.0, 28.0, 8.0),
-        order: &[0],
-    },
+    Pair { built_in: &FALLING_BOUNCING, text: None, objects: 2, logs: &[0.4], within: (4.0, 28.0, 8.0), order: &[0] },
     Pair { built_in: &BOUNCING, text: None, objects: 2, logs: &[], within: (4.0, 28.0, 8.0), order: &[] },
 ];
 

@@ -116,6 +116,32 @@ fn a_long_swing_is_found_and_what_was_held_out_is_predicted() {
     assert!(without.errors.held_out > 2.0 * explained.errors.held_out, "{:?}", without.errors);
 }
 
+/// Two balls on a spring, the second seen a pixel beside its middle, as where light falls from one side: taken into account, the
+/// fit finds spring and length within four standard deviations, and the pixel; else it is far off.
+#[test]
+fn balls_seen_beside_their_middles_are_told() {
+    let task = find("spring_color").unwrap();
+    let dynamics = Dynamics::new(task.system.clone(), 0.1).unwrap();
+    let truth = true_raw(&task);
+    let (frames, beside) = (240, [0.8, -0.5]);
+    let mut random = named_generator(2, "noise");
+    let exact = dynamics.positions(&truth, &[11.0, 16.0, 22.0, 15.0, 0.3, 4.0, -0.3, -4.0], 0, frames);
+    let seen = |(place, x): (usize, &f64)| x + if place % 4 < 2 { 0.0 } else { beside[place % 2] };
+    let positions = exact.iter().enumerate().map(seen).map(|x| x + 0.03 * normal(&mut random)).collect();
+    let tracks = [Track::even(positions, 4, 180)];
+    let explained = |numbers: usize| {
+        let raw = [&truth[..], &vec![0.0; numbers]].concat();
+        let start = Start { learned: vec![true; raw.len()], raw, piece: 20 };
+        explain(&dynamics, &tracks, &[start]).unwrap()
+    };
+    let (plain, told) = (explained(0), explained(2));
+    for (found, true_number) in told.fitted.raw.iter().zip(truth.iter().chain(&beside)) {
+        assert!((found - true_number).abs() < 0.01, "{:?}", told.fitted.raw);
+    }
+    assert!(told.errors.held_out < 0.1, "{:?}", told.errors);
+    assert!(plain.errors.held_out > 5.0 * told.errors.held_out, "{:?}", plain.errors);
+}
+
 /// A fall and a swing in closed form: what is measured belongs to the equation, not to the steps by which it was learned.
 /// Euler's five steps a frame would put the fall off by 2 px at its end and the swing by 0.4 px.
 #[test]

@@ -1,21 +1,23 @@
-//! The gradients of a 3x3 convolution's weights, on blocks of frames, by minimal filtering along x.
+//! The gradients of a 3x3 convolution's weights, on blocks of frames, by minimal filtering.
 //!
-//! Three neighbouring weights of a kernel's row are moved by sums of four pixels' gradients times what the kernel saw there:
-//! F(3, 4), `A^T [(G g) * (B^T d)]` with `g` the four gradients and `d` the six pixels they depend on. That takes 6 products
-//! where plain sums take 12. The points, and so `B^T`, are those of the [convolution](super::winograd). Products are summed
-//! over all pixels before `A^T`.
+//! A kernel's nine weights are moved by sums over the result's gradients times what the kernel saw there. A tile of 2 x 4
+//! gradients takes 24 products, where plain sums take 72: F(3, 2) along y within F(3, 4) along x, `A^T [(G g) * (B^T d)]` on
+//! each axis, with `g` the gradients and `d` the 4 x 6 pixels they depend on. The points, and so `B^T`, are those of the
+//! [convolution](super::winograd). Products are summed over all tiles before `A^T`.
+
+use std::ops::Range;
 
 use super::lanes::{Instructions, Lanes, dispatched};
 use super::planes::{Planes, Workspace};
 use super::threads::side_by_side;
-use super::winograd::{A, B, PIXELS, POINTS, plus, transform_pixels};
+use super::winograd::{A, B, PIXELS, POINTS, PRODUCTS, ROW_POINTS, ROWS, plus, transform_tiles};
 
 /// Input channels whose transformed pixels are at hand together: with the sums they fill a part of the second cache.
-const INPUTS: usize = 16;
+const INPUTS: usize = 32;
 /// Tiles over which products are summed in registers before they go to memory.
-const STRETCH: usize = 32;
+const STRETCH: usize = 16;
 
-/// `G g`.
+/// `G g` along x.
 #[inline(always)]
 unsafe fn transform_gradient<L: Lanes>([g0, g1, g2, g3]: [L; PIXELS]) -> [L; POINTS] {
     unsafe {
@@ -33,17 +35,13 @@ unsafe fn transform_gradient<L: Lanes>([g0, g1, g2, g3]: [L; PIXELS]) -> [L; POI
     }
 }
 
-/// `A^T m`.
+/// `A^T m` along x.
 #[inline(always)]
 unsafe fn transform_sums<L: Lanes>([m0, m1, m2, m3, m4, m5]: [L; POINTS]) -> [L; 3] {
     unsafe {
-        let (even_a, odd_a) = (m1.add(m2), plus(m1, -1.0, m2));
-        let (even_b, odd_b) = (m3.add(m4), plus(m3, -1.0, m4));
-        [
-            m0.add(even_a).add(even_b),
-            plus(odd_a.mul(L::splat(A)), B, odd_b),
-            plus(plus(m5, 0.5, even_a), 2.0, even_b),
-        ]
+        let (even_a, odd_a) = (m1.add(m2), m1.sub(m2));
+        let (even_b, odd_b) = (m3.add(m4), m3.sub(m4));
+        [m0.add(even_a).add(even_b), plus(odd_a.mul(L::splat(A)), B, odd_b), plus(plus(m5, 0.5, even_a), 2.0, even_b)]
     }
 }
 
@@ -94,98 +92,108 @@ fn add_weight_gradient_tiles<L: Lanes, const O: usize>(
     gradient.check::<L>();
     assert!(gradient.side == side && gradient.channels.is_multiple_of(O));
     assert!(sums.len() == gradient.channels * input.channels * 9);
-    let tiles = side.div_ceil(PIXELS);
-    let most_rows = (STRETCH / tiles).clamp(1, side);
+    let (tiles, pairs) = (side.div_ceil(PIXELS), side.div_ceil(ROWS));
+    let most = (STRETCH / tiles).clamp(1, pairs);
     let group = INPUTS.min(input.channels);
-    let of_seen = POINTS * group * (most_rows + 2) * tiles * L::LANES;
-    let of_moved = POINTS * O * most_rows * tiles * L::LANES;
-    let of_totals = 3 * POINTS * gradient.channels * group * L::LANES;
+    let of_seen = POINTS * group * most * tiles * L::LANES;
+    let of_moved = POINTS * O * most * tiles * L::LANES;
+    let of_totals = PRODUCTS * gradient.channels * group * L::LANES;
     let (seen, rest) = workspace.floats(of_seen + of_moved + of_totals).split_at_mut(of_seen);
     let (moved, totals) = rest.split_at_mut(of_moved);
     let (seen, moved, totals) = (seen.as_mut_ptr(), moved.as_mut_ptr(), totals.as_mut_ptr());
     for first in (0..input.channels).step_by(INPUTS) {
         let input = input.part(first, group.min(input.channels - first));
         let inputs = input.channels;
-        for top in (0..side).step_by(most_rows) {
-            let rows = most_rows.min(side - top);
-            let stretch = Stretch { seen, moved, inputs, rows, tiles, new: top == 0 };
-            // SAFETY: rows and their neighbours lie within the planes, whose sizes were checked; the workspace has room for
-            // all inputs of a group, O outputs, and the sums of all outputs.
-            unsafe {
-                stretch.transform_input::<L>(&input, top);
-                for output in (0..gradient.channels).step_by(O) {
-                    stretch.transform_gradient::<L, O>(&gradient, output, top);
-                    stretch.add_products::<L, O>(totals.add(output * inputs * 3 * POINTS * L::LANES));
+        let point_apart = inputs * O * L::LANES;
+        for pair in (0..pairs).step_by(most) {
+            for row_point in 0..ROW_POINTS {
+                let stretch = Stretch { seen, moved, inputs, row_point, pairs: pair..pairs.min(pair + most), tiles };
+                // SAFETY: rows and their neighbours lie within the planes, whose sizes were checked; the workspace has room
+                // for all inputs of a group, O outputs, and the sums of all outputs.
+                unsafe {
+                    stretch.transform_input::<L>(&input);
+                    for output in (0..gradient.channels).step_by(O) {
+                        stretch.transform_gradient::<L, O>(&gradient, output);
+                        let place = output / O * ROW_POINTS + row_point;
+                        stretch.add_products::<L, O>(totals.add(place * POINTS * point_apart));
+                    }
                 }
             }
         }
         for output in (0..gradient.channels).step_by(O) {
             for input in 0..inputs {
-                for ky in 0..3 {
-                    // SAFETY: the sums of O outputs, an input and a row of the kernel.
-                    let rows = unsafe {
-                        let apart = inputs * 3 * O * L::LANES;
-                        let totals = totals.add((output * 3 * POINTS + ky * O) * inputs * L::LANES);
-                        finish::<L, O>(totals.add(input * O * L::LANES), apart)
-                    };
-                    for (o, row) in rows.into_iter().enumerate() {
-                        let place = ((output + o) * all + first + input) * 9 + ky * 3;
-                        sums[place..place + 3].iter_mut().zip(row).for_each(|(sum, part)| *sum += part);
-                    }
+                // SAFETY: the sums of O outputs and an input.
+                let kernels = unsafe {
+                    let totals = totals.add(output / O * PRODUCTS * point_apart + input * O * L::LANES);
+                    finish::<L, O>(totals, point_apart)
+                };
+                for (o, kernel) in kernels.iter().enumerate() {
+                    let place = ((output + o) * all + first + input) * 9;
+                    sums[place..place + 9].iter_mut().zip(kernel).for_each(|(sum, part)| *sum += part);
                 }
             }
         }
     }
 }
 
-/// Some rows of a picture, transformed: of the input with the row above and the one below.
+/// Some pairs of rows at a point along y.
 struct Stretch {
-    /// `[point][input][row][tile]`.
+    /// The input, transformed: `[x][input][pair][tile]`.
     seen: *mut f32,
-    /// `[point][output][row][tile]`.
+    /// The gradient, transformed: `[x][output][pair][tile]`.
     moved: *mut f32,
     inputs: usize,
-    rows: usize,
+    row_point: usize,
+    pairs: Range<usize>,
     tiles: usize,
-    /// Whether nothing was summed before.
-    new: bool,
 }
 
 impl Stretch {
+    /// Floats of a channel at a point.
     #[inline(always)]
-    unsafe fn transform_input<L: Lanes>(&self, input: &Planes, top: usize) {
+    fn of_channel<L: Lanes>(&self) -> usize {
+        self.pairs.len() * self.tiles * L::LANES
+    }
+
+    #[inline(always)]
+    unsafe fn transform_input<L: Lanes>(&self, input: &Planes) {
         unsafe {
-            let row = self.tiles * L::LANES;
-            let channel_rows = self.rows + 2;
+            let (of_channel, row) = (self.of_channel::<L>(), self.tiles * L::LANES);
             for channel in 0..self.inputs {
-                for y in 0..channel_rows {
-                    let into = self.seen.add((channel * channel_rows + y) * row);
-                    transform_pixels::<L>(input, channel, top + y, into, self.inputs * channel_rows * row);
+                for (place, pair) in self.pairs.clone().enumerate() {
+                    let into = self.seen.add(channel * of_channel + place * row);
+                    let at = (channel, pair * ROWS);
+                    transform_tiles::<L>(input, at, self.row_point, 0..self.tiles, into, self.inputs * of_channel);
                 }
             }
         }
     }
 
+    /// `G g` on both axes.
     #[inline(always)]
-    unsafe fn transform_gradient<L: Lanes, const O: usize>(&self, gradient: &Planes, output: usize, top: usize) {
+    unsafe fn transform_gradient<L: Lanes, const O: usize>(&self, gradient: &Planes, output: usize) {
         unsafe {
-            let (row, side) = (self.tiles * L::LANES, gradient.side);
+            let (of_channel, row, side) = (self.of_channel::<L>(), self.tiles * L::LANES, gradient.side);
+            let (upper_part, lower_part) = [(1.0, 0.0), (0.5, 0.5), (0.5, -0.5), (0.0, 1.0)][self.row_point];
             for o in 0..O {
-                for y in 0..self.rows {
-                    let into = self.moved.add((o * self.rows + y) * row);
-                    let from = gradient.at::<L>(output + o, top + y, 0);
+                for (place, pair) in self.pairs.clone().enumerate() {
+                    let into = self.moved.add(o * of_channel + place * row);
+                    let upper = gradient.at::<L>(output + o, pair * ROWS, 0);
+                    // Below an odd number of rows lies the border.
+                    let lower = upper.add(gradient.row::<L>());
                     for tile in 0..self.tiles {
                         let first = tile * PIXELS;
-                        let pixels = if first + PIXELS <= side {
-                            std::array::from_fn(|i| L::load(from.add((first + i) * L::LANES)))
-                        } else {
-                            std::array::from_fn(|i| {
-                                let x = first + i;
-                                if x < side { L::load(from.add(x * L::LANES)) } else { L::splat(0.0) }
-                            })
-                        };
+                        let there = PIXELS.min(side - first);
+                        let mut pixels = [L::splat(0.0); PIXELS];
+                        for (i, pixel) in pixels.iter_mut().enumerate() {
+                            if there == PIXELS || i < there {
+                                let x = (first + i) * L::LANES;
+                                let above = L::load(upper.add(x)).mul(L::splat(upper_part));
+                                *pixel = plus(above, lower_part, L::load(lower.add(x)));
+                            }
+                        }
                         for (point, value) in transform_gradient::<L>(pixels).into_iter().enumerate() {
-                            value.store(into.add(point * O * self.rows * row + tile * L::LANES));
+                            value.store(into.add(point * O * of_channel + tile * L::LANES));
                         }
                     }
                 }
@@ -193,24 +201,21 @@ impl Stretch {
         }
     }
 
-    /// Adds the products of `O` outputs with all inputs to `totals`, `[point][ky][input][O]`, or puts them there.
+    /// Adds the products of `O` outputs with all inputs to `totals`, `[x][input][O]`, or puts them there if they are the first.
     #[inline(always)]
     unsafe fn add_products<L: Lanes, const O: usize>(&self, totals: *mut f32) {
         unsafe {
-            let row = self.tiles * L::LANES;
+            let of_channel = self.of_channel::<L>();
             for point in 0..POINTS {
-                let moved = self.moved.add(point * O * self.rows * row);
-                for ky in 0..3 {
-                    let seen = self.seen.add((point * self.inputs * (self.rows + 2) + ky) * row);
-                    let totals = totals.add((point * 3 + ky) * self.inputs * O * L::LANES);
-                    let mut input = 0;
-                    while input < self.inputs {
-                        let (seen, totals) = (seen.add(input * (self.rows + 2) * row), totals.add(input * O * L::LANES));
-                        input += match self.inputs - input {
-                            1 => self.sum::<L, O, 1>(totals, seen, moved),
-                            2 | 4 => self.sum::<L, O, 2>(totals, seen, moved),
-                            _ => self.sum::<L, O, 3>(totals, seen, moved),
-                        }
+                let moved = self.moved.add(point * O * of_channel);
+                let mut input = 0;
+                while input < self.inputs {
+                    let place = point * self.inputs + input;
+                    let (seen, totals) = (self.seen.add(place * of_channel), totals.add(place * O * L::LANES));
+                    input += match self.inputs - input {
+                        1 => self.sum::<L, O, 1>(totals, seen, moved),
+                        2 | 4 => self.sum::<L, O, 2>(totals, seen, moved),
+                        _ => self.sum::<L, O, 3>(totals, seen, moved),
                     }
                 }
             }
@@ -226,16 +231,14 @@ impl Stretch {
         moved: *const f32,
     ) -> usize {
         unsafe {
-            let row = self.tiles * L::LANES;
-            let (of_input, of_output) = ((self.rows + 2) * row, self.rows * row);
+            let (of_channel, new) = (self.of_channel::<L>(), self.pairs.start == 0);
             let at = |i: usize, o: usize| totals.add((i * O + o) * L::LANES);
-            let start = |i, o| if self.new { L::splat(0.0) } else { L::load(at(i, o)) };
+            let start = |i, o| if new { L::splat(0.0) } else { L::load(at(i, o)) };
             let mut sums: [[L; I]; O] = std::array::from_fn(|o| std::array::from_fn(|i| start(i, o)));
-            for tile in 0..self.rows * self.tiles {
-                let here = tile * L::LANES;
-                let seen: [L; I] = std::array::from_fn(|i| L::load(seen.add(i * of_input + here)));
+            for here in (0..of_channel).step_by(L::LANES) {
+                let seen: [L; I] = std::array::from_fn(|i| L::load(seen.add(i * of_channel + here)));
                 for (o, sums) in sums.iter_mut().enumerate() {
-                    let moved = L::load(moved.add(o * of_output + here));
+                    let moved = L::load(moved.add(o * of_channel + here));
                     for (sum, &seen) in sums.iter_mut().zip(&seen) {
                         *sum = sum.add_product(moved, seen);
                     }
@@ -251,22 +254,34 @@ impl Stretch {
     }
 }
 
-/// The gradient of a kernel's row of each of `O` outputs; `totals` stand `apart` from point to point.
+/// The gradients of the kernels of an input and `O` outputs from `totals`, `[y][x][input][O]`, which stand `apart` from
+/// point to point.
 #[inline(always)]
-unsafe fn finish<L: Lanes, const O: usize>(totals: *const f32, apart: usize) -> [[f32; 3]; O] {
+unsafe fn finish<L: Lanes, const O: usize>(totals: *const f32, apart: usize) -> [[f32; 9]; O] {
     unsafe {
-        let mut rows = [[0.0; 3]; O];
-        for (four, rows) in rows.chunks_exact_mut(4).enumerate() {
-            let of_output = |o: usize| {
-                let totals = totals.add((four * 4 + o) * L::LANES);
-                transform_sums::<L>(std::array::from_fn(|point| L::load(totals.add(point * apart))))
-            };
-            let lanes: [[L; 3]; 4] = std::array::from_fn(of_output);
-            for kx in 0..3 {
-                let sums = L::sums(std::array::from_fn(|o| lanes[o][kx]));
-                rows.iter_mut().zip(sums).for_each(|(row, sum)| row[kx] = sum);
+        let mut kernels = [[0.0; 9]; O];
+        for (four, kernels) in kernels.chunks_exact_mut(4).enumerate() {
+            let mut lanes = [[[L::splat(0.0); 4]; 3]; 3];
+            for o in 0..4 {
+                let mut rows = [[L::splat(0.0); POINTS]; 3];
+                for x in 0..POINTS {
+                    let totals = totals.add((four * 4 + o) * L::LANES + x * apart);
+                    let mut m = [L::splat(0.0); ROW_POINTS];
+                    m.iter_mut().enumerate().for_each(|(y, m)| *m = L::load(totals.add(y * POINTS * apart)));
+                    let sum = m[1].add(m[2]);
+                    (rows[0][x], rows[1][x], rows[2][x]) = (m[0].add(sum), m[1].sub(m[2]), sum.sub(m[3]));
+                }
+                for (lanes, row) in lanes.iter_mut().zip(rows) {
+                    for (lanes, value) in lanes.iter_mut().zip(transform_sums::<L>(row)) {
+                        lanes[o] = value;
+                    }
+                }
+            }
+            for (tap, lanes) in lanes.as_flattened().iter().enumerate() {
+                let sums = L::sums(*lanes);
+                kernels.iter_mut().zip(sums).for_each(|(kernel, sum)| kernel[tap] = sum);
             }
         }
-        rows
+        kernels
     }
 }

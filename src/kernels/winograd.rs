@@ -1,34 +1,48 @@
-//! Convolutions 3x3 with zero padding, stride 1, on blocks of frames, by Winograd's minimal filtering along x.
+//! Convolutions 3x3 with zero padding, stride 1, on blocks of frames, by Winograd's minimal filtering.
 //!
-//! Four pixels of a row take 6 products for each of the kernel's rows, where a plain sum takes 12: F(4, 3) of Lavin and Gray
-//! (2016, section 4), `A^T [(G w) * (B^T d)]`, with `d` the six pixels that the four depend on, `w` a row of the kernel, and
-//! products summed over input channels and the kernel's rows before `A^T`. The points are 0, ±a, ±1/a and infinity with
-//! `a = 1/√2`, which keep all constants between 1/6 and 3: the rounding is not twice that of plain sums. F(2x2, 3x3), on
-//! both axes, takes 16 products instead of 18, but writes 4 numbers for each pixel that it reads instead of 1.5, and
-//! writing costs as much as multiplying at few channels.
+//! A tile of 2 x 4 pixels takes 24 products, where plain sums take 72: F(2, 3) along y within F(4, 3) along x of Lavin and Gray
+//! (2016, section 4), `A^T [(G w) * (B^T d)]` on each axis, with `d` the 4 x 6 pixels that the tile depends on, `w` the
+//! kernel, and products summed over input channels before `A^T`. The points along y are 0, 1, -1 and infinity; along x 0, ±a,
+//! ±1/a and infinity with `a = 1/√2`, which keep all constants between 1/6 and 3: the rounding is not three times that of
+//! plain sums.
+
+use std::ops::Range;
 
 use super::lanes::{Instructions, Lanes, dispatched};
 use super::planes::{Planes, PlanesMut, Workspace};
 use super::threads::side_by_side;
 
-/// Pixels of a tile.
+/// Pixels of a tile along x and y.
 pub(super) const PIXELS: usize = 4;
-/// Pixels that a tile depends on, and its products.
+pub(super) const ROWS: usize = 2;
+/// Pixels that a tile depends on along x and y, and its products.
 pub(super) const POINTS: usize = PIXELS + 2;
-/// Tiles side by side whose products are summed in registers, at most.
+pub(super) const ROW_POINTS: usize = ROWS + 2;
+/// Tiles side by side whose products are summed in registers, and those that are transformed together, at most.
 const STRIP: usize = 3;
+const CHUNK: usize = 6 * STRIP;
+pub(super) const PRODUCTS: usize = POINTS * ROW_POINTS;
 
 pub(super) const A: f32 = std::f32::consts::FRAC_1_SQRT_2;
 pub(super) const B: f32 = std::f32::consts::SQRT_2;
 
-/// `G w`.
-fn transform_kernel([w0, w1, w2]: [f32; 3]) -> [f32; POINTS] {
+/// `G w` along x.
+fn transform_row([w0, w1, w2]: [f32; 3]) -> [f32; POINTS] {
     let (even_a, odd_a) = (-2.0 / 3.0 * w0 - 1.0 / 3.0 * w2, -2.0 / 3.0 * A * w1);
     let (even_b, odd_b) = (1.0 / 6.0 * w0 + 1.0 / 3.0 * w2, 1.0 / 6.0 * B * w1);
     [w0, even_a + odd_a, even_a - odd_a, even_b + odd_b, even_b - odd_b, w2]
 }
 
-/// `B^T d`.
+/// `G w` along both axes, `[x][y]`.
+fn transform_kernel(rows: [[f32; 3]; 3]) -> [[f32; ROW_POINTS]; POINTS] {
+    let [above, middle, below] = rows.map(transform_row);
+    std::array::from_fn(|x| {
+        let (even, odd) = (0.5 * (above[x] + below[x]), 0.5 * middle[x]);
+        [above[x], even + odd, even - odd, below[x]]
+    })
+}
+
+/// `B^T d` along x.
 #[inline(always)]
 unsafe fn transform_input<L: Lanes>([d0, d1, d2, d3, d4, d5]: [L; POINTS]) -> [L; POINTS] {
     unsafe {
@@ -45,40 +59,52 @@ unsafe fn transform_input<L: Lanes>([d0, d1, d2, d3, d4, d5]: [L; POINTS]) -> [L
     }
 }
 
-/// Transforms a row of a channel; `row` counts the border, and pixels beyond the right border are 0. The points stand `apart`.
+/// `B^T d` along both axes at a point along y, of tiles of a channel beside each other; `y` is that of the uppermost pixel and
+/// counts the border. The points along x stand `apart`. Pixels beyond the border are 0.
 #[inline(always)]
-pub(super) unsafe fn transform_pixels<L: Lanes>(
+pub(super) unsafe fn transform_tiles<L: Lanes>(
     input: &Planes,
-    channel: usize,
-    row: usize,
+    (channel, y): (usize, usize),
+    row_point: usize,
+    tiles: Range<usize>,
     into: *mut f32,
     apart: usize,
 ) {
     unsafe {
-        let from = input.data.as_ptr().add(channel * input.plane::<L>() + row * input.row::<L>());
-        for tile in 0..input.side.div_ceil(PIXELS) {
+        let rows = input.side + 2;
+        let start = input.data.as_ptr().add(channel * input.plane::<L>());
+        // The border above is as what lies below the one below.
+        let row = |i: usize| start.add(if y + i < rows { y + i } else { 0 } * input.row::<L>());
+        let (one, sign, other) = match row_point {
+            0 => (row(0), -1.0, row(2)),
+            1 => (row(1), 1.0, row(2)),
+            2 => (row(2), -1.0, row(1)),
+            _ => (row(1), -1.0, row(3)),
+        };
+        for (place, tile) in tiles.enumerate() {
             let first = tile * PIXELS;
-            let pixels = if first + POINTS <= input.side + 2 {
-                std::array::from_fn(|i| L::load(from.add((first + i) * L::LANES)))
-            } else {
-                std::array::from_fn(|i| {
-                    let x = first + i;
-                    if x < input.side + 2 { L::load(from.add(x * L::LANES)) } else { L::splat(0.0) }
-                })
-            };
+            let there = POINTS.min(rows - first);
+            let mut pixels = [L::splat(0.0); POINTS];
+            for (i, pixel) in pixels.iter_mut().enumerate() {
+                // Compared for the last tile only, where a side is no multiple of a tile's.
+                if there == POINTS || i < there {
+                    let x = (first + i) * L::LANES;
+                    *pixel = plus(L::load(one.add(x)), sign, L::load(other.add(x)));
+                }
+            }
             for (point, value) in transform_input::<L>(pixels).into_iter().enumerate() {
-                value.store(into.add(point * apart + tile * L::LANES));
+                value.store(into.add(point * apart + place * L::LANES));
             }
         }
     }
 }
 
-/// `A^T m`.
+/// `A^T m` along x.
 #[inline(always)]
 unsafe fn transform_output<L: Lanes>([m0, m1, m2, m3, m4, m5]: [L; POINTS]) -> [L; PIXELS] {
     unsafe {
-        let (even_a, odd_a) = (m1.add(m2), plus(m1, -1.0, m2));
-        let (even_b, odd_b) = (m3.add(m4), plus(m3, -1.0, m4));
+        let (even_a, odd_a) = (m1.add(m2), m1.sub(m2));
+        let (even_b, odd_b) = (m3.add(m4), m3.sub(m4));
         [
             m0.add(even_a).add(even_b),
             plus(odd_a.mul(L::splat(A)), B, odd_b),
@@ -103,7 +129,7 @@ pub enum Finish<'a> {
     WherePositive(Planes<'a>),
 }
 
-/// Transformed weights in the order in which the kernel reads them: `[outputs / tile][point][ky][inputs][tile]`.
+/// Transformed weights in the order in which the kernel reads them: `[outputs / tile][x][y][inputs][tile]`.
 #[derive(Debug, Clone)]
 pub struct Weights {
     transformed: Vec<f32>,
@@ -127,15 +153,13 @@ impl Weights {
     fn new(tile: usize, inputs: usize, bias: Vec<f32>, weight: impl Fn(usize, usize, usize) -> f32) -> Self {
         let outputs = bias.len();
         assert!(outputs.is_multiple_of(tile), "{outputs} channels do not fill tiles of {tile}");
-        let mut transformed = vec![0.0; outputs * inputs * 3 * POINTS];
+        let mut transformed = vec![0.0; outputs * inputs * PRODUCTS];
         for output in 0..outputs {
             for input in 0..inputs {
-                for ky in 0..3 {
-                    let row = std::array::from_fn(|kx| weight(output, input, ky * 3 + kx));
-                    for (point, value) in transform_kernel(row).into_iter().enumerate() {
-                        let place = ((output / tile * POINTS + point) * 3 + ky) * inputs + input;
-                        transformed[place * tile + output % tile] = value;
-                    }
+                let rows = [0, 3, 6].map(|row| std::array::from_fn(|kx| weight(output, input, row + kx)));
+                for (point, value) in transform_kernel(rows).as_flattened().iter().enumerate() {
+                    let place = (output / tile * PRODUCTS + point) * inputs + input;
+                    transformed[place * tile + output % tile] = *value;
                 }
             }
         }
@@ -212,22 +236,22 @@ fn convolve_lanes<L: Lanes>(
     output.check::<L>();
     let (side, channels) = (input.side, output.channels);
     assert!(output.side == side && channels == weights.bias.len() && channels.is_multiple_of(L::OUTPUTS));
-    assert!(weights.transformed.len() == channels * input.channels * 3 * POINTS);
+    assert!(weights.transformed.len() == channels * input.channels * PRODUCTS);
     if let Finish::WherePositive(gate) = finish {
         gate.check::<L>();
         assert!(gate.side == side && gate.channels == channels);
     }
     let tiles = side.div_ceil(PIXELS);
-    let seen = 3 * POINTS * input.channels * tiles * L::LANES;
-    let products = POINTS * L::OUTPUTS * STRIP * L::LANES;
-    let (seen, products) = workspace.floats(seen + products).split_at_mut(seen);
-    let (seen, products, to) = (seen.as_mut_ptr(), products.as_mut_ptr(), output.data.as_mut_ptr());
-    let layer = Layer { weights, input, finish, tiles, seen, products, to };
+    let seen = PRODUCTS * input.channels * CHUNK.min(tiles) * L::LANES;
+    let sums = POINTS * ROWS * L::OUTPUTS * STRIP * L::LANES;
+    let (seen, sums) = workspace.floats(seen + sums).split_at_mut(seen);
+    let (seen, sums, to) = (seen.as_mut_ptr(), sums.as_mut_ptr(), output.data.as_mut_ptr());
+    let layer = Layer { weights, input, finish, seen, sums, to };
     // SAFETY: tiles of the planes, whose sizes were checked, and a workspace for all of them.
     unsafe {
         match L::OUTPUTS {
-            8 => layer.convolve::<L, 8>(channels),
-            _ => layer.convolve::<L, 4>(channels),
+            8 => layer.convolve::<L, 8>(channels, tiles),
+            _ => layer.convolve::<L, 4>(channels, tiles),
         }
     }
 }
@@ -237,30 +261,30 @@ struct Layer<'a> {
     weights: SomeWeights<'a>,
     input: Planes<'a>,
     finish: Finish<'a>,
-    /// Of a row.
-    tiles: usize,
-    /// The input's last three rows, transformed: `[row % 3][point][input][tile]`.
+    /// Some tiles of the input, transformed: `[x][y][input][tile]`.
     seen: *mut f32,
-    /// Of a strip of tiles: `[output][tile][point]`.
-    products: *mut f32,
+    /// Of a strip of tiles, their products after `A^T` along y: `[output][tile][row][x]`.
+    sums: *mut f32,
     to: *mut f32,
 }
 
 impl Layer<'_> {
     #[inline(always)]
-    unsafe fn convolve<L: Lanes, const O: usize>(&self, outputs: usize) {
+    unsafe fn convolve<L: Lanes, const O: usize>(&self, outputs: usize, tiles: usize) {
         unsafe {
-            self.transform_row::<L>(0);
-            self.transform_row::<L>(1);
-            for y in 0..self.input.side {
-                self.transform_row::<L>(y + 2);
-                for output in (0..outputs).step_by(O) {
-                    let mut first = 0;
-                    while first < self.tiles {
-                        first += match self.tiles - first {
-                            1 => self.compute::<L, O, 1>(output, y, first),
-                            2 | 4 => self.compute::<L, O, 2>(output, y, first),
-                            _ => self.compute::<L, O, STRIP>(output, y, first),
+            for first in (0..tiles).step_by(CHUNK) {
+                let chunk = CHUNK.min(tiles - first);
+                for y in (0..self.input.side).step_by(ROWS) {
+                    self.transform::<L>(y, first..first + chunk);
+                    for output in (0..outputs).step_by(O) {
+                        let mut done = 0;
+                        while done < chunk {
+                            let strip = Strip { output, y, tile: first + done, place: done, chunk };
+                            done += match chunk - done {
+                                1 => self.compute::<L, O, 1>(strip),
+                                2 | 4 => self.compute::<L, O, 2>(strip),
+                                _ => self.compute::<L, O, STRIP>(strip),
+                            }
                         }
                     }
                 }
@@ -268,26 +292,30 @@ impl Layer<'_> {
         }
     }
 
-    /// Of all channels; `row` counts the border.
+    /// Of all channels.
     #[inline(always)]
-    unsafe fn transform_row<L: Lanes>(&self, row: usize) {
+    unsafe fn transform<L: Lanes>(&self, y: usize, tiles: Range<usize>) {
         unsafe {
-            let (inputs, of_row) = (self.input.channels, self.tiles * L::LANES);
+            let (inputs, of_channel) = (self.input.channels, tiles.len() * L::LANES);
             for channel in 0..inputs {
-                let seen = self.seen.add((row % 3 * POINTS * inputs + channel) * of_row);
-                transform_pixels::<L>(&self.input, channel, row, seen, inputs * of_row);
+                for point in 0..ROW_POINTS {
+                    let seen = self.seen.add((point * inputs + channel) * of_channel);
+                    let apart = ROW_POINTS * inputs * of_channel;
+                    transform_tiles::<L>(&self.input, (channel, y), point, tiles.clone(), seen, apart);
+                }
             }
         }
     }
 
-    /// `O` output channels of `P` tiles of a row; gives `P`.
+    /// `O` output channels of `P` tiles; gives `P`.
     #[inline(always)]
-    unsafe fn compute<L: Lanes, const O: usize, const P: usize>(&self, output: usize, y: usize, first: usize) -> usize {
+    unsafe fn compute<L: Lanes, const O: usize, const P: usize>(&self, strip: Strip) -> usize {
         unsafe {
-            self.multiply::<L, O, P>(output, y, first);
+            self.multiply::<L, O, P>(strip);
             for o in 0..O {
                 for p in 0..P {
-                    self.finish::<L>(output + o, y, first + p, self.products.add((o * P + p) * POINTS * L::LANES));
+                    let sums = self.sums.add((o * P + p) * ROWS * POINTS * L::LANES);
+                    self.finish::<L>((strip.output + o, strip.y, strip.tile + p), sums);
                 }
             }
             P
@@ -295,51 +323,102 @@ impl Layer<'_> {
     }
 
     #[inline(always)]
-    unsafe fn multiply<L: Lanes, const O: usize, const P: usize>(&self, output: usize, y: usize, first: usize) {
+    unsafe fn multiply<L: Lanes, const O: usize, const P: usize>(&self, strip: Strip) {
         unsafe {
-            let (inputs, tiles) = (self.input.channels, self.tiles);
-            let mut weights = self.weights.transformed.as_ptr().add(output * inputs * 3 * POINTS);
+            let inputs = self.input.channels;
+            let mut weights = self.weights.transformed.as_ptr().add(strip.output * inputs * PRODUCTS);
+            let mut seen = self.seen.add(strip.place * L::LANES).cast_const();
             for point in 0..POINTS {
-                let mut sums = [[L::splat(0.0); P]; O];
-                for ky in 0..3 {
-                    let mut from = self.seen.add((((y + ky) % 3 * POINTS + point) * inputs * tiles + first) * L::LANES);
-                    for _ in 0..inputs {
-                        let seen: [L; P] = std::array::from_fn(|p| L::load(from.add(p * L::LANES)));
-                        for (o, sums) in sums.iter_mut().enumerate() {
-                            let weight = L::splat(*weights.add(o));
-                            for (sum, &seen) in sums.iter_mut().zip(&seen) {
-                                *sum = sum.add_product(weight, seen);
-                            }
-                        }
-                        from = from.add(tiles * L::LANES);
-                        weights = weights.add(O);
-                    }
-                }
-                for (place, sum) in sums.as_flattened().iter().enumerate() {
-                    sum.store(self.products.add((place * POINTS + point) * L::LANES));
-                }
+                let sums = self.sums.add(point * L::LANES);
+                self.multiply_at::<L, O, P, 0>(strip, &mut weights, &mut seen, sums);
+                self.multiply_at::<L, O, P, 1>(strip, &mut weights, &mut seen, sums);
+                self.multiply_at::<L, O, P, 2>(strip, &mut weights, &mut seen, sums);
+                self.multiply_at::<L, O, P, 3>(strip, &mut weights, &mut seen, sums);
             }
         }
     }
 
-    /// From a tile's products to the result.
+    /// At a point along x and the point `Y` along y. The point is known to the compiler, so that the products stay in
+    /// registers.
     #[inline(always)]
-    unsafe fn finish<L: Lanes>(&self, output: usize, y: usize, tile: usize, products: *const f32) {
+    unsafe fn multiply_at<L: Lanes, const O: usize, const P: usize, const Y: usize>(
+        &self,
+        strip: Strip,
+        weights: &mut *const f32,
+        seen: &mut *const f32,
+        sums: *mut f32,
+    ) {
+        unsafe {
+            let mut products = [[L::splat(0.0); P]; O];
+            for _ in 0..self.input.channels {
+                let pixels: [L; P] = std::array::from_fn(|p| L::load(seen.add(p * L::LANES)));
+                for (o, products) in products.iter_mut().enumerate() {
+                    let weight = L::splat(*weights.add(o));
+                    for (product, &pixel) in products.iter_mut().zip(&pixels) {
+                        *product = product.add_product(weight, pixel);
+                    }
+                }
+                *seen = seen.add(strip.chunk * L::LANES);
+                *weights = weights.add(O);
+            }
+            for (place, product) in products.as_flattened().iter().enumerate() {
+                let upper = sums.add(place * ROWS * POINTS * L::LANES);
+                fold::<L, Y>(*product, upper, upper.add(POINTS * L::LANES));
+            }
+        }
+    }
+
+    /// From a tile's sums to the result.
+    #[inline(always)]
+    unsafe fn finish<L: Lanes>(&self, (output, y, tile): (usize, usize, usize), sums: *const f32) {
         unsafe {
             let input = &self.input;
             let x = tile * PIXELS;
-            let place = output * input.plane::<L>() + (y + 1) * input.row::<L>() + (x + 1) * L::LANES;
             let bias = L::splat(self.weights.bias[output]);
-            let results = transform_output::<L>(std::array::from_fn(|point| L::load(products.add(point * L::LANES))));
-            for (i, result) in results.into_iter().enumerate().take(input.side - x) {
-                let (result, place) = (result.add(bias), place + i * L::LANES);
-                let result = match self.finish {
-                    Finish::Linear => result,
-                    Finish::Relu => result.max(L::splat(0.0)),
-                    Finish::WherePositive(gate) => result.where_positive(L::load(gate.data.as_ptr().add(place))),
-                };
-                result.store(self.to.add(place));
+            for row in 0..ROWS.min(input.side - y) {
+                let place = output * input.plane::<L>() + (y + row + 1) * input.row::<L>() + (x + 1) * L::LANES;
+                let sums = sums.add(row * POINTS * L::LANES);
+                let results = transform_output::<L>(std::array::from_fn(|point| L::load(sums.add(point * L::LANES))));
+                for (i, result) in results.into_iter().enumerate().take(input.side - x) {
+                    let (result, place) = (result.add(bias), place + i * L::LANES);
+                    let result = match self.finish {
+                        Finish::Linear => result,
+                        Finish::Relu => result.max(L::splat(0.0)),
+                        Finish::WherePositive(gate) => result.where_positive(L::load(gate.data.as_ptr().add(place))),
+                    };
+                    result.store(self.to.add(place));
+                }
             }
+        }
+    }
+}
+
+/// Some output channels of some tiles.
+#[derive(Clone, Copy)]
+struct Strip {
+    output: usize,
+    y: usize,
+    tile: usize,
+    /// The tile's place among those that are transformed, and how many these are.
+    place: usize,
+    chunk: usize,
+}
+
+/// Adds a product at the point `Y` along y to the sums of the upper and the lower row: `A^T m`, a point after the other.
+#[inline(always)]
+unsafe fn fold<L: Lanes, const Y: usize>(product: L, upper: *mut f32, lower: *mut f32) {
+    unsafe {
+        match Y {
+            0 => product.store(upper),
+            1 => {
+                L::load(upper).add(product).store(upper);
+                product.store(lower);
+            }
+            2 => {
+                L::load(upper).add(product).store(upper);
+                L::load(lower).sub(product).store(lower);
+            }
+            _ => L::load(lower).sub(product).store(lower),
         }
     }
 }

@@ -7,7 +7,7 @@ use tch::{Kind, Tensor};
 
 use crate::network::System;
 use crate::network::cells::text::{self, EquationTable, Integrator, WallTable, written};
-use crate::network::cells::{Actions, Build, CellKind, State};
+use crate::network::cells::{Actions, Build, CellKind, Coordinates, State};
 
 /// An equation, ready to be rolled out from frame to frame of a film.
 #[derive(Debug, Clone)]
@@ -67,10 +67,25 @@ impl Dynamics {
         Tensor::cat(&states, 0).to_kind(Kind::Double).flatten(0, 1).try_into().expect("float64 numbers")
     }
 
-    /// By how much what is seen has moved on with the camera at a tick, if raw numbers stand for a drift: those behind the
-    /// parameters', one for each coordinate, in its unit per unit of `dt`.
-    pub fn drifted(&self, raw: &[f64], tick: usize, coordinate: usize) -> f64 {
-        raw.get(self.system.cell.parameters.len() + coordinate).map_or(0.0, |drift| drift * self.dt * tick as f64)
+    /// How many raw numbers behind the parameters' say by how much what is seen lies beside the state: see
+    /// [`Dynamics::beside`].
+    pub(super) fn numbers_beside(&self) -> usize {
+        match (self.system.cell.coordinates, self.system.objects) {
+            (Coordinates::Angle, _) => 0,
+            (Coordinates::Position, 1) => 2,
+            (Coordinates::Position, objects) => 2 * (objects - 1),
+        }
+    }
+
+    /// By how much a coordinate of what is seen lies beside the state's at a tick, if raw numbers stand for it. One object drifts
+    /// with the camera, by so much in a unit of `dt`. Of several each is seen so much more beside its middle than the first
+    /// one: light falls from one side, or a sprite is not round.
+    pub fn beside(&self, raw: &[f64], tick: usize, coordinate: usize) -> f64 {
+        let numbers = &raw[self.system.cell.parameters.len().min(raw.len())..];
+        match self.system.objects {
+            1 => numbers.get(coordinate).map_or(0.0, |drift| drift * self.dt * tick as f64),
+            _ => coordinate.checked_sub(2).and_then(|place| numbers.get(place)).copied().unwrap_or(0.0),
+        }
     }
 
     /// The positions alone, frame by frame.

@@ -64,7 +64,7 @@ pub fn explain(dynamics: &Dynamics, tracks: &[Track], starts: &[Start]) -> Resul
         let mut positions = track.at_frames(&positions_of(states, coordinates), coordinates);
         for (frame, tick) in track.ticks.iter().enumerate() {
             for coordinate in 0..coordinates {
-                positions[frame * coordinates + coordinate] += dynamics.drifted(&fitted.raw, *tick, coordinate);
+                positions[frame * coordinates + coordinate] += dynamics.beside(&fitted.raw, *tick, coordinate);
             }
         }
         positions

@@ -67,7 +67,7 @@ impl Track {
 /// Where a fit begins.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Start {
-    /// Raw numbers of all parameters; two more where what is seen may drift (see [`Dynamics::drifted`]).
+    /// Raw numbers of all parameters; more where what is seen may lie beside the state (see [`Dynamics::beside`]).
     pub raw: Vec<f64>,
     pub learned: Vec<bool>,
     /// Frames of the first pieces.
@@ -271,7 +271,7 @@ impl<'a> Problem<'a> {
         let positions = self.dynamics.positions(raw, state, begin, last + 1);
         let coordinates = self.dynamics.coordinates();
         let at = |tick: usize, coordinate: usize| {
-            positions[coordinates * (tick - begin) + coordinate] + self.dynamics.drifted(raw, tick, coordinate)
+            positions[coordinates * (tick - begin) + coordinate] + self.dynamics.beside(raw, tick, coordinate)
         };
         ticks.iter().flat_map(|tick| (0..coordinates).map(|coordinate| at(*tick, coordinate))).collect()
     }

@@ -1,4 +1,4 @@
-//! The fits to what was seen: by which measure of the positions, with a camera that drifts or without, to a colour tracker's
+//! The fits to what was seen: by which measure of the positions, with what is seen beside the state or without, to a colour tracker's
 //! positions, and of other equations.
 
 use anyhow::{Context, Result, ensure};
@@ -14,7 +14,7 @@ use super::subject::Subject;
 use crate::network::cells::{CellKind, Coordinates};
 use crate::support::statistics::median;
 
-/// Difference of the Bayesian criterion from which on a drift of the camera is believed.
+/// Difference of the Bayesian criterion from which on it is believed that something is seen beside the state.
 const CLEARLY_BETTER: f64 = 10.0;
 
 /// The encoder strays where it differs from the masks by so many times as much in the frames held out as in those learned
@@ -46,7 +46,7 @@ impl Subject<'_> {
         let by_centroids = self.tracks(sights.iter().map(|sight| &sight.centroids));
         let explained = explain(&dynamics, &by_centroids, &starts)?;
         if self.encoder_strays(sights) {
-            let explained = self.with_drift(&by_centroids, &explained)?.unwrap_or(explained);
+            let explained = self.with_what_is_beside(&by_centroids, &explained)?.unwrap_or(explained);
             return Ok((by_centroids, false, explained));
         }
         // From where the other measure led to.
@@ -58,24 +58,24 @@ impl Subject<'_> {
         } else {
             (by_centroids, false, explained)
         };
-        let explained = self.with_drift(&tracks, &explained)?.unwrap_or(explained);
+        let explained = self.with_what_is_beside(&tracks, &explained)?.unwrap_or(explained);
         Ok((tracks, by_encoder, explained))
     }
 
-    /// The same with a camera that drifts, where that explains clearly more: looked for in a task of one video and one
-    /// object.
-    fn with_drift(&self, tracks: &[Track], explained: &Explained) -> Result<Option<Explained>> {
-        let system = &self.model.system;
-        if tracks.len() != 1 || system.objects != 1 || system.cell.coordinates != Coordinates::Position {
+    /// The same with what is seen beside the state, where that explains clearly more: a camera that drifts, looked for in a task
+    /// of one video and one object; or of several objects their middles.
+    fn with_what_is_beside(&self, tracks: &[Track], explained: &Explained) -> Result<Option<Explained>> {
+        let numbers = explained.dynamics.numbers_beside();
+        if numbers == 0 || self.model.system.objects == 1 && tracks.len() != 1 {
             return Ok(None);
         }
-        let raw = [&explained.fitted.raw[..], &[0.0; 2]].concat();
-        let learned = [&explained.learned[..], &[true; 2]].concat();
+        let raw = [&explained.fitted.raw[..], &vec![0.0; numbers]].concat();
+        let learned = [&explained.learned[..], &vec![true; numbers]].concat();
         let start = Start { raw, learned, piece: self.piece() };
-        let drifting = explain(&explained.dynamics, tracks, &[start])?;
-        let frames_in_one = bootstrap::frames_in_one(&drifting.fitted, drifting.dynamics.coordinates());
-        let gain = explained.criteria(frames_in_one).bic - drifting.criteria(frames_in_one).bic;
-        Ok((gain > CLEARLY_BETTER).then_some(drifting))
+        let beside = explain(&explained.dynamics, tracks, &[start])?;
+        let frames_in_one = bootstrap::frames_in_one(&beside.fitted, beside.dynamics.coordinates());
+        let gain = explained.criteria(frames_in_one).bic - beside.criteria(frames_in_one).bic;
+        Ok((gain > CLEARLY_BETTER).then_some(beside))
     }
 
     /// The same equation, fitted to what a colour tracker sees.
@@ -117,7 +117,7 @@ impl Subject<'_> {
         for Named { name, cell } in against {
             let explained = explain(&self.dynamics(cell)?, tracks, &self.starts(cell));
             let explained = explained.with_context(|| format!("equation of {name}"))?;
-            all.push((name.clone(), self.with_drift(tracks, &explained)?.unwrap_or(explained)));
+            all.push((name.clone(), self.with_what_is_beside(tracks, &explained)?.unwrap_or(explained)));
         }
         // The residuals of the best one say how many positions are independent.
         let frames_in_one = uncertainty.frames_in_one;

@@ -45,14 +45,18 @@ impl Measured<'_> {
         };
         let states: Vec<_> = self.explained.states[video].chunks(state_size).collect();
         let dynamics = &self.explained.dynamics;
-        let drifted = |mut place: Place, tick: usize| {
+        let beside = |object: usize, mut place: Place, tick: usize| {
             for (axis, at) in place.at.iter_mut().enumerate() {
-                *at += dynamics.drifted(&self.explained.fitted.raw, tick, axis);
+                *at += dynamics.beside(&self.explained.fitted.raw, tick, 2 * object + axis);
             }
             place
         };
         let ticks = self.videos[video].ticks.iter();
-        ticks.flat_map(|tick| of_state(states[*tick]).into_iter().map(|place| drifted(place, *tick))).collect()
+        let of_tick = |tick: usize| {
+            let places = of_state(states[tick]).into_iter().enumerate();
+            places.map(move |(object, place)| beside(object, place, tick))
+        };
+        ticks.flat_map(|tick| of_tick(*tick)).collect()
     }
 
     /// Of each object, the median distance from the middle.

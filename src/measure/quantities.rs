@@ -1,9 +1,10 @@
-//! What a fit says in the units of the scene: its parameters, the drift of the camera, period, length and amplitude of what
+//! What a fit says in the units of the scene: its parameters, what is seen beside the state, period, length and amplitude of what
 //! swings; each with the draws of the bootstrap.
 
 use std::collections::BTreeMap;
 
 use super::bootstrap::Uncertainty;
+use super::dynamics::Dynamics;
 use super::explain::{Explained, positions_of};
 use super::fit::Track;
 use super::motion;
@@ -41,22 +42,28 @@ impl Subject<'_> {
                 .of_tracker(tracker.map(|fit| factor * value(&fit.fitted.raw)))
         });
         let mut quantities: Vec<Quantity> = parameters.collect();
-        quantities.extend(self.drift(explained, uncertainty));
+        quantities.extend(self.beside(explained, uncertainty));
         quantities.extend(self.of_the_swing(tracks, explained, uncertainty, tracker));
         quantities
     }
 
-    /// By how much the camera drifts, if it does, pixels of the video in a second.
-    fn drift(&self, explained: &Explained, uncertainty: &Uncertainty) -> Vec<Quantity> {
-        let first = explained.dynamics.system.cell.parameters.len();
-        let times = self.scale.video_pixels / self.scale.seconds;
-        let names = ["drift_of_what_is_seen_x", "drift_of_what_is_seen_y"];
-        let drifts = explained.fitted.raw[first..].iter().zip(names).enumerate();
-        let quantity = |(place, (drift, name)): (usize, (&f64, &str))| {
+    /// By how much what is seen lies beside the state, if it does: the drift of the camera, pixels of the video in a second, or
+    /// pixels of each object beside its middle, more than the first one.
+    fn beside(&self, explained: &Explained, uncertainty: &Uncertainty) -> Vec<Quantity> {
+        let Dynamics { system, .. } = &explained.dynamics;
+        let first = system.cell.parameters.len();
+        let drifts = system.objects == 1;
+        let times = self.scale.video_pixels / if drifts { self.scale.seconds } else { 1.0 };
+        let quantity = |(place, number): (usize, &f64)| {
+            let axis = ["x", "y"][place % 2];
+            let (name, unit) = match drifts {
+                true => (format!("drift_of_what_is_seen_{axis}"), "px/s"),
+                false => (format!("object_{}_seen_beside_{axis}", place / 2 + 2), "px"),
+            };
             let draws = uncertainty.draws.iter().map(|draw| times * draw.raw[first + place]);
-            Quantity::new(name, times * drift, draws.collect()).in_unit("px/s".into())
+            Quantity::new(&name, times * number, draws.collect()).in_unit(unit.into())
         };
-        drifts.map(quantity).collect()
+        explained.fitted.raw[first..].iter().enumerate().map(quantity).collect()
     }
 
     /// Period and effective length of a motion that swings, in the first video.

@@ -54,14 +54,16 @@ impl Subject<'_> {
         }
         let parameters = explained.dynamics.system.cell.parameters.iter().zip(&explained.learned);
         let learned: Vec<_> = parameters.filter(|(_, learned)| **learned).map(|(kind, _)| kind).collect();
-        // Those of a drift come last.
+        // What is seen beside the state comes last.
         let count = learned.len() as i64;
         let curvature = uncertainty.curvature.narrow(0, 0, count).narrow(1, 0, count);
         notes.extend(rank::indistinct(&curvature, &learned).map(|indistinct| indistinct.text()));
         if explained.learned.len() > explained.dynamics.system.cell.parameters.len() {
-            notes.push(
-                "all that is seen drifts evenly: the camera or what holds the object moves (taken into account)".into(),
-            );
+            notes.push(match explained.dynamics.system.objects {
+                1 => "all that is seen drifts evenly: the camera or what holds the object moves (taken into account)"
+                    .into(),
+                _ => "the objects are seen beside their middles, each by another way (taken into account)".into(),
+            });
         }
         let (whole, pieces) = (explained.fitted.usual_residual, explained.fitted.piecewise_residual);
         if whole > 2.0 * pieces {

@@ -4,9 +4,7 @@
 //! long motion, such as a measurement, reads them here.
 
 use super::EquationTable;
-use crate::network::cells::{
-    BOUNCING, CellKind, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING,
-};
+use crate::network::cells::{BOUNCING, CellKind, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING};
 
 const TEXTS: [(&CellKind, &str); 7] = [
     (

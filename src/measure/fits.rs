@@ -1,5 +1,5 @@
-//! The fits to what was seen: by which measure of the positions, with what is seen beside the state or without, to a colour tracker's
-//! positions, and of other equations.
+//! The fits to what was seen: by which measure of the positions, with what is seen beside the state or without, to a colour
+//! tracker's positions, and of other equations.
 
 use anyhow::{Context, Result, ensure};
 

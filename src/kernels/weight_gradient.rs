@@ -263,15 +263,17 @@ unsafe fn finish<L: Lanes, const O: usize>(totals: *const f32, apart: usize) -> 
         for (four, kernels) in kernels.chunks_exact_mut(4).enumerate() {
             let mut lanes = [[[L::splat(0.0); 4]; 3]; 3];
             for o in 0..4 {
-                let mut rows = [[L::splat(0.0); POINTS]; 3];
-                for x in 0..POINTS {
+                let mut columns = [[L::splat(0.0); 3]; POINTS];
+                for (x, column) in columns.iter_mut().enumerate() {
                     let totals = totals.add((four * 4 + o) * L::LANES + x * apart);
                     let mut m = [L::splat(0.0); ROW_POINTS];
                     m.iter_mut().enumerate().for_each(|(y, m)| *m = L::load(totals.add(y * POINTS * apart)));
                     let sum = m[1].add(m[2]);
-                    (rows[0][x], rows[1][x], rows[2][x]) = (m[0].add(sum), m[1].sub(m[2]), sum.sub(m[3]));
+                    *column = [m[0].add(sum), m[1].sub(m[2]), sum.sub(m[3])];
                 }
-                for (lanes, row) in lanes.iter_mut().zip(rows) {
+                for (ky, lanes) in lanes.iter_mut().enumerate() {
+                    let mut row = [L::splat(0.0); POINTS];
+                    row.iter_mut().zip(&columns).for_each(|(value, column)| *value = column[ky]);
                     for (lanes, value) in lanes.iter_mut().zip(transform_sums::<L>(row)) {
                         lanes[o] = value;
                     }

@@ -5,7 +5,8 @@
 //! the computation is chaotic (bodies that nearly touch; the edge of a sprite's window crossing a pixel, where a mask
 //! jumps; steps of an optimizer that follow such gradients) rounding grows without a bug, and by how much depends on
 //! the file. It is therefore measured, not guessed: if a tensor misses its tolerance, the port runs again in the
-//! other precision, and [`PROBES`] times with every input and weight moved at random by some float32 roundings.
+//! other precision, and [`PROBES`] times with every input and weight moved at random by some float32 roundings
+//! (more often while a row fails, up to [`MOST_PROBES`]).
 //! An element that this moves by d cannot be told from the original more closely than that, and is held to
 //! [`PROBE_MARGIN`] times d, but never to more than the tolerance's `chaotic`. An error of the port moves all its
 //! runs alike, so it raises no bound.
@@ -27,11 +28,13 @@ pub struct Tolerance {
     pub chaotic: f64,
 }
 
-/// Runs with moved inputs, and the factor on what they show.
-pub const PROBES: u64 = 12;
+/// Runs with moved inputs.
+pub const PROBES: usize = 12;
+/// As many at most, while a row fails: where a unit of the network is nearly dead, few of them wake it.
+pub const MOST_PROBES: u64 = 60;
 /// Largest relative movement. Single layers already differ by this much from one library to another.
 pub const PROBE_STEP: f64 = 4.0 * f32::EPSILON as f64;
-/// A few probes do not find the worst case.
+/// The factor on what they show: a few probes do not find the worst case.
 pub const PROBE_MARGIN: f64 = 10.0;
 /// Of a row's scale. With the margin, an element that rounding moves by more would have the whole scale for a bound: a
 /// port that computes nothing but zeros would pass.

@@ -3,9 +3,9 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use paig::kernels::{Instructions, Kernels, Shape, UNetKernel};
+use paig::kernels::{self, Instructions, Kernels, Shape, UNetKernel};
 use paig::network::System;
-use paig::network::blocks::{Layers, UNet};
+use paig::network::blocks::{Layers, Precision, UNet};
 use paig::network::cells::Actions;
 use paig::network::physics_models::losses::Losses;
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
@@ -164,6 +164,69 @@ fn threads_do_not_change_a_bit() {
         assert!(once.1.iter().zip(&again.1).all(|(once, again)| once.equal(again)), "{side} pixels");
     }
     tch::set_num_threads(given);
+}
+
+/// `[rows, outputs]` and the gradients of `x`, weight and bias, where `pull` is that of the result.
+fn linear_and_gradients(
+    linear: impl Fn(&Tensor, &Tensor, &Tensor) -> Tensor,
+    inputs: [&Tensor; 3],
+    pull: &Tensor,
+) -> Vec<Tensor> {
+    let inputs = inputs.map(|input| input.copy().set_requires_grad(true));
+    let [x, weight, bias] = &inputs;
+    let result = linear(x, weight, bias);
+    (&result * pull).sum(Kind::Float).backward();
+    [result.detach()].into_iter().chain(inputs.iter().map(Tensor::grad)).collect()
+}
+
+#[test]
+fn products_of_a_dense_layer_are_those_of_libtorch() {
+    let _alone = RANDOM.lock().unwrap_or_else(PoisonError::into_inner);
+    tch::manual_seed(9);
+    let given = tch::get_num_threads();
+    for [rows, inputs, outputs] in [[1, 7, 3], [13, 1, 5], [70, 300, 17], [500, 3072, 200]] {
+        let [x, weight, bias, pull] = [&[rows, inputs][..], &[outputs, inputs], &[outputs], &[rows, outputs]]
+            .map(|size| Tensor::randn(size, (Kind::Float, Device::Cpu)));
+        let own = || linear_and_gradients(kernels::linear, [&x, &weight, &bias], &pull);
+        let by_libtorch = |x: &Tensor, weight: &Tensor, bias: &Tensor| x.linear(weight, Some(bias));
+        let theirs = linear_and_gradients(by_libtorch, [&x, &weight, &bias], &pull);
+        for (part, (ours, theirs)) in own().iter().zip(&theirs).enumerate() {
+            let off = departure(ours, theirs);
+            assert!(off < FORWARD, "{rows} x {inputs} x {outputs}: part {part} off by {off:e}");
+        }
+        let [once, again] = [1, 3].map(|threads| {
+            tch::set_num_threads(threads);
+            own()
+        });
+        tch::set_num_threads(given);
+        assert!(once.iter().zip(&again).all(|(once, again)| once.equal(again)), "{rows} x {inputs} x {outputs}");
+    }
+}
+
+#[test]
+fn bfloat16_rounds_the_first_dense_layer_alone() {
+    let _alone = RANDOM.lock().unwrap_or_else(PoisonError::into_inner);
+    tch::manual_seed(10);
+    let system = paig::tasks::find("spring_color").unwrap().system;
+    let frames = Tensor::rand([7, 3, 32, 32], (Kind::Float, Device::Cpu));
+    let [exact, rounded] = [Precision::Float32, Precision::Bfloat16].map(|dense_precision| {
+        let options = ModelOptions { dense_precision, ..ModelOptions::original() };
+        let model = PhysicsNet::new(&system, &options, Device::Cpu, 5).unwrap();
+        let seen = model.encoder.forward(&frames);
+        seen.positions.sum(Kind::Float).backward();
+        let gradients = model.named_variables().into_iter().map(|(name, variable)| (name, variable.grad()));
+        (seen, gradients.filter(|(_, gradient)| gradient.defined()).collect::<Vec<_>>())
+    });
+    assert!(exact.0.masks.equal(&rounded.0.masks));
+    // Eight bits: a factor or a sum is off by at most 2^-9.
+    let off = departure(&rounded.0.positions, &exact.0.positions);
+    assert!(off > 1e-7 && off < 4e-3, "positions off by {off:e}");
+    assert_eq!(exact.1.len(), rounded.1.len());
+    for ((name, exact), (_, rounded)) in exact.1.iter().zip(&rounded.1) {
+        // Of the U-Net they are sums of numbers that nearly cancel: seen 6e-2.
+        let off = departure(rounded, exact);
+        assert!(off < 0.2, "gradient of {name} off by {off:e}");
+    }
 }
 
 #[test]

@@ -32,6 +32,20 @@ pub trait Lanes: Copy {
     unsafe fn sum(self) -> f32;
     /// The sum of all lanes of each of four vectors.
     unsafe fn sums(vectors: [Self; 4]) -> [f32; 4];
+
+    /// Asks for a vector that will be read or written soon. An address where nothing is does no harm.
+    #[inline(always)]
+    unsafe fn fetch(_from: *const f32) {}
+
+    /// As many vectors as they have lanes, `apart` floats from each other, with lanes and vectors exchanged.
+    #[inline(always)]
+    unsafe fn transpose(from: *const f32, apart: usize, to: *mut f32) {
+        for row in 0..Self::LANES {
+            for lane in 0..Self::LANES {
+                unsafe { *to.add(lane * Self::LANES + row) = *from.add(row * apart + lane) };
+            }
+        }
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -110,6 +124,39 @@ impl Lanes for Avx512 {
             let half = _mm_add_ps(_mm512_castps512_ps128(quarters), _mm512_extractf32x4_ps::<1>(quarters));
             let other = _mm_add_ps(_mm512_extractf32x4_ps::<2>(quarters), _mm512_extractf32x4_ps::<3>(quarters));
             std::mem::transmute::<__m128, [f32; 4]>(_mm_add_ps(half, other))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn fetch(from: *const f32) {
+        unsafe { _mm_prefetch::<_MM_HINT_T1>(from.cast()) }
+    }
+
+    #[inline(always)]
+    unsafe fn transpose(from: *const f32, apart: usize, to: *mut f32) {
+        unsafe {
+            for half in 0..2 {
+                // Of four rows at a time: a quarter of a vector has, of four columns beside each other, one.
+                let mut fours = [[_mm512_setzero_ps(); 2]; 4];
+                for (four, columns) in fours.iter_mut().enumerate() {
+                    let row = |i: usize| _mm512_loadu_ps(from.add((4 * four + i) * apart));
+                    let pair = |a, b| if half == 0 { _mm512_unpacklo_ps(a, b) } else { _mm512_unpackhi_ps(a, b) };
+                    let (upper, lower) = (pair(row(0), row(1)), pair(row(2), row(3)));
+                    let (upper, lower) = (_mm512_castps_pd(upper), _mm512_castps_pd(lower));
+                    columns[0] = _mm512_castpd_ps(_mm512_unpacklo_pd(upper, lower));
+                    columns[1] = _mm512_castpd_ps(_mm512_unpackhi_pd(upper, lower));
+                }
+                let [a, b, c, d] = fours;
+                for (i, fours) in [[a[0], b[0], c[0], d[0]], [a[1], b[1], c[1], d[1]]].iter().enumerate() {
+                    let even = [0, 2].map(|j| _mm512_shuffle_f32x4::<0x88>(fours[j], fours[j + 1]));
+                    let odd = [0, 2].map(|j| _mm512_shuffle_f32x4::<0xdd>(fours[j], fours[j + 1]));
+                    let place = |quarter: usize| to.add((4 * quarter + 2 * half + i) * 16);
+                    _mm512_storeu_ps(place(0), _mm512_shuffle_f32x4::<0x88>(even[0], even[1]));
+                    _mm512_storeu_ps(place(1), _mm512_shuffle_f32x4::<0x88>(odd[0], odd[1]));
+                    _mm512_storeu_ps(place(2), _mm512_shuffle_f32x4::<0xdd>(even[0], even[1]));
+                    _mm512_storeu_ps(place(3), _mm512_shuffle_f32x4::<0xdd>(odd[0], odd[1]));
+                }
+            }
         }
     }
 }
@@ -192,6 +239,11 @@ impl Lanes for Avx2 {
             let sums = _mm_add_ps(_mm256_castps256_ps128(halves), _mm256_extractf128_ps::<1>(halves));
             std::mem::transmute::<__m128, [f32; 4]>(sums)
         }
+    }
+
+    #[inline(always)]
+    unsafe fn fetch(from: *const f32) {
+        unsafe { _mm_prefetch::<_MM_HINT_T1>(from.cast()) }
     }
 }
 

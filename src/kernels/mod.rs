@@ -1,5 +1,5 @@
 //! The network's dearest computations, written for the processor, forward and backward: the U-Net, masked frames, the
-//! drawing of sprites, the squared error, and the optimizer's step.
+//! first dense layer that sees them, the drawing of sprites, the squared error, and the optimizer's step.
 //!
 //! libtorch's convolutions reach half of a core's speed or less at 3 to 64 channels, and every one of the passes between
 //! them goes through memory. Here the frames of a batch stand side by side in blocks, one in each lane of a vector, so
@@ -15,7 +15,9 @@ use serde::{Deserialize, Serialize};
 
 mod adam;
 mod autograd;
+mod dense;
 mod error;
+mod filtering;
 mod lanes;
 mod masks;
 mod mix;
@@ -33,7 +35,7 @@ pub use adam::AdamStep;
 pub use lanes::Instructions;
 pub use sprites::Scene;
 pub use subnormals::flush_subnormals;
-pub use tensors::{UNetKernel, adam, draw, masked, serve, squared_error};
+pub use tensors::{UNetKernel, adam, draw, linear, masked, serve, squared_error};
 pub use unet::Shape;
 
 /// What computes the U-Net.

@@ -53,7 +53,14 @@ impl Picture {
 pub struct Workspace(Vec<Line>);
 
 impl Workspace {
-    pub fn floats(&mut self, count: usize) -> &mut [f32] {
+    /// Parts of so many floats.
+    pub fn parts<const N: usize>(&mut self, floats: [usize; N]) -> [&mut [f32]; N] {
+        let whole = floats.map(|count| count.next_multiple_of(16));
+        let mut rest = self.floats(whole.iter().sum());
+        whole.map(|count| rest.split_off_mut(..count).expect("as many floats as were asked for"))
+    }
+
+    fn floats(&mut self, count: usize) -> &mut [f32] {
         let lines = count.div_ceil(16);
         if self.0.len() < lines {
             self.0.resize(lines, Line([0.0; 16]));
@@ -99,13 +106,19 @@ impl Planes<'_> {
         (self.side + 2) * self.row::<L>()
     }
 
+    /// The number of a pixel's first float.
+    #[inline(always)]
+    pub fn place<L: Lanes>(&self, channel: usize, y: usize, x: usize) -> usize {
+        channel * self.plane::<L>() + (y + 1) * self.row::<L>() + (x + 1) * L::LANES
+    }
+
     /// Where a pixel of a channel stands.
     ///
     /// # Safety
     /// A pixel that is there, of planes made for these lanes.
     #[inline(always)]
     pub unsafe fn at<L: Lanes>(&self, channel: usize, y: usize, x: usize) -> *const f32 {
-        unsafe { self.data.as_ptr().add(channel * self.plane::<L>() + (y + 1) * self.row::<L>() + (x + 1) * L::LANES) }
+        unsafe { self.data.as_ptr().add(self.place::<L>(channel, y, x)) }
     }
 
     /// # Panics

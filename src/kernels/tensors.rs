@@ -4,6 +4,7 @@ use tch::{Device, Kind, Tensor};
 
 use super::adam::{self, AdamStep, Slices};
 use super::autograd;
+use super::dense::{Matrix, product};
 use super::error::{self, Rows};
 use super::lanes::Instructions;
 use super::masks;
@@ -102,6 +103,36 @@ pub fn masked(objects: i64, masks: &Tensor, frames: &Tensor) -> Tensor {
         });
     }
     product.permute([0, 1, 4, 2, 3])
+}
+
+/// `x weight^T + bias`, differentiable by all three: `[rows, inputs]`, `[outputs, inputs]` and `[outputs]` to
+/// `[rows, outputs]`.
+pub fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Tensor {
+    let inputs = [x, weight, bias];
+    let values = [x, weight].map(|tensor| tensor.detach().contiguous());
+    let rows = values[0].size()[0];
+    let mut result = Tensor::empty([rows, bias.size()[0]], (Kind::Float, Device::Cpu));
+    let [x, weight] = values.each_ref().map(matrix);
+    product(x, weight.transposed(), floats_mut(&mut result));
+    let result = result.g_add_(&bias.detach());
+    if !autograd::records(&inputs) {
+        return result;
+    }
+    autograd::attach(result, &inputs, move |gradient| {
+        let gradient = gradient.contiguous();
+        let [x, weight] = values.each_ref().map(matrix);
+        let mut by = values.each_ref().map(Tensor::empty_like);
+        product(matrix(&gradient), weight, floats_mut(&mut by[0]));
+        product(matrix(&gradient).transposed(), x, floats_mut(&mut by[1]));
+        let [by_x, by_weight] = by;
+        vec![by_x, by_weight, gradient.sum_dim_intlist([0i64].as_slice(), false, None)]
+    })
+}
+
+/// A tensor `[rows, columns]`, contiguous in memory.
+fn matrix(tensor: &Tensor) -> Matrix<'_> {
+    let (rows, columns) = tensor.size2().expect("a matrix");
+    Matrix::new(floats(tensor), [rows, columns].map(|n| n as usize))
 }
 
 /// `sum (a - b)^2`, a scalar, differentiable by `a`. Both `[batch, time, ..]`, the frames side by side in memory or not.

@@ -43,5 +43,13 @@ pub fn in_parallel<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync
     if threads == 1 {
         return items.into_iter().map(work).collect();
     }
-    pool(tch::get_num_threads() as usize).install(|| items.into_par_iter().map(work).collect())
+    on_all_threads(|_| items.into_par_iter().map(work).collect())
+}
+
+/// `work` that divides itself with rayon, on libtorch's number of threads, which it is given.
+pub fn on_all_threads<R: Send>(work: impl FnOnce(usize) -> R + Send) -> R {
+    match tch::get_num_threads().max(1) as usize {
+        1 => work(1),
+        threads => pool(threads).install(|| work(threads)),
+    }
 }

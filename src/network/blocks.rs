@@ -4,10 +4,11 @@
 //! (`[out, in, kh, kw]` and `[out, in]`); names follow the original's scopes, with `weight` for its `kernel`.
 
 use anyhow::Result;
+use serde::{Deserialize, Serialize};
 use tch::nn::Path;
 use tch::{Kind, Tensor};
 
-use crate::kernels::{Instructions, Kernels, Shape, UNetKernel};
+use crate::kernels::{self, Instructions, Kernels, Shape, UNetKernel};
 use crate::network::stn::hat_matrix;
 
 /// What follows a layer's affine map.
@@ -45,6 +46,17 @@ impl Conv2d {
     }
 }
 
+/// What the products of a dense layer are computed in, forward and backward: their factors are rounded to it, and what comes
+/// out. The weights that are learned, and all else, stay in float32.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    #[default]
+    Float32,
+    /// Of eight bits, for processors that multiply such numbers several times as fast.
+    Bfloat16,
+}
+
 /// A fully connected layer on the last axis.
 #[derive(Debug)]
 pub struct Dense {
@@ -57,6 +69,21 @@ impl Dense {
     /// `[.., in]` to `[.., out]`.
     pub fn forward(&self, x: &Tensor) -> Tensor {
         self.activation.apply(x.linear(&self.weight, Some(&self.bias)))
+    }
+
+    /// The same for many inputs, `[rows, in]`, in whichever way is the fastest for them.
+    pub fn forward_wide(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> Tensor {
+        let product = match precision {
+            Precision::Bfloat16 => {
+                let [x, weight] = [x, &self.weight].map(|factor| factor.to_kind(Kind::BFloat16));
+                x.linear::<Tensor>(&weight, None).to_kind(self.bias.kind()) + &self.bias
+            }
+            Precision::Float32 if kernels == Kernels::Own && kernels::serve(&[x, &self.weight]) => {
+                kernels::linear(x, &self.weight, &self.bias)
+            }
+            Precision::Float32 => return self.forward(x),
+        };
+        self.activation.apply(product)
     }
 
     /// Replaces kernel and bias by the least-squares solution of `inputs -> outputs` (`[rows, in]` to `[rows, out]`, before

@@ -6,10 +6,10 @@ use anyhow::Result;
 use tch::Tensor;
 use tch::nn::Path;
 
-use super::BACKGROUND_LOGIT;
+use super::{BACKGROUND_LOGIT, ModelOptions};
 use crate::kernels::{self, Kernels, Shape};
 use crate::network::System;
-use crate::network::blocks::{Activation, Dense, Layers, UNet, uses_deep_unet};
+use crate::network::blocks::{Activation, Dense, Layers, Precision, UNet, uses_deep_unet};
 
 const HIDDEN: usize = 200;
 /// Positions nearer to the frame's edge than this allows are not asked of the localisation network.
@@ -25,6 +25,7 @@ pub struct Encoder {
     halves: bool,
     objects: i64,
     kernels: Kernels,
+    dense_precision: Precision,
 }
 
 /// What the encoder makes of frames.
@@ -39,7 +40,8 @@ pub struct Encoding {
 }
 
 impl Encoder {
-    pub fn new(scope: Path, system: &System, kernels: Kernels) -> Self {
+    pub fn new(scope: Path, system: &System, options: &ModelOptions) -> Self {
+        let ModelOptions { kernels, dense_precision, .. } = *options;
         let mut layers = Layers::new(scope);
         let shape = UNet::shape(system.side, system.channels, system.objects);
         let unet = UNet::of_shape(&mut layers, Shape { side: system.given_side(), ..shape }, kernels);
@@ -50,7 +52,8 @@ impl Encoder {
             layers.dense(HIDDEN, HIDDEN, Activation::Relu),
             layers.dense(HIDDEN, 2, Activation::None),
         ];
-        Encoder { unet, localisation, side: system.side, halves, objects: system.objects as i64, kernels }
+        let (side, objects) = (system.side, system.objects as i64);
+        Encoder { unet, localisation, side, halves, objects, kernels, dense_precision }
     }
 
     /// `[frames, channels, S, S]` in \[0, 1\].
@@ -85,7 +88,8 @@ impl Encoder {
         let seen = if self.halves { stacked.avg_pool2d(2, 2, 0, false, true, None) } else { stacked };
         // Flattened in the original's order: height, width, channel.
         let flat = seen.permute([0, 2, 3, 1]).flatten(1, 3);
-        self.localisation[1].forward(&self.localisation[0].forward(&flat))
+        let [first, second, _] = &self.localisation;
+        second.forward(&first.forward_wide(&flat, self.kernels, self.dense_precision))
     }
 
     /// Solves the output layer of the localisation network for `positions` (`[frames, 2 * objects]`) of these frames, by

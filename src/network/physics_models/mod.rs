@@ -24,6 +24,7 @@ use tch::{Device, Kind, Tensor};
 
 use crate::kernels::Kernels;
 use crate::network::System;
+use crate::network::blocks::Precision;
 use crate::network::cells::{Actions, Cell, Coordinates, PhysicalParameter, State};
 use crate::network::dynamics::{BlackBox, DynamicsKind};
 use crate::network::initial_values;
@@ -73,9 +74,12 @@ pub struct ModelOptions {
     /// Improve the estimated state before the roll-out by this many Gauss-Newton steps on all input positions under the
     /// current physics; 0 starts from the estimate as it is.
     pub refinement_steps: usize,
-    /// What computes the U-Net: the mathematics is the same, the rounding is not.
+    /// What computes what [`crate::kernels`] can: the mathematics is the same, the rounding is not.
     #[serde(default)]
     pub kernels: Kernels,
+    /// What the products of the encoder's first dense layer, the largest of all, are computed in.
+    #[serde(default)]
+    pub dense_precision: Precision,
 }
 
 impl ModelOptions {
@@ -94,6 +98,7 @@ impl ModelOptions {
             fixed: BTreeMap::new(),
             refinement_steps: 0,
             kernels: Kernels::Own,
+            dense_precision: Precision::Float32,
         }
     }
 
@@ -221,7 +226,7 @@ impl PhysicsNet {
             }
         };
         let root = variables.root();
-        let encoder = Encoder::new(&root / "encoder", system, options.kernels);
+        let encoder = Encoder::new(&root / "encoder", system, options);
         grouped(VariableGroup::Encoder);
         let decoder = Decoder::new(&root / "decoder", system, options);
         grouped(VariableGroup::Decoder);

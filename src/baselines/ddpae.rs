@@ -3,20 +3,21 @@
 //!
 //! As published: image latent 256, content 128, pose 3 (scale, x, y), memories of 64, Adam at 1e-3; a component's pose
 //! depends on those of the components before it; the pose changes by `beta_t ~ N(mu_t, sigma_t)`; loss = binary
-//! cross-entropy of input and future frames + KL to standard normals. Ours, where the paper leaves it open or colours need
-//! it: three convolutions of 16, 32, 64 channels, contents in colour, a learned background behind the components.
+//! cross-entropy of input and future frames + KL to the priors. Ours, where the paper leaves it open or colours need it:
+//! three convolutions of 16, 32, 64 channels, contents in colour, the priors of the poses, and what stands still (the
+//! median of the training frames) behind the components, which is black where the paper's own frames are.
 
 use tch::nn::VarStore;
 use tch::{Kind, Tensor};
 
 use super::frame_model::{Batch, FrameModel};
 use super::gaussian::{Gaussian, Noise};
+use crate::datasets::iterators::Clips;
 use crate::network::System;
 use crate::network::blocks::{Activation, Conv2d, Dense, Layers, Mlp};
 use crate::network::cells::Actions;
 use crate::network::dynamics::LstmCell;
 use crate::network::initial_values::glorot_uniform;
-use crate::network::stn;
 
 const IMAGE: usize = 256;
 const CONTENT: usize = 128;
@@ -26,10 +27,18 @@ const HIDDEN: usize = 64;
 const CHANNELS: [usize; 3] = [16, 32, 64];
 /// Pixels are predicted no nearer to black and white than this: the cross-entropy of a certain mistake is infinite.
 const CERTAIN: f64 = 1e-3;
-/// Logit at which contents and background begin: a sum that is clipped at white has no gradient.
-const DARK: f64 = -3.0;
+/// Logit at which contents begin: a sum that is clipped at white has no gradient.
+const DIM: f64 = -2.0;
 /// Side of a component's window in frames: the scales it may have.
-const SCALES: [f64; 2] = [0.2, 0.8];
+const SCALES: [f64; 2] = [0.15, 0.35];
+/// Prior deviation of a pose's change from frame to frame; that of the first pose is 1. With 1 for all, components leap
+/// about at first and nothing is learned.
+const CHANGE: f64 = 0.1;
+/// libtorch's numbers for the interpolation between pixels, and for what lies beyond an image.
+const BILINEAR: i64 = 0;
+const ZEROS: i64 = 0;
+/// Frames whose median is behind the components.
+const MEDIAN_FRAMES: usize = 300;
 
 /// The model.
 #[derive(Debug)]
@@ -47,11 +56,13 @@ pub struct Ddpae {
     /// Goes on from it, and takes in its own poses.
     future_memory: LstmCell,
     content_memory: LstmCell,
-    /// Mean and log-variance of a pose's change, and of a content.
+    /// Mean and log-variance of the first pose, of a pose's change (in units of its prior's deviation), and of a content.
+    first_pose: Dense,
     pose: Dense,
     future_pose: Dense,
     content: Dense,
     decoder: Mlp,
+    /// `[1, C, S, S]`
     background: Tensor,
 }
 
@@ -108,16 +119,16 @@ impl Ddpae {
         let mut pose = scope("pose");
         let pose_memory = LstmCell::new(&mut pose, IMAGE + HIDDEN, HIDDEN);
         let future_memory = LstmCell::new(&mut pose, POSE + HIDDEN, HIDDEN);
-        let [pose, future_pose] = [(); 2].map(|()| pose.dense(HIDDEN, 2 * POSE, Activation::None));
+        let [first_pose, pose, future_pose] = [(); 3].map(|()| pose.dense(HIDDEN, 2 * POSE, Activation::None));
         let mut content = scope("content");
         let content_memory = LstmCell::new(&mut content, IMAGE, HIDDEN);
         let content = content.dense(HIDDEN, 2 * CONTENT, Activation::None);
         let pixels = system.channels * window * window;
         let decoder = Mlp::new(&mut scope("decoder"), &[CONTENT, IMAGE, pixels], Activation::Relu, Activation::None);
         let frame = [1, system.channels as i64, side as i64, side as i64];
-        let background = (variables.root() / "background").var("logits", &frame, tch::nn::Init::Const(DARK));
+        let background = variables.root().zeros_no_train("background", &frame);
         glorot_uniform(&variables, seed);
-        decoder.output().start_at(&Tensor::full([pixels as i64], DARK, (Kind::Float, tch::Device::Cpu)), 1.0);
+        decoder.output().start_at(&Tensor::full([pixels as i64], DIM, (Kind::Float, tch::Device::Cpu)), 1.0);
         Ddpae {
             variables,
             seed,
@@ -130,6 +141,7 @@ impl Ddpae {
             pose_memory,
             future_memory,
             content_memory,
+            first_pose,
             pose,
             future_pose,
             content,
@@ -153,7 +165,7 @@ impl Ddpae {
             divergence += kl + content_kl;
             before = memories;
         }
-        Inferred { frames: (frames + self.background.sigmoid().unsqueeze(0)).clamp(0.0, 1.0), divergence }
+        Inferred { frames: (frames + &self.background).clamp(0.0, 1.0), divergence }
     }
 
     /// The poses of one component in all frames (each `[batch, 3]`), its memories, and their divergence.
@@ -170,15 +182,20 @@ impl Ddpae {
         let mut divergence = Tensor::zeros([1], (Kind::Float, images.device()));
         let (mut poses, mut memories) = (Vec::new(), Vec::new());
         for (frame, earlier) in before.iter().enumerate().take(seen + future) {
-            let (cell, head, x) = if frame < seen {
-                (&self.pose_memory, &self.pose, images.select(1, frame as i64))
+            let (cell, x) = if frame < seen {
+                (&self.pose_memory, images.select(1, frame as i64))
             } else {
-                (&self.future_memory, &self.future_pose, pose.shallow_clone())
+                (&self.future_memory, pose.shallow_clone())
+            };
+            let (head, deviation) = match frame {
+                0 => (&self.first_pose, 1.0),
+                _ if frame < seen => (&self.pose, CHANGE),
+                _ => (&self.future_pose, CHANGE),
             };
             [h, c] = cell.step(&Tensor::cat(&[&x, earlier], 1), [&h, &c]);
             let change = gaussian(&head.forward(&h));
             divergence += change.divergence();
-            pose = &pose + change.sample(noise.like(&change.mean));
+            pose = &pose + change.sample(noise.like(&change.mean)) * deviation;
             poses.push(pose.shallow_clone());
             memories.push(h.shallow_clone());
         }
@@ -189,7 +206,7 @@ impl Ddpae {
     fn content(&self, input: &Tensor, poses: &[Tensor], noise: &mut Noise) -> (Tensor, Tensor) {
         let mut memory: Option<[Tensor; 2]> = None;
         for (frame, pose) in poses.iter().enumerate() {
-            let seen = stn::transform(&input.select(1, frame as i64), &window(pose), self.side / 2);
+            let seen = moved(&input.select(1, frame as i64), &window(pose), self.side / 2);
             let x = self.content_encoder.forward(&seen);
             let [h, c] = memory.unwrap_or_else(|| self.content_memory.start(&x));
             memory = Some(self.content_memory.step(&x, [&h, &c]));
@@ -204,9 +221,18 @@ impl Ddpae {
         let (batch, frames, half) = (poses.size()[0], poses.size()[1], self.side / 2);
         let sprite = self.decoder.forward(content).sigmoid().reshape([batch, 1, self.channels, half, half]);
         let sprites = sprite.expand([-1, frames, -1, -1, -1], false).reshape([-1, self.channels, half, half]);
-        let drawn = stn::transform(&sprites, &placed(&poses.flatten(0, 1)), self.side);
+        let drawn = moved(&sprites, &placed(&poses.flatten(0, 1)), self.side);
         drawn.reshape([batch, frames, self.channels, self.side, self.side])
     }
+}
+
+/// Images `[n, C, h, w]` under maps `[n, 6]` of a grid of `side` x `side`, as PyTorch's `grid_sample` has them: beyond its
+/// edge an image fades to black within a pixel. The equation's models sample with edges that are sharp ([`crate::network::stn`]);
+/// through those a window of one colour is not pulled anywhere, and contents turn dark before they have a shape.
+fn moved(images: &Tensor, theta: &Tensor, side: i64) -> Tensor {
+    let (count, channels) = (images.size()[0], images.size()[1]);
+    let grid = Tensor::affine_grid_generator(&theta.reshape([count, 2, 3]), [count, channels, side, side], true);
+    images.grid_sampler(&grid, BILINEAR, ZEROS, true)
 }
 
 /// Scale, x and y (each `[n]`, in half frames) of poses `[n, 3]`.
@@ -234,6 +260,11 @@ impl FrameModel for Ddpae {
         &self.variables
     }
 
+    fn begin(&self, train: &Clips) {
+        let median = train.median_frame(MEDIAN_FRAMES, self.seed);
+        tch::no_grad(|| self.background.shallow_clone().copy_(&median.unsqueeze(0)));
+    }
+
     /// The negative evidence lower bound of whole clips, per frame.
     fn loss(&self, batch: &Batch, step: u64) -> Tensor {
         let clips = &batch.frames;
@@ -249,5 +280,35 @@ impl FrameModel for Ddpae {
     fn predict(&self, input: &Tensor, _actions: &Actions, frames: usize) -> Tensor {
         let inferred = self.infer(input, frames, &mut Noise::none());
         inferred.frames.narrow(1, input.size()[1], frames as i64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, Kind, Tensor};
+
+    use super::{moved, placed, window};
+
+    /// What lies in a component's window is drawn where it was.
+    #[test]
+    fn a_window_is_drawn_where_it_was_seen() {
+        let axis = Tensor::arange(32, (Kind::Float, Device::Cpu)) - 13.5;
+        let frame = (-(axis.square().unsqueeze(0) + axis.square().unsqueeze(1)) / 8.0).exp().reshape([1, 1, 32, 32]);
+        let pose = Tensor::from_slice(&[3.0f32, -0.1, -0.1]).unsqueeze(0);
+        let drawn = moved(&moved(&frame, &window(&pose), 16), &placed(&pose), 32);
+        // What is lost is the tail of the blob beyond the window (0.04) and what two interpolations take from its peak; a
+        // pixel to the side would be 0.3.
+        assert!((drawn - frame).abs().max().double_value(&[]) < 0.1);
+    }
+
+    /// A component of one colour is pulled to what it should cover: by its edge, for inside of it nothing changes.
+    #[test]
+    fn a_window_of_one_colour_is_pulled() {
+        let pose = Tensor::from_slice(&[-1.0f32, 0.0, 0.0]).unsqueeze(0).set_requires_grad(true);
+        let drawn = moved(&Tensor::ones([1, 1, 16, 16], (Kind::Float, Device::Cpu)), &placed(&pose), 32);
+        // What is to be covered lies to the right: columns 18 to 22; the window covers 12.3 to 18.7, and fades over 19.
+        drawn.narrow(3, 18, 5).sum(Kind::Float).backward();
+        let [x, y] = [1, 2].map(|part| pose.grad().double_value(&[0, part]));
+        assert!(x > 10.0 && y.abs() < 1e-2, "{x} {y}");
     }
 }

@@ -16,6 +16,9 @@ use crate::runs::scores::{PredictedFrame, Scores};
 pub trait FrameModel {
     fn variables(&self) -> &VarStore;
 
+    /// Before the first step: what is taken from the training clips without learning.
+    fn begin(&self, _train: &Clips) {}
+
     /// What a step descends.
     fn loss(&self, batch: &Batch, step: u64) -> Tensor;
 

@@ -268,6 +268,7 @@ impl<'a> Running<'a> {
         let WholeConfig { batch, seed, steps, checkpoint_every, .. } = *self.config;
         let mut batches = ShuffledBatches::new(data.train.len(), batch, seed)?;
         if self.step == 0 {
+            self.model.begin(data.train);
             self.validate(system, data.valid, None, tell)?;
         }
         while self.step < steps {

@@ -12,6 +12,8 @@ const SIGMA: f64 = 1.5;
 /// (0.01 L)^2 and (0.03 L)^2 for values in \[0, 1\], L = 1.
 const C1: f64 = 1e-4;
 const C2: f64 = 9e-4;
+/// What is computed of so few stays in the cache.
+const FRAMES_AT_ONCE: i64 = 32;
 
 /// The weights of the pixels of a row in each window that lies within it, `[pixels, windows]`.
 fn windows(pixels: i64, device: Device) -> Tensor {
@@ -32,23 +34,26 @@ pub fn ssim(frames: &Tensor, truth: &Tensor) -> Result<Tensor> {
     let (count, channels, height, width) = frames.size4()?;
     ensure!(truth.size() == frames.size(), "frames {:?} and {:?} cannot be compared", frames.size(), truth.size());
     ensure!(height >= WINDOW && width >= WINDOW, "SSIM needs frames of at least {WINDOW} x {WINDOW} pixels");
+    let [along, down] = [width, height].map(|length| windows(length, frames.device()));
+    let few = |x: &Tensor| x.split(FRAMES_AT_ONCE, 0);
+    let pairs = few(frames).into_iter().zip(few(truth));
+    let similar: Vec<_> = pairs.map(|(frames, truth)| similarity(&frames, &truth, [&along, &down])).collect();
+    Ok(Tensor::cat(&similar, 0).reshape([count, channels]).mean_dim([1i64].as_slice(), false, Kind::Double))
+}
+
+/// Of each plane, the mean over its windows: `[planes]`.
+fn similarity(frames: &Tensor, truth: &Tensor, [along, down]: [&Tensor; 2]) -> Tensor {
     // Variances are small differences of large numbers: single precision is not enough where a frame is flat.
-    let planes = |x: &Tensor| x.to_kind(Kind::Double).reshape([count * channels, height, width]);
-    let (x, y) = (planes(frames), planes(truth));
+    let [x, y] = [frames, truth].map(|planes| planes.to_kind(Kind::Double).flatten(0, 1));
     // In double precision products of matrices are several times as fast as convolutions. What comes out is transposed, in
     // all maps alike.
-    let [along, down] = [width, height].map(|length| windows(length, x.device()));
-    let mean = |x: &Tensor| x.matmul(&along).transpose(1, 2).matmul(&down);
+    let mean = |x: &Tensor| x.matmul(along).transpose(1, 2).matmul(down);
     let (mean_x, mean_y) = (mean(&x), mean(&y));
-    let variance_x = mean(&x.square()) - mean_x.square();
-    let variance_y = mean(&y.square()) - mean_y.square();
-    let covariance = mean(&(&x * &y)) - &mean_x * &mean_y;
-    let above = (&mean_x * &mean_y * 2.0 + C1) * (covariance * 2.0 + C2);
-    let below = (mean_x.square() + mean_y.square() + C1) * (variance_x + variance_y + C2);
-    let per_frame = [1i64, 2, 3];
-    Ok((above / below).reshape([count, channels, width - WINDOW + 1, height - WINDOW + 1]).mean_dim(
-        per_frame.as_slice(),
-        false,
-        Kind::Double,
-    ))
+    // Both variances and the covariance, of two maps: of (x + y)^2 and of (x - y)^2.
+    let (of_sum, of_difference) = (mean(&(&x + &y).square()), mean(&(x - y).square()));
+    let (product, squares) = (&mean_x * &mean_y * 2.0, mean_x.square() + mean_y.square());
+    let covariance = (&of_sum - &of_difference) * 0.5 - &product;
+    let variances = (of_sum + of_difference) * 0.5 - &squares;
+    let similarity = ((product + C1) * (covariance + C2)) / ((squares + C1) * (variances + C2));
+    similarity.mean_dim([1i64, 2].as_slice(), false, Kind::Double)
 }

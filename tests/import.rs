@@ -355,6 +355,19 @@ fn what_moves_is_followed_ball_by_ball() {
     let made = imported(&seen);
     assert!(!made.warnings.iter().any(|warning| warning.contains("goes only")), "{:?}", made.warnings);
     assert!(!made.warnings.iter().any(|warning| warning.contains("wide as a model")), "{:?}", made.warnings);
+    // Lamps that blink where they are are small beside the balls, and say nothing of their way.
+    let blinking = |frame: usize| {
+        let mut seen = two(frame);
+        for (x, y, pixel) in seen.enumerate_pixels_mut() {
+            if frame.is_multiple_of(3) && x % 16 < 4 && (4..8).contains(&(y % 24)) {
+                *pixel = Rgb([200, 200, 200]);
+            }
+        }
+        seen
+    };
+    let lamps = pictures(&folder.path().join("lamps"), (0..56).map(blinking));
+    let made = imported(&Request { out: folder.path().join("lamps-out"), videos: vec![lamps], ..seen.clone() });
+    assert!(!made.warnings.iter().any(|warning| warning.contains("goes only")), "{:?}", made.warnings);
     // As large, but so slow that a frame of 32 pixels hardly shows it; and a dot.
     let slow = pictures(&folder.path().join("slow"), (0..56).map(|frame| two(frame / 8)));
     let made = imported(&Request { out: folder.path().join("slow-out"), videos: vec![slow], ..seen.clone() });

@@ -18,6 +18,8 @@ const FEW_CLIPS: usize = 25;
 const FEW_HELD_OUT: usize = 3;
 /// Pixels by which what moves should be displaced over the frames that the encoder sees.
 const LEAST_WAY: f64 = 1.0;
+/// A patch counts as an object where it has this share of the pixels of its frame's largest one.
+const LARGE: f64 = 0.25;
 /// Pixels that an object should be wide.
 const LEAST_WIDTH: f64 = 2.0;
 /// Frames a second that cameras have.
@@ -122,11 +124,16 @@ pub(super) fn of(
     warnings
 }
 
-/// Median way of what moves over so many frames, pixels: from each patch to the nearest one that is seen then. None where
-/// too little moves.
+/// Median way of what moves over so many frames, pixels: from each large patch to the nearest one that is seen then. None
+/// where too little moves.
 fn way(moving: &Moving, frames: usize) -> Option<f64> {
     let between = moving.frames.windows(frames.max(2)).map(|seen| (&seen[0].patches, &seen[seen.len() - 1].patches));
-    median(between.flat_map(|(first, last)| first.iter().filter_map(|patch| patch.way_to_nearest(last))))
+    median(between.flat_map(|(first, last)| {
+        // The small ones are rather flicker, which stays where it is.
+        let largest = first.iter().map(|patch| patch.pixels).max().unwrap_or(0);
+        let large = first.iter().filter(move |patch| patch.pixels as f64 >= LARGE * largest as f64);
+        large.filter_map(|patch| patch.way_to_nearest(last))
+    }))
 }
 
 /// Width of the largest thing that moves in a typical frame, pixels; none where nothing moves.

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::Result;
-use tch::Kind;
+use tch::{Kind, Tensor};
 
 use super::config::Config;
 use super::identify::Identify;
@@ -16,8 +16,8 @@ use super::identify::seen::Seen;
 use super::objects::motion::Motion;
 use crate::datasets::iterators::Clips;
 use crate::evaluation::{self, each_pass};
-use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::losses::{LossAccumulator, Losses, MeanLosses};
+use crate::network::physics_models::{ForwardPass, PhysicsNet};
 use crate::runs::verdict::{Check, Interval, Verdict};
 
 /// Clips on which a model is judged, at most.
@@ -49,12 +49,23 @@ pub fn judge(config: &Config, model: &PhysicsNet, train: &Clips, held_out: &Clip
     let _guard = tch::no_grad_guard();
     let motion = Motion::measure(train, config.seed);
     let seen = Seen::of(model, held_out, &motion, CLIPS, config.join.validation_clips.min(evaluation::batch(held_out)));
-    let (mut drawn, losses) = scores(model, held_out, &motion, Judged::All)?;
     let filmed = config.task.video().is_some();
+    // Later in a filmed video an object may be where nothing was before; the measurement finds it there by its mask.
+    let mut drawn = if filmed { Drawn::new(train, &motion) } else { Drawn::new(held_out, &motion) };
+    let mut losses = LossAccumulator::default();
+    each_judged(model, held_out, |chosen, frames, pass| {
+        losses.add(&Losses::new(pass, frames, &model.system), chosen.len());
+        if !filmed {
+            drawn.add(chosen, frames, pass, None);
+        }
+    })?;
     if filmed {
-        // Later an object may be where nothing was before; the measurement finds it there by its mask.
-        drawn = scores(model, train, &motion, Judged::Masks)?.0;
+        // A shadow, a string or a hand moves, too, and is no object.
+        each_judged(model, train, |chosen, frames, pass| {
+            drawn.add(chosen, frames, pass, Some(model.system.objects as i64));
+        })?;
     }
+    let (drawn, losses) = (drawn.share(), losses.values());
     let mut checks = vec![objects(&seen, drawn, filmed), drawing(drawn)];
     if model.black_box.is_some() {
         // Nothing was said of the motion that it could be judged by.
@@ -76,14 +87,6 @@ fn check(name: &str, passed: bool, measured: String, look_at: &str) -> Check {
     Check { name: name.into(), passed, measured, look_at: look_at.into() }
 }
 
-/// Of what moves, that of which the drawing must give account.
-#[derive(Clone, Copy, PartialEq)]
-enum Judged {
-    All,
-    /// Where the objects' masks are: in a filmed video a shadow, a string or a hand moves, too, and is no object.
-    Masks,
-}
-
 fn objects(seen: &Seen, drawn: f64, filmed: bool) -> Check {
     let (count, well_drawn) = (seen.owned.len(), drawn >= WELL_DRAWN);
     let absent = |object: usize| seen.present[object] < PRESENT && !well_drawn;
@@ -98,26 +101,47 @@ fn objects(seen: &Seen, drawn: f64, filmed: bool) -> Check {
     check("objects", missing.is_empty() && covered, measured, "encoder_masks.png")
 }
 
-/// How much of what moves is drawn, and the losses.
-fn scores(model: &PhysicsNet, clips: &Clips, motion: &Motion, judged: Judged) -> Result<(f64, MeanLosses)> {
-    let (mut left, mut all, mut losses) = (0.0, 0.0, LossAccumulator::default());
+/// The first clips, pass by pass.
+fn each_judged(model: &PhysicsNet, clips: &Clips, mut see: impl FnMut(&[i64], &Tensor, &ForwardPass)) -> Result<()> {
     each_pass(model, clips, CLIPS, evaluation::batch(clips), |chosen, frames, pass| {
-        losses.add(&Losses::new(&pass, frames, &model.system), chosen.len());
-        let encoded = pass.reconstructions.size()[1];
-        let places = clips.places(chosen, encoded as usize);
-        let truth = frames.narrow(1, 0, encoded).flatten(0, 1);
-        let moving = motion.of(clips, &places, &truth);
-        let mut moves = moving.share.gt(MOVES).unsqueeze(1);
-        if judged == Judged::Masks {
-            let objects = pass.encoding.masks.narrow(1, 0, model.system.objects as i64);
-            moves = moves.logical_and(&objects.sum_dim_intlist([1i64].as_slice(), true, None).gt(HELD));
-        }
-        let sum = |x: tch::Tensor| (x.square() * &moves).sum(Kind::Double).double_value(&[]);
-        left += sum(pass.reconstructions.flatten(0, 1) - &truth);
-        all += sum(moving.sharp);
+        see(chosen, frames, &pass);
         Ok(())
-    })?;
-    Ok((1.0 - left / f64::max(all, f64::MIN_POSITIVE), losses.values()))
+    })
+}
+
+/// How much of what moves is drawn.
+struct Drawn<'a> {
+    clips: &'a Clips,
+    motion: &'a Motion,
+    /// Squared differences where something moves, from the drawing and from what stands still.
+    left: f64,
+    all: f64,
+}
+
+impl<'a> Drawn<'a> {
+    fn new(clips: &'a Clips, motion: &'a Motion) -> Self {
+        Drawn { clips, motion, left: 0.0, all: 0.0 }
+    }
+
+    /// Looks at the encoded frames of a pass; only where the masks of so many `objects` are, if that is given.
+    fn add(&mut self, chosen: &[i64], frames: &Tensor, pass: &ForwardPass, objects: Option<i64>) {
+        let encoded = pass.reconstructions.size()[1];
+        let places = self.clips.places(chosen, encoded as usize);
+        let truth = frames.narrow(1, 0, encoded).flatten(0, 1);
+        let moving = self.motion.of(self.clips, &places, &truth);
+        let mut moves = moving.share.gt(MOVES).unsqueeze(1);
+        if let Some(objects) = objects {
+            let held = pass.encoding.masks.narrow(1, 0, objects).sum_dim_intlist([1i64].as_slice(), true, None);
+            moves = moves.logical_and(&held.gt(HELD));
+        }
+        let sum = |x: Tensor| (x.square() * &moves).sum(Kind::Double).double_value(&[]);
+        self.left += sum(pass.reconstructions.flatten(0, 1) - &truth);
+        self.all += sum(moving.sharp);
+    }
+
+    fn share(&self) -> f64 {
+        1.0 - self.left / f64::max(self.all, f64::MIN_POSITIVE)
+    }
 }
 
 fn drawing(drawn: f64) -> Check {

@@ -29,9 +29,10 @@ REFERENCES = {
     "compiled": (["-m", "torch_reference.fast", "--compile"], True),
     "readable": (["-m", "torch_reference.speed"], False),
     "tf": (["-m", "tf_reference.speed"], False),
+    "tf_xla": (["-m", "tf_reference.speed", "--xla"], False),
 }
 NAMES = {"libtorch": "libtorch's kernels", "eager": "PyTorch", "compiled": "PyTorch, compiled",
-         "readable": "PyTorch, readable", "tf": "TensorFlow"}
+         "readable": "PyTorch, readable", "tf": "TensorFlow graph", "tf_xla": "TensorFlow, XLA"}
 # The same for all programs, and what the port sets for itself.
 ENVIRONMENT = {
     "OMP_WAIT_POLICY": "passive",
@@ -199,8 +200,8 @@ def main():
     parser.add_argument("--threads", type=int, nargs="+", default=[1], help="[default: 1]")
     parser.add_argument("--only", nargs="+", default=[], help="what is timed: step, discover, inference, or a task")
     parser.add_argument("--batch", type=int, nargs="+", default=[], help="only rows of these batches")
-    parser.add_argument("--references", nargs="*", choices=REFERENCES, default=["eager", "compiled"],
-                        help="[default: eager compiled]")
+    parser.add_argument("--references", nargs="*", choices=REFERENCES,
+                        default=["eager", "compiled", "tf", "tf_xla"], help="[default: eager compiled tf tf_xla]")
     parser.add_argument("--binaries", type=Path, default=HERE.parent / "target/release", help="folder of the programs")
     parser.add_argument("--keep", action="store_true", help="keep the rows of --out that are not timed now")
     parser.add_argument("--out", type=Path, default=BENCHES, help="folder of the results [default: ../benches]")

@@ -1,4 +1,7 @@
-"""Times training steps in TensorFlow, as a graph like the original's: python -m tf_reference.speed --task spring_color"""
+"""Times training steps in TensorFlow, as a graph like the original's, or with --xla as one that XLA compiles:
+python -m tf_reference.speed --task spring_color"""
+import sys
+
 import tensorflow as tf
 
 from shared.speed import main
@@ -8,7 +11,11 @@ from .optimizers import optimizer, step
 from .physics_models import physics_net
 
 
-def new(_what, task, batch, threads):
+def new(xla):
+    return lambda _what, task, batch, threads: repetition(xla, task, batch, threads)
+
+
+def repetition(xla, task, batch, threads):
     tf.config.threading.set_intra_op_parallelism_threads(threads)
     tf.config.threading.set_inter_op_parallelism_threads(1)
     variables, rule = Variables(), optimizer(task, "float32")
@@ -22,9 +29,11 @@ def new(_what, task, batch, threads):
     clips = tf.random.uniform([batch, task.seq_len, task.side, task.side, 3])
     physics_net(variables, task, clips[:1])  # makes the variables
     eager(clips[:1])  # and the optimizer's
-    graph = tf.function(eager)
+    graph = tf.function(eager, jit_compile=xla)
     return lambda: graph(clips).numpy()
 
 
 if __name__ == "__main__":
-    main(new)
+    xla = "--xla" in sys.argv
+    sys.argv = [argument for argument in sys.argv if argument != "--xla"]
+    main(new(xla))

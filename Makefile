@@ -39,7 +39,7 @@ lint: libtorch
 build: libtorch
 	$(CARGO) build --release
 
-data: build
+data: libtorch
 	$(CARGO) run --release --quiet --bin generate -- --task spring_color --out $(DATA)
 
 stress: build

@@ -20,9 +20,13 @@ from statistics import median
 HERE = Path(__file__).resolve().parent
 BENCHES = HERE.parent / "benches"
 # What is timed on which task, with how many clips (frames of discover).
-ROWS = [("step", "spring_color", 25), ("step", "spring_color", 100), ("step", "3bp_color", 25),
-        ("step", "mnist_spring_color", 10), ("discover", "spring_color", 48), ("discover", "spring_color", 50),
-        ("discover", "spring_color", 64), ("inference", "spring_color", 25)]
+ROWS = [("step", "spring_color", 25), ("step", "spring_color", 100), ("step", "3bp_color", 25), ("step", "3bp_color", 100),
+        ("step", "mnist_spring_color", 10), ("step", "mnist_spring_color", 100), ("discover", "spring_color", 48),
+        ("discover", "spring_color", 50), ("discover", "spring_color", 64), ("inference", "spring_color", 25),
+        ("evaluation", "spring_color", 100), ("identify", "spring_color", 100), ("identify", "3bp_color", 100),
+        ("generation", "spring_color", 1000)]
+# What no network is in.
+WITHOUT_NETWORK = ("identify", "generation")
 # The references, and whether they know more than the step.
 REFERENCES = {
     "eager": (["-m", "torch_reference.fast"], True),
@@ -30,9 +34,11 @@ REFERENCES = {
     "readable": (["-m", "torch_reference.speed"], False),
     "tf": (["-m", "tf_reference.speed"], False),
     "tf_xla": (["-m", "tf_reference.speed", "--xla"], False),
+    "tf_session": (["-m", "tf_reference.speed", "--session"], False),
 }
 NAMES = {"libtorch": "libtorch's kernels", "eager": "PyTorch", "compiled": "PyTorch, compiled",
-         "readable": "PyTorch, readable", "tf": "TensorFlow graph", "tf_xla": "TensorFlow, XLA"}
+         "readable": "PyTorch, readable", "tf": "TensorFlow graph", "tf_xla": "TensorFlow, XLA",
+         "tf_session": "TensorFlow 1's session"}
 # The same for all programs, and what the port sets for itself.
 ENVIRONMENT = {
     "OMP_WAIT_POLICY": "passive",
@@ -75,7 +81,7 @@ def flops(what, task, batch):
     """Of one repetition, counting the encoder alone: forward, and twice that backward."""
     from shared.tasks import TASKS
     encoded = 1 if what == "discover" else TASKS[task].input_steps + TASKS[task].pred_steps
-    return network_flops(task, batch * encoded) * (1 if what == "inference" else 3)
+    return network_flops(task, batch * encoded) * (1 if what in ("inference", "evaluation") else 3)
 
 
 def peak_gflops():
@@ -94,8 +100,10 @@ def peak_gflops():
 def commands(row, steps, threads, rust, references):
     what, task, batch = row
     given = ["--what", what, "--task", task, "--batch", batch, "--steps", steps, "--threads", threads]
-    chosen = {"ours": [rust, *given], "libtorch": [rust, *given, "--set", 'model.kernels="libtorch"']}
-    for name in references:
+    chosen = {"ours": [rust, *given]}
+    if what not in WITHOUT_NETWORK:
+        chosen["libtorch"] = [rust, *given, "--set", 'model.kernels="libtorch"']
+    for name in references if what != "generation" else []:
         module, more = REFERENCES[name]
         if more or what == "step":
             chosen[name] = [sys.executable, *module, *(given if more else ["--task", task, *given[4:]])]
@@ -126,23 +134,25 @@ def time_row(row, threads, arguments, rust):
         if name != "ours":
             ratios = sorted(clock(each[name]) / clock(each["ours"]) for each in rounds)
             result["ratios"][name] = [ratios[0], median(ratios), ratios[-1]]
-    result["ours_gflops"] = flops(*row) / result["ours_s"] / 1e9
+    if what not in WITHOUT_NETWORK:
+        result["ours_gflops"] = flops(*row) / result["ours_s"] / 1e9
     return result
 
 
-def table(results, references, peak):
-    others = ["libtorch", *references]
+def table(results, peak):
+    others = [name for name in NAMES if any(name in row["ratios"] for row in results)]
     lines = ["| what | task | batch | threads | ours, s | " + " | ".join(f"{NAMES[name]} / ours" for name in others)
              + " | GFLOP/s | of a matrix product's | memory, MB | PyTorch's |",
              "|---" * (9 + len(others)) + "|"]
     for row in results:
         ratios = [row["ratios"].get(name) for name in others]
         shown = ["–" if ratio is None else "{1:.2f} [{0:.2f}, {2:.2f}]".format(*ratio) for ratio in ratios]
-        share = f"{row['ours_gflops'] / peak:.0%}" if row["threads"] == 1 else "–"
+        rate = f"{row['ours_gflops']:.0f}" if "ours_gflops" in row else "–"
+        share = f"{row['ours_gflops'] / peak:.0%}" if rate != "–" and row["threads"] == 1 else "–"
         memory = f"{row['eager_mb']:.0f}" if "eager_mb" in row else "–"
         lines.append(f"| {row['what']} | {row['task']} | {row['batch']} | {row['threads']} | {row['ours_s']:.3f} | "
                      + " | ".join(shown)
-                     + f" | {row['ours_gflops']:.0f} | {share} | {row['ours_mb']:.0f} | {memory} |")
+                     + f" | {rate} | {share} | {row['ours_mb']:.0f} | {memory} |")
     return lines
 
 
@@ -182,13 +192,15 @@ def report(results, arguments, peak, start):
              "[smallest, largest] over the rounds). Above 1: ours is faster.", "",
              "`step` is a step of the paper's protocol: all losses, gradients, RMSProp; the batch is of clips. `discover` is "
              "a step of the autoencoder; the batch is of frames. `inference` is encoder, roll-out over 26 frames and "
-             "decoder, without gradients. On one thread the times are of the processor, on more of the clock. *libtorch's "
+             "decoder, without gradients; `evaluation` is the same and the three losses. `identify` is the fit of the "
+             "parameters to the positions of so many clips; PyTorch's is that of `compare/torch_reference/training`, which is "
+             "not compiled. `generation` draws and writes the files of a dataset. On one thread the times are of the processor, on more of the clock. *libtorch's "
              "kernels* is ours with `model.kernels = \"libtorch\"`. *PyTorch* is `compare/torch_reference/fast.py`, written "
              "for speed; *readable* the reference that the comparisons use. All run with the same allocator and OpenMP "
              "settings. GFLOP/s count the encoder's convolutions and first dense layer alone; a float32 matrix product "
              f"(MKL) reaches {peak:.0f} on one thread of this machine. From start to the end of an empty run: {start:.2f} s. – stands "
              "where a reference has no such step or fails in it.",
-             "", *table(results, arguments.references, peak), ""]
+             "", *table(results, peak), ""]
     (arguments.out / "README.md").write_text("\n".join(lines))
     print("\n".join(lines))
 
@@ -198,10 +210,11 @@ def main():
     parser.add_argument("--rounds", type=int, default=5, help="[default: 5]")
     parser.add_argument("--steps", type=int, default=5, help="repetitions of each program in a round [default: 5]")
     parser.add_argument("--threads", type=int, nargs="+", default=[1], help="[default: 1]")
-    parser.add_argument("--only", nargs="+", default=[], help="what is timed: step, discover, inference, or a task")
+    parser.add_argument("--only", nargs="+", default=[], help="what is timed: step, discover, inference, .., or a task")
     parser.add_argument("--batch", type=int, nargs="+", default=[], help="only rows of these batches")
     parser.add_argument("--references", nargs="*", choices=REFERENCES,
-                        default=["eager", "compiled", "tf", "tf_xla"], help="[default: eager compiled tf tf_xla]")
+                        default=["eager", "compiled", "tf", "tf_xla", "tf_session"],
+                        help="[default: eager compiled tf tf_xla tf_session]")
     parser.add_argument("--binaries", type=Path, default=HERE.parent / "target/release", help="folder of the programs")
     parser.add_argument("--keep", action="store_true", help="keep the rows of --out that are not timed now")
     parser.add_argument("--out", type=Path, default=BENCHES, help="folder of the results [default: ../benches]")

@@ -8,9 +8,12 @@ use clap::{Parser, ValueEnum};
 use nix::time::{ClockId, clock_gettime};
 use paig::cli::ending::exit_code;
 use paig::cli::environment;
+use paig::generators::source_images::SourceImages;
+use paig::generators::variant::Variant;
+use paig::generators::{Counts, DatasetJob, generate};
 use paig::network::cells::{Actions, State};
 use paig::network::physics_models::PhysicsNet;
-use paig::network::physics_models::losses::{Losses, frame_error};
+use paig::network::physics_models::losses::{LossAccumulator, Losses, frame_error};
 use paig::network::physics_models::refinement::refine;
 use paig::support::device;
 use paig::tasks::{self, Task};
@@ -36,10 +39,14 @@ enum What {
     Discover,
     /// Encoder, roll-out over 26 frames and decoder, without gradients
     Inference,
+    /// The same, and the losses of what comes out
+    Evaluation,
     /// The states of clips, improved under the equation on their input frames, `model.refinement_steps` times
     Refinement,
     /// The fit of the parameters to the positions of clips
     Identify,
+    /// Both files of a dataset, drawn and written: training clips, and a tenth as many to validate and to test
+    Generation,
 }
 
 /// Times computations; prints JSON: the `seconds` of each repetition, the `processor_seconds` of one on average, and the
@@ -74,7 +81,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
     let (task, recipe, set) = (Some(arguments.task.clone()), Some("paper".into()), arguments.set.clone());
     let config = Config::load(None, &Overrides { task, recipe, set, ..Overrides::default() })?;
     let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, 0)?;
-    let mut repeat = repetition(arguments, &config, &model);
+    let mut repeat = repetition(arguments, &config, &model)?;
     let warm_up = if arguments.steps == 0 { 0 } else { WARM_UP };
     for _ in 0..warm_up {
         repeat()?;
@@ -93,10 +100,10 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
 
 /// What is repeated. What the frames show costs nothing: they are noise.
 fn repetition<'a>(
-    arguments: &Arguments,
+    arguments: &'a Arguments,
     config: &'a Config,
     model: &'a PhysicsNet,
-) -> Box<dyn FnMut() -> Result<()> + 'a> {
+) -> Result<Box<dyn FnMut() -> Result<()> + 'a>> {
     let (system, join) = (&config.task.system, &config.join);
     let variables = model.named_variables();
     let mut optimizer = Optimizer::new(join.optimizer, Some(join.clip_gradients), &variables);
@@ -104,7 +111,7 @@ fn repetition<'a>(
         let [batch, frames, channels, side] = [arguments.batch, frames, system.channels, system.side].map(|n| n as i64);
         Tensor::rand([batch, frames, channels, side, side], (Kind::Float, Device::Cpu))
     };
-    match arguments.what {
+    Ok(match arguments.what {
         What::Step => {
             let clips = clips(config.task.train_frames);
             Box::new(move || {
@@ -161,7 +168,36 @@ fn repetition<'a>(
                 model.forward(&clips, &Actions::none()).map(drop)
             })
         }
-    }
+        What::Evaluation => {
+            let clips = clips(system.input_steps + PREDICTED);
+            Box::new(move || {
+                let _guard = tch::no_grad_guard();
+                let mut losses = LossAccumulator::default();
+                let pass = model.forward(&clips, &Actions::none())?;
+                losses.add(&Losses::new(&pass, &clips, system), arguments.batch);
+                losses.values();
+                Ok(())
+            })
+        }
+        What::Generation => {
+            let variant = Variant::new(&config.task, 0)?;
+            let tenth = arguments.batch.div_ceil(10);
+            let folder = tempfile::tempdir().context("a folder for the dataset")?;
+            let job = DatasetJob {
+                images: SourceImages::of(&variant)?,
+                variant,
+                counts: Counts { train: arguments.batch, valid: tenth, test: tenth },
+                folder: folder.path().into(),
+                force: true,
+            };
+            let threads = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build();
+            let threads = threads.context("threads that draw")?;
+            Box::new(move || {
+                let _folder = &folder;
+                threads.install(|| generate(&job, &|_| ()))
+            })
+        }
+    })
 }
 
 /// The raw numbers of a task's true parameters.
@@ -171,7 +207,7 @@ fn true_numbers(task: &Task) -> Vec<Tensor> {
 }
 
 /// Positions `[clips, frames, coordinates]`, pixels, float64, of objects that begin on a ring and obey the task's equation.
-/// They are seen with an error of a twentieth of a pixel at most.
+/// They are seen with an error of a twentieth of a pixel at most. `torch_reference/fit_speed.py` makes the same.
 fn trajectories(task: &Task, clips: usize, frames: usize) -> Tensor {
     let system = &task.system;
     let (side, objects) = (system.side as f64, system.objects);
@@ -180,18 +216,25 @@ fn trajectories(task: &Task, clips: usize, frames: usize) -> Tensor {
         [side / 2.0 + side / 4.0 * sine, side / 2.0 + side / 4.0 * cosine]
     };
     let ring: Vec<f64> = (0..objects).flat_map(place).collect();
-    let scatter = |size: &[i64]| Tensor::rand(size, (Kind::Double, Device::Cpu)) * 2.0 - 1.0;
-    let state = [clips as i64, ring.len() as i64];
+    let state = [clips, ring.len()];
     let first = State {
-        pos: Tensor::from_slice(&ring) + scatter(&state) * (side / 20.0),
-        vel: scatter(&state) * (side / 10.0),
+        pos: Tensor::from_slice(&ring) + scattered(0, &state) * (side / 20.0),
+        vel: scattered(1, &state) * (side / 10.0),
     };
     let cell = system.build_cell(&true_numbers(task));
     let rolled = cell.roll_out(&first, &Actions::none(), system.dt, frames - 1);
     let seen: Vec<_> = std::iter::once(&first).chain(&rolled).map(|state| &state.pos).collect();
-    let seen = Tensor::stack(&seen, 1);
-    let error = scatter(&seen.size()) / 20.0;
-    seen + error
+    Tensor::stack(&seen, 1) + scattered(2, &[clips, frames, ring.len()]) / 20.0
+}
+
+/// Numbers between -1 and 1 without an order, the same in each run and in the reference.
+fn scattered(purpose: usize, size: &[usize]) -> Tensor {
+    let number = |i: usize| {
+        let wide = 43758.5453 * ((1_000_000 * purpose + i + 1) as f64).sin();
+        2.0 * (wide - wide.floor()) - 1.0
+    };
+    let numbers: Vec<_> = (0..size.iter().product()).map(number).collect();
+    Tensor::from_slice(&numbers).reshape(size.iter().map(|&length| length as i64).collect::<Vec<_>>())
 }
 
 /// Of all threads of this process so far.

@@ -21,4 +21,4 @@ def optimizer(task, dtype):
 def step(rule, gradients, variables):
     """One step; every element of a gradient is clipped to [-1, 1]."""
     clipped = [None if g is None else tf.clip_by_value(g, -1, 1) for g in gradients]
-    rule.apply_gradients([(g, v) for g, v in zip(clipped, variables) if g is not None])
+    return rule.apply_gradients([(g, v) for g, v in zip(clipped, variables) if g is not None])

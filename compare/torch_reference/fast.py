@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from shared.speed import PREDICTED, main
 
 from . import blocks
+from .fit_speed import fit
 from .physics_models import PhysicsNet
 from .training.separable_stn import weights_of_source
 
@@ -78,6 +79,15 @@ class FastNet(PhysicsNet):
     def inference(self, clips):
         return tuple(self.clips(clips))
 
+    def evaluation(self, clips):
+        """L_rec, L_pred, L_extrap."""
+        task = self.task
+        recons, predictions = self.clips(clips)
+        encoded = task.input_steps + task.pred_steps
+        trained, beyond = predictions.split([task.pred_steps, clips.shape[1] - encoded], 1)
+        return (frame_error(recons, clips[:, :encoded]), frame_error(trained, clips[:, task.input_steps:encoded]),
+                frame_error(beyond, clips[:, encoded:]))
+
 
 def frame_error(x, y):
     return torch.sum((x - y) ** 2) / (x.shape[0] * x.shape[1])
@@ -107,14 +117,18 @@ class RMSProp:
 def new(compiled):
     def repetition(what, task, batch, threads):
         torch.set_num_threads(threads)
+        if what == "identify":
+            if compiled:
+                sys.exit("error: the fit decides by numbers from step to step, and is not compiled")
+            return fit(task, batch)
         net = FastNet(task).to(memory_format=torch.channels_last)
-        frames = {"step": task.seq_len, "discover": 1, "inference": task.input_steps + PREDICTED}[what]
+        frames = {"step": task.seq_len, "discover": 1}.get(what, task.input_steps + PREDICTED)
         seen = torch.rand(batch, frames, 3, task.side, task.side)
         if what == "discover":
             seen = seen[:, 0].contiguous(memory_format=torch.channels_last)
         call = getattr(net, what)
         call = torch.compile(call, dynamic=False) if compiled else call
-        if what == "inference":
+        if what in ("inference", "evaluation"):
             return torch.no_grad()(lambda: call(seen))
         # The parameters that this loss has gradients for.
         call_once = getattr(net, what)(seen[:1])
@@ -135,4 +149,4 @@ def new(compiled):
 if __name__ == "__main__":
     compiled = "--compile" in sys.argv
     sys.argv = [argument for argument in sys.argv if argument != "--compile"]
-    main(new(compiled), ("step", "discover", "inference"))
+    main(new(compiled), ("step", "discover", "inference", "evaluation", "identify"))

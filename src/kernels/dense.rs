@@ -1,6 +1,7 @@
 //! The matrix products of a dense layer, by the crate gemm: on AMD's processors libtorch's take vectors of half the width.
 
-use gemm::Parallelism;
+use gemm_common::Parallelism;
+use gemm_f32::gemm::f32::get_gemm_fn;
 
 use super::threads::on_all_threads;
 
@@ -45,7 +46,7 @@ pub fn product(a: Matrix, b: Matrix, to: &mut [f32]) {
         let (adds, conjugates) = (false, false);
         // SAFETY: each slice has as many floats as its rows and columns say, and `to` is borrowed alone.
         unsafe {
-            gemm::gemm(
+            get_gemm_fn()(
                 rows, columns, terms, to, 1, to_row, adds, a, a_column, a_row, b, b_column, b_row, 0.0, 1.0,
                 conjugates, conjugates, conjugates, threads,
             );

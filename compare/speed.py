@@ -25,16 +25,15 @@ ROWS = [("step", "spring_color", 25), ("step", "spring_color", 100), ("step", "3
         ("discover", "spring_color", 50), ("discover", "spring_color", 64), ("inference", "spring_color", 25),
         ("evaluation", "spring_color", 100), ("identify", "spring_color", 100), ("identify", "3bp_color", 100),
         ("generation", "spring_color", 1000)]
-# What no network is in.
-WITHOUT_NETWORK = ("identify", "generation")
-# The references, and whether they know more than the step.
+NETWORK = ("step", "discover", "inference", "evaluation")
+# The references, and what each knows.
 REFERENCES = {
-    "eager": (["-m", "torch_reference.fast"], True),
-    "compiled": (["-m", "torch_reference.fast", "--compile"], True),
-    "readable": (["-m", "torch_reference.speed"], False),
-    "tf": (["-m", "tf_reference.speed"], False),
-    "tf_xla": (["-m", "tf_reference.speed", "--xla"], False),
-    "tf_session": (["-m", "tf_reference.speed", "--session"], False),
+    "eager": (["-m", "torch_reference.fast"], (*NETWORK, "identify")),
+    "compiled": (["-m", "torch_reference.fast", "--compile"], NETWORK),
+    "readable": (["-m", "torch_reference.speed"], ("step",)),
+    "tf": (["-m", "tf_reference.speed"], ("step",)),
+    "tf_xla": (["-m", "tf_reference.speed", "--xla"], ("step",)),
+    "tf_session": (["-m", "tf_reference.speed", "--session"], ("step",)),
 }
 NAMES = {"libtorch": "libtorch's kernels", "eager": "PyTorch", "compiled": "PyTorch, compiled",
          "readable": "PyTorch, readable", "tf": "TensorFlow graph", "tf_xla": "TensorFlow, XLA",
@@ -101,12 +100,12 @@ def commands(row, steps, threads, rust, references):
     what, task, batch = row
     given = ["--what", what, "--task", task, "--batch", batch, "--steps", steps, "--threads", threads]
     chosen = {"ours": [rust, *given]}
-    if what not in WITHOUT_NETWORK:
+    if what in NETWORK:
         chosen["libtorch"] = [rust, *given, "--set", 'model.kernels="libtorch"']
-    for name in references if what != "generation" else []:
-        module, more = REFERENCES[name]
-        if more or what == "step":
-            chosen[name] = [sys.executable, *module, *(given if more else ["--task", task, *given[4:]])]
+    for name in references:
+        module, known = REFERENCES[name]
+        if what in known:
+            chosen[name] = [sys.executable, *module, *given]
     return chosen
 
 
@@ -134,7 +133,7 @@ def time_row(row, threads, arguments, rust):
         if name != "ours":
             ratios = sorted(clock(each[name]) / clock(each["ours"]) for each in rounds)
             result["ratios"][name] = [ratios[0], median(ratios), ratios[-1]]
-    if what not in WITHOUT_NETWORK:
+    if what in NETWORK:
         result["ours_gflops"] = flops(*row) / result["ours_s"] / 1e9
     return result
 
@@ -147,8 +146,9 @@ def table(results, peak):
     for row in results:
         ratios = [row["ratios"].get(name) for name in others]
         shown = ["–" if ratio is None else "{1:.2f} [{0:.2f}, {2:.2f}]".format(*ratio) for ratio in ratios]
-        rate = f"{row['ours_gflops']:.0f}" if "ours_gflops" in row else "–"
-        share = f"{row['ours_gflops'] / peak:.0%}" if rate != "–" and row["threads"] == 1 else "–"
+        gflops = row.get("ours_gflops")
+        rate = f"{gflops:.0f}" if gflops else "–"
+        share = f"{gflops / peak:.0%}" if gflops and row["threads"] == 1 else "–"
         memory = f"{row['eager_mb']:.0f}" if "eager_mb" in row else "–"
         lines.append(f"| {row['what']} | {row['task']} | {row['batch']} | {row['threads']} | {row['ours_s']:.3f} | "
                      + " | ".join(shown)
@@ -194,8 +194,8 @@ def report(results, arguments, peak, start):
              "a step of the autoencoder; the batch is of frames. `inference` is encoder, roll-out over 26 frames and "
              "decoder, without gradients; `evaluation` is the same and the three losses. `identify` is the fit of the "
              "parameters to the positions of so many clips; PyTorch's is that of `compare/torch_reference/training`, which is "
-             "not compiled. `generation` draws and writes the files of a dataset. On one thread the times are of the processor, on more of the clock. *libtorch's "
-             "kernels* is ours with `model.kernels = \"libtorch\"`. *PyTorch* is `compare/torch_reference/fast.py`, written "
+             "not compiled. `generation` draws and writes the files of a dataset. On one thread the times are of the "
+             "processor, on more of the clock. *libtorch's kernels* is ours with `model.kernels = \"libtorch\"`. *PyTorch* is `compare/torch_reference/fast.py`, written "
              "for speed; *readable* the reference that the comparisons use. All run with the same allocator and OpenMP "
              "settings. GFLOP/s count the encoder's convolutions and first dense layer alone; a float32 matrix product "
              f"(MKL) reaches {peak:.0f} on one thread of this machine. From start to the end of an empty run: {start:.2f} s. – stands "

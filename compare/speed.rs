@@ -13,7 +13,7 @@ use paig::generators::variant::Variant;
 use paig::generators::{Counts, DatasetJob, generate};
 use paig::network::cells::{Actions, State};
 use paig::network::physics_models::PhysicsNet;
-use paig::network::physics_models::losses::{LossAccumulator, Losses, frame_error};
+use paig::network::physics_models::losses::{Losses, frame_error};
 use paig::network::physics_models::refinement::refine;
 use paig::support::device;
 use paig::tasks::{self, Task};
@@ -161,21 +161,14 @@ fn repetition<'a>(
                 fit(&identify, system, &positions, &Actions::none(), &start, &Trust::default()).map(drop)
             })
         }
-        What::Inference => {
+        What::Inference | What::Evaluation => {
             let clips = clips(system.input_steps + PREDICTED);
             Box::new(move || {
                 let _guard = tch::no_grad_guard();
-                model.forward(&clips, &Actions::none()).map(drop)
-            })
-        }
-        What::Evaluation => {
-            let clips = clips(system.input_steps + PREDICTED);
-            Box::new(move || {
-                let _guard = tch::no_grad_guard();
-                let mut losses = LossAccumulator::default();
                 let pass = model.forward(&clips, &Actions::none())?;
-                losses.add(&Losses::new(&pass, &clips, system), arguments.batch);
-                losses.values();
+                if matches!(arguments.what, What::Evaluation) {
+                    Losses::new(&pass, &clips, system);
+                }
                 Ok(())
             })
         }
@@ -193,6 +186,7 @@ fn repetition<'a>(
             let threads = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build();
             let threads = threads.context("threads that draw")?;
             Box::new(move || {
+                // Kept as long as this is repeated.
                 let _folder = &folder;
                 threads.install(|| generate(&job, &|_| ()))
             })

@@ -38,7 +38,7 @@ pub use subnormals::flush_subnormals;
 pub use tensors::{UNetKernel, adam, draw, linear, masked, serve, squared_error};
 pub use unet::Shape;
 
-/// What computes the U-Net.
+/// What computes what this module can.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kernels {

@@ -250,6 +250,7 @@ impl Session<'_> {
         }
         if let Some(done) = objective.after_validation(self.model, &self.state.validations)? {
             self.tell(&Event::Note(&done))?;
+            self.tell(&Event::Recorded(&self.record(Kind::Identify, phase)))?;
         }
         Ok(())
     }

@@ -8,11 +8,12 @@ use std::time::Instant;
 
 use anyhow::Result;
 
-use super::{Discover, DiscoverStart, Discovery, Guide, LrSchedule};
+use super::{Discover, DiscoverStart, Discovery, Guide, LrSchedule, UNDRAWN_AT_FIT};
 use crate::network::System;
 use crate::network::blocks::{side_multiple, uses_deep_unet};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::RunState;
+use crate::runs::metrics::Kind;
 use crate::training::base::{Outcome, Session};
 use crate::training::observer::Event;
 
@@ -41,7 +42,7 @@ pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome>
     }
     let max_steps = config.coarse_steps.min(config.max_steps);
     let config = Discover { max_steps, ..config.clone() };
-    let mut discovery = Discovery::new(&config, &model, &train, &valid, session.seed)?;
+    let mut discovery = Discovery::new(&config, &UNDRAWN_AT_FIT, &model, &train, &valid, session.seed)?;
     discovery.set_start(&model)?;
     let mut progress = RunState::new(&session.state.task);
     progress.seconds = session.elapsed();
@@ -68,12 +69,15 @@ pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome>
     if outcome == Outcome::Interrupted {
         return Ok(outcome);
     }
-    // Positions are good before all is drawn: the answer until there is a better one.
-    if let Some(fitted) = discovery.early_fit(&model)? {
-        session.tell(&Event::Note(&fitted))?;
-    }
+    // Positions are good before all is drawn: the answer until there is a better one. A score that led to a fit is the best
+    // one, so those are the networks that are given on.
+    let fitted = if discovery.fitted { None } else { discovery.early_fit(&model)? };
     session.state.steps += steps;
     session.model.begin_as(&model);
+    if let Some(fitted) = fitted {
+        session.tell(&Event::Note(&fitted))?;
+        session.tell(&Event::Recorded(&session.record(Kind::Identify, NAME)))?;
+    }
     Ok(Outcome::Finished)
 }
 

@@ -148,14 +148,15 @@ impl Phase for Discover {
             weights.and_then(|weights| weights::load_vision(&weights, model)).context("config: discover.from")?;
             return Ok(Outcome::Finished);
         }
-        let mut config = self.clone();
+        let (mut config, mut fits) = (self.clone(), &UNDRAWN_AT_FIT[..]);
         if self.begins_coarse(&model.system) && model.options.decoder == DecoderKind::CoordinateConsistent {
             if session.state.step == 0 && coarse::begin(self, session)? == Outcome::Interrupted {
                 return Ok(Outcome::Interrupted);
             }
-            config = coarse::after(self);
+            // A fit to halved frames stands already.
+            (config, fits) = (coarse::after(self), &UNDRAWN_AT_FIT[..1]);
         }
-        let mut discovery = Discovery::new(&config, model, session.train, session.valid, seed)?;
+        let mut discovery = Discovery::new(&config, fits, model, session.train, session.valid, seed)?;
         if session.state.step == 0 {
             discovery.set_start(model)?;
         }
@@ -169,7 +170,9 @@ struct Discovery<'a> {
     config: &'a Discover,
     timetable: Timetable,
     /// L_rec at which the equation is fitted.
-    fitted_at: [f64; 2],
+    fitted_at: Vec<f64>,
+    /// Whether it was fitted to the networks of the last validation.
+    fitted: bool,
     train: &'a Clips,
     seed: u64,
     motion: Motion,
@@ -183,7 +186,15 @@ struct Discovery<'a> {
 }
 
 impl<'a> Discovery<'a> {
-    fn new(config: &'a Discover, model: &PhysicsNet, train: &'a Clips, valid: &Clips, seed: u64) -> Result<Self> {
+    /// `fits` are the shares of what moves that may be left undrawn where the equation is fitted.
+    fn new(
+        config: &'a Discover,
+        fits: &[f64],
+        model: &PhysicsNet,
+        train: &'a Clips,
+        valid: &Clips,
+        seed: u64,
+    ) -> Result<Self> {
         let motion = Motion::measure(train, seed);
         let names = if config.guide.identity > 0.0 {
             let places = train.random_places(NAMED_FRAMES, seed, u64::MAX);
@@ -219,7 +230,8 @@ impl<'a> Discovery<'a> {
         Ok(Discovery {
             config,
             timetable: timetable.until(good_enough, good),
-            fitted_at: UNDRAWN_AT_FIT.map(|share| undrawn.but(share)),
+            fitted_at: fits.iter().map(|share| undrawn.but(*share)).collect(),
+            fitted: false,
             train,
             seed,
             motion,
@@ -386,8 +398,8 @@ impl Objective for Discovery<'_> {
 
     /// An early fit of the equation, as soon as the objects are drawn well enough.
     fn after_validation(&mut self, model: &PhysicsNet, validations: &[f64]) -> Result<Option<String>> {
-        let drawn = self.fitted_at.iter().any(|limit| first_below(validations, *limit));
-        if drawn { self.early_fit(model) } else { Ok(None) }
+        self.fitted = self.fitted_at.iter().any(|limit| first_below(validations, *limit));
+        if self.fitted { self.early_fit(model) } else { Ok(None) }
     }
 
     /// L_rec on frames of the validation split. What would be predicted before the parameters are known says nothing.

@@ -209,6 +209,12 @@ impl Session<'_> {
         }
     }
 
+    /// Tells of an early fit: a line on it, and the parameters that it gave the model.
+    pub(super) fn tell_fit(&mut self, phase: &str, line: &str) -> Result<()> {
+        self.tell(&Event::Note(line))?;
+        self.tell(&Event::Recorded(&self.record(Kind::Identify, phase)))
+    }
+
     fn record_step(&mut self, phase: &str, value: f64, loss: &StepLoss) -> Result<()> {
         let record = Record {
             train_loss: Some(value),
@@ -236,6 +242,10 @@ impl Session<'_> {
         };
         self.tell(&Event::Recorded(&record))?;
         self.state.validations.push(score);
+        // Before the weights are kept: a return to them is not to lose what was fitted to them.
+        if let Some(fitted) = objective.after_validation(self.model, &self.state.validations)? {
+            self.tell_fit(phase, &fitted)?;
+        }
         let first = objective.timetable().first_counted(&self.state.validations);
         let (last, before) = self.state.validations[first..].split_last().expect("the score that was just added");
         let best = before.iter().all(|before| last < before);
@@ -247,10 +257,6 @@ impl Session<'_> {
                     self.best = Some(weights.map(|(name, weight)| (name, weight.detach().copy())).collect());
                 }
             }
-        }
-        if let Some(done) = objective.after_validation(self.model, &self.state.validations)? {
-            self.tell(&Event::Note(&done))?;
-            self.tell(&Event::Recorded(&self.record(Kind::Identify, phase)))?;
         }
         Ok(())
     }

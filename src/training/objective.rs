@@ -36,7 +36,7 @@ pub trait Objective {
     /// Those of `losses`.
     fn validate(&self, model: &PhysicsNet, losses: &dyn Fn() -> Result<MeanLosses>) -> Result<Validated>;
 
-    /// What the phase does after a validation, by all scores so far: a line on it, if it did anything.
+    /// An early fit after a validation, by all scores so far: a line on it, if there was one.
     ///
     /// # Errors
     /// Those of what it does.

@@ -13,9 +13,7 @@ use crate::network::System;
 use crate::network::blocks::{side_multiple, uses_deep_unet};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::RunState;
-use crate::runs::metrics::Kind;
 use crate::training::base::{Outcome, Session};
-use crate::training::observer::Event;
 
 /// The name under which it stands in a run's logs.
 const NAME: &str = "coarse";
@@ -65,18 +63,18 @@ pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome>
     };
     let outcome = coarse.train_phase(NAME, &mut discovery, config.optimizer, config.clip_gradients)?;
     let steps = coarse.state.steps;
+    let fitted_last = discovery.fits_after(&coarse.state.validations);
     drop(coarse);
     if outcome == Outcome::Interrupted {
         return Ok(outcome);
     }
-    // Positions are good before all is drawn: the answer until there is a better one. A score that led to a fit is the best
-    // one, so those are the networks that are given on.
-    let fitted = if discovery.fitted { None } else { discovery.early_fit(&model)? };
+    // Positions are good before all is drawn: the answer until there is a better one. Where the last validation led to a fit it
+    // was the best one, so the networks of that fit are those that are given on.
+    let fitted = if fitted_last { None } else { discovery.early_fit(&model)? };
     session.state.steps += steps;
     session.model.begin_as(&model);
     if let Some(fitted) = fitted {
-        session.tell(&Event::Note(&fitted))?;
-        session.tell(&Event::Recorded(&session.record(Kind::Identify, NAME)))?;
+        session.tell_fit(NAME, &fitted)?;
     }
     Ok(Outcome::Finished)
 }

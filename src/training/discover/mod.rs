@@ -171,8 +171,6 @@ struct Discovery<'a> {
     timetable: Timetable,
     /// L_rec at which the equation is fitted.
     fitted_at: Vec<f64>,
-    /// Whether it was fitted to the networks of the last validation.
-    fitted: bool,
     train: &'a Clips,
     seed: u64,
     motion: Motion,
@@ -231,7 +229,6 @@ impl<'a> Discovery<'a> {
             config,
             timetable: timetable.until(good_enough, good),
             fitted_at: fits.iter().map(|share| undrawn.but(*share)).collect(),
-            fitted: false,
             train,
             seed,
             motion,
@@ -329,6 +326,11 @@ impl Discovery<'_> {
         *frames = Tensor::cat(&[frames.slice(0, 0, kept as i64, 1), pasted], 0);
     }
 
+    /// Whether the equation is fitted after the last of these validations.
+    fn fits_after(&self, validations: &[f64]) -> bool {
+        self.fitted_at.iter().any(|limit| first_below(validations, *limit))
+    }
+
     /// Fits the equation to a few clips, if that is wanted; a line on what it says. The networks go on without it; it is the
     /// answer until there is a better one.
     fn early_fit(&self, model: &PhysicsNet) -> Result<Option<String>> {
@@ -398,8 +400,7 @@ impl Objective for Discovery<'_> {
 
     /// An early fit of the equation, as soon as the objects are drawn well enough.
     fn after_validation(&mut self, model: &PhysicsNet, validations: &[f64]) -> Result<Option<String>> {
-        self.fitted = self.fitted_at.iter().any(|limit| first_below(validations, *limit));
-        if self.fitted { self.early_fit(model) } else { Ok(None) }
+        if self.fits_after(validations) { self.early_fit(model) } else { Ok(None) }
     }
 
     /// L_rec on frames of the validation split. What would be predicted before the parameters are known says nothing.

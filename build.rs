@@ -3,6 +3,7 @@
 //! Cargo hands a library's location only to direct dependents (hence `torch-sys` in Cargo.toml) and its link
 //! arguments to nobody, so they are set here, once for all targets.
 
+use std::path::Path;
 use std::process::Command;
 
 /// What a result depends on.
@@ -20,7 +21,8 @@ fn main() {
     let library = std::env::var("DEP_TCH_LIBTORCH_LIB")
         .expect("torch-sys did not say where libtorch is; run `make libtorch`, or set LIBTORCH");
     println!("cargo:rustc-link-arg=-Wl,-rpath,{library}");
-    compile_autograd(&library);
+    let cuda = cuda_headers(&library);
+    compile_bridge(&library, cuda.as_deref());
     let version = std::fs::read_to_string(format!("{library}/../build-version")).unwrap_or_else(|_| "2.11".into());
     println!("cargo:rustc-env=PAIG_LIBTORCH_VERSION={}", version.trim());
     // Nothing names a symbol of libtorch_cuda, so a linker that drops unused libraries would drop the GPU with it:
@@ -31,42 +33,70 @@ fn main() {
     println!("cargo:rustc-link-arg=-Wl,--as-needed");
 }
 
-/// Compiles the node that the kernels put into libtorch's autograd graph, with the flags that torch-sys compiles with.
+/// The headers of CUDA, where libtorch has it: beside its wheel, or in an installed toolkit. Without them the program still
+/// computes on a GPU, but step by step.
+fn cuda_headers(library: &str) -> Option<String> {
+    println!("cargo:rerun-if-env-changed=CUDA_HOME");
+    if !Path::new(&format!("{library}/libtorch_cuda.so")).exists() {
+        return None;
+    }
+    let toolkit = std::env::var("CUDA_HOME").unwrap_or_else(|_| "/usr/local/cuda".into());
+    let places = [format!("{library}/../../nvidia/cu13/include"), format!("{toolkit}/include")];
+    let found = places.into_iter().find(|place| {
+        ["cuda_runtime_api.h", "crt/host_config.h"].iter().all(|header| Path::new(place).join(header).exists())
+    });
+    if found.is_none() {
+        println!("cargo:warning=no headers of CUDA found (set CUDA_HOME): steps on a GPU will not be recorded");
+    }
+    found
+}
+
+/// Compiles the calls of libtorch that tch has not, with the flags that torch-sys compiles with.
 ///
 /// This script runs whenever a source changes, and libtorch's headers take long: what is there already is used again.
-fn compile_autograd(library: &str) {
-    const SOURCE: &str = "src/kernels/autograd.cpp";
-    println!("cargo:rerun-if-changed={SOURCE}");
+fn compile_bridge(library: &str, cuda: Option<&str>) {
+    const SOURCES: [&str; 2] = ["src/kernels/autograd.cpp", "src/kernels/cuda.cpp"];
+    SOURCES.iter().for_each(|source| println!("cargo:rerun-if-changed={source}"));
     println!("cargo:rerun-if-env-changed=LIBTORCH_INCLUDE");
     println!("cargo:rerun-if-env-changed=LIBTORCH_CXX11_ABI");
     let root = std::env::var("LIBTORCH_INCLUDE").unwrap_or_else(|_| format!("{library}/.."));
     let abi = std::env::var("LIBTORCH_CXX11_ABI").unwrap_or_else(|_| "1".into());
-    let source = std::fs::read_to_string(SOURCE).expect("the package holds its sources");
+    let sources =
+        SOURCES.map(|source| std::fs::read_to_string(source).expect("the package holds its sources")).concat();
     let version = std::fs::read_to_string(format!("{root}/build-version")).unwrap_or_default();
-    let made_of = format!("{root}\n{version}\n{abi}\n{source}");
+    let made_of = format!("{root}\n{version}\n{abi}\n{cuda:?}\n{sources}");
     let out = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
-    let stamp = format!("{out}/autograd.stamp");
+    let stamp = format!("{out}/bridge.stamp");
     if std::fs::read_to_string(&stamp).is_ok_and(|stamp| stamp == made_of) {
         println!("cargo:rustc-link-search=native={out}");
-        println!("cargo:rustc-link-lib=static=paig_autograd");
+        println!("cargo:rustc-link-lib=static=paig_bridge");
         println!("cargo:rustc-link-lib=stdc++");
-        return;
+    } else {
+        let mut build = cc::Build::new();
+        build
+            .cpp(true)
+            .std("c++17")
+            .warnings(false)
+            .includes([format!("{root}/include"), format!("{root}/include/torch/csrc/api/include")])
+            .define("_GLIBCXX_USE_CXX11_ABI", abi.as_str())
+            .define("GLOG_USE_GLOG_EXPORT", None)
+            .files(SOURCES);
+        if let Some(headers) = cuda {
+            build.define("PAIG_CUDA", None).include(headers);
+        }
+        build.compile("paig_bridge");
+        std::fs::write(stamp, made_of).expect("OUT_DIR can be written");
     }
-    cc::Build::new()
-        .cpp(true)
-        .std("c++17")
-        .warnings(false)
-        .includes([format!("{root}/include"), format!("{root}/include/torch/csrc/api/include")])
-        .define("_GLIBCXX_USE_CXX11_ABI", abi.as_str())
-        .define("GLOG_USE_GLOG_EXPORT", None)
-        .file(SOURCE)
-        .compile("paig_autograd");
-    std::fs::write(stamp, made_of).expect("OUT_DIR can be written");
+    if cuda.is_some() {
+        println!("cargo:rustc-link-search=native={library}");
+        println!("cargo:rustc-link-lib=torch_cuda");
+        println!("cargo:rustc-link-lib=c10_cuda");
+    }
 }
 
 /// The commit that is built, with a `+` where the sources differ from it; `unknown` outside a repository.
 fn commit() -> String {
-    for path in SOURCES.into_iter().chain([GIT_LOG]).filter(|path| std::path::Path::new(path).exists()) {
+    for path in SOURCES.into_iter().chain([GIT_LOG]).filter(|path| Path::new(path).exists()) {
         println!("cargo:rerun-if-changed={path}");
     }
     let git = |arguments: &[&str]| {

@@ -35,7 +35,7 @@ REFERENCES = {
     "tf_xla": (["-m", "tf_reference.speed", "--xla"], ("step",)),
     "tf_session": (["-m", "tf_reference.speed", "--session"], ("step",)),
 }
-NAMES = {"libtorch": "libtorch's kernels", "eager": "PyTorch", "compiled": "PyTorch, compiled",
+NAMES = {"tf32": "ours in TF32", "libtorch": "libtorch's kernels", "eager": "PyTorch", "compiled": "PyTorch, compiled",
          "readable": "PyTorch, readable", "tf": "TensorFlow graph", "tf_xla": "TensorFlow, XLA",
          "tf_session": "TensorFlow 1's session"}
 # The same for all programs, and what the port sets for itself.
@@ -96,11 +96,13 @@ def peak_gflops():
     return best
 
 
-def commands(row, steps, threads, rust, references):
+def commands(row, steps, threads, device, rust, references):
     what, task, batch = row
-    given = ["--what", what, "--task", task, "--batch", batch, "--steps", steps, "--threads", threads]
+    given = ["--what", what, "--task", task, "--batch", batch, "--steps", steps, "--threads", threads, "--device", device]
     chosen = {"ours": [rust, *given]}
-    if what in NETWORK:
+    if device != "cpu":
+        chosen["tf32"] = [rust, *given, "--set", "model.tf32=true"]
+    elif what in NETWORK:
         chosen["libtorch"] = [rust, *given, "--set", 'model.kernels="libtorch"']
     for name in references:
         module, known = REFERENCES[name]
@@ -110,7 +112,7 @@ def commands(row, steps, threads, rust, references):
 
 
 def time_row(row, threads, arguments, rust):
-    chosen = commands(row, arguments.steps, threads, rust, arguments.references)
+    chosen = commands(row, arguments.steps, threads, arguments.device, rust, arguments.references)
     rounds = []
     for number in range(arguments.rounds):
         print(f"{' '.join(map(str, row))}, {threads} thread(s): round {number + 1} of {arguments.rounds} ..", flush=True)
@@ -125,8 +127,9 @@ def time_row(row, threads, arguments, rust):
                 print(f"left out: {error}", flush=True)
                 del chosen[name]
     what, task, batch = row
-    clock = (lambda done: done["processor_seconds"]) if threads == 1 else (lambda done: median(done["seconds"]))
-    result = {"what": what, "task": task, "batch": batch, "threads": threads, "device": "cpu", "ratios": {}}
+    by_processor = threads == 1 and arguments.device == "cpu"
+    clock = (lambda done: done["processor_seconds"]) if by_processor else (lambda done: median(done["seconds"]))
+    result = {"what": what, "task": task, "batch": batch, "threads": threads, "device": arguments.device, "ratios": {}}
     for name in chosen:
         result[f"{name}_s"] = median(clock(each[name]) for each in rounds)
         result[f"{name}_mb"] = median(each[name]["peak_mb"] for each in rounds)
@@ -148,7 +151,7 @@ def table(results, peak):
         shown = ["–" if ratio is None else "{1:.2f} [{0:.2f}, {2:.2f}]".format(*ratio) for ratio in ratios]
         gflops = row.get("ours_gflops")
         rate = f"{gflops:.0f}" if gflops else "–"
-        share = f"{gflops / peak:.0%}" if gflops and row["threads"] == 1 else "–"
+        share = f"{gflops / peak:.0%}" if gflops and row["threads"] == 1 and row["device"] == "cpu" else "–"
         memory = f"{row['eager_mb']:.0f}" if "eager_mb" in row else "–"
         lines.append(f"| {row['what']} | {row['task']} | {row['batch']} | {row['threads']} | {row['ours_s']:.3f} | "
                      + " | ".join(shown)
@@ -156,7 +159,10 @@ def table(results, peak):
     return lines
 
 
-def processor():
+def processor(device="cpu"):
+    if device != "cpu":
+        import torch
+        return torch.cuda.get_device_name(device)
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
 
@@ -171,7 +177,7 @@ def versions():
 
 def settings(arguments):
     """What rows of one table have in common."""
-    return {"processor": processor(), "rounds": arguments.rounds, "steps": arguments.steps, "versions": list(versions())}
+    return {"processor": processor(arguments.device), "rounds": arguments.rounds, "steps": arguments.steps, "versions": list(versions())}
 
 
 def kept_rows(arguments):
@@ -187,7 +193,7 @@ def report(results, arguments, peak, start):
     arguments.out.mkdir(exist_ok=True)
     (arguments.out / "results.json").write_text(json.dumps({"about": about, "rows": results}, indent=1) + "\n")
     lines = ["# Benchmarks", "",
-             f"{date.today()}, {processor()}, Python {platform.python_version()}, {', '.join(versions())}; made with "
+             f"{date.today()}, {processor(arguments.device)}, Python {platform.python_version()}, {', '.join(versions())}; made with "
              f"`make bench` ({arguments.rounds} rounds of {arguments.steps} repetitions, the programs in turns; median "
              "[smallest, largest] over the rounds). Above 1: ours is faster.", "",
              "`step` is a step of the paper's protocol: all losses, gradients, RMSProp; the batch is of clips. `discover` is "
@@ -197,7 +203,8 @@ def report(results, arguments, peak, start):
              "not compiled. `generation` draws and writes the files of a dataset. On one thread the times are of the "
              "processor, on more of the clock. *libtorch's kernels* is ours with `model.kernels = \"libtorch\"`. *PyTorch* is `compare/torch_reference/fast.py`, written "
              "for speed; *readable* the reference that the comparisons use. All run with the same allocator and OpenMP "
-             "settings. GFLOP/s count the encoder's convolutions and first dense layer alone; a float32 matrix product "
+             "settings. On a GPU all times are of the clock, and the memory is the processor's. GFLOP/s count the encoder's "
+             "convolutions and first dense layer alone; a float32 matrix product "
              f"(MKL) reaches {peak:.0f} on one thread of this machine. From start to the end of an empty run: {start:.2f} s. – stands "
              "where a reference has no such step or fails in it.",
              "", *table(results, peak), ""]
@@ -210,6 +217,7 @@ def main():
     parser.add_argument("--rounds", type=int, default=5, help="[default: 5]")
     parser.add_argument("--steps", type=int, default=5, help="repetitions of each program in a round [default: 5]")
     parser.add_argument("--threads", type=int, nargs="+", default=[1], help="[default: 1]")
+    parser.add_argument("--device", default="cpu", help="cpu, cuda or cuda:n [default: cpu]")
     parser.add_argument("--only", nargs="+", default=[], help="what is timed: step, discover, inference, .., or a task")
     parser.add_argument("--batch", type=int, nargs="+", default=[], help="only rows of these batches")
     parser.add_argument("--references", nargs="*", choices=REFERENCES,
@@ -230,7 +238,7 @@ def main():
     kept = kept_rows(arguments) if arguments.keep else []
     results = [row for row in kept if (row["what"], row["task"], row["batch"], row["threads"]) not in timed]
     for threads in arguments.threads:
-        for row in rows:
+        for row in rows if arguments.device == "cpu" else [row for row in rows if row[0] in NETWORK]:
             results.append(time_row(row, threads, arguments, rust))
             report(results, arguments, peak, start)
 

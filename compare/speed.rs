@@ -1,6 +1,7 @@
 //! Times the port's computations, for `speed.py`, which puts the references' beside them, and for `cost.py`.
 
 use std::process::ExitCode;
+use std::slice;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -11,6 +12,7 @@ use paig::cli::environment;
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, DatasetJob, generate};
+use paig::kernels::{Repeated, own_stream};
 use paig::network::cells::{Actions, State};
 use paig::network::physics_models::PhysicsNet;
 use paig::network::physics_models::losses::{Losses, frame_error};
@@ -23,10 +25,12 @@ use paig::training::identify::fit::{Start, Trust, fit};
 use paig::training::layers::Overrides;
 use paig::training::optimizers::Optimizer;
 use serde_json::json;
-use tch::{Device, Kind, Tensor};
+use tch::{Cuda, Device, Kind, Tensor};
 
 /// Repetitions before the clock starts: libraries choose and compile their kernels in the first.
 const WARM_UP: usize = 2;
+/// On a GPU also until a repetition is recorded.
+const WARM_UP_ON_GPU: usize = 6;
 /// Frames that are predicted where only inference is timed.
 const PREDICTED: usize = 26;
 
@@ -69,6 +73,9 @@ struct Arguments {
     /// A change of the config, as for `run_physics`: `model.kernels="libtorch"`
     #[arg(long)]
     set: Vec<String>,
+    /// cpu, cuda or cuda:n
+    #[arg(long, default_value = "cpu")]
+    device: String,
 }
 
 fn main() -> ExitCode {
@@ -78,19 +85,27 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<ExitCode> {
     environment::set();
     device::set_threads(arguments.threads)?;
+    let device = device::parse(&arguments.device)?;
+    own_stream(device)?;
     let (task, recipe, set) = (Some(arguments.task.clone()), Some("paper".into()), arguments.set.clone());
     let config = Config::load(None, &Overrides { task, recipe, set, ..Overrides::default() })?;
-    let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, 0)?;
+    let model = PhysicsNet::new(&config.task.system, &config.model, device, 0)?;
     let mut repeat = repetition(arguments, &config, &model)?;
-    let warm_up = if arguments.steps == 0 { 0 } else { WARM_UP };
+    let (warm_up, wait) = match device {
+        _ if arguments.steps == 0 => (0, None),
+        Device::Cuda(index) => (WARM_UP_ON_GPU, Some(index as i64)),
+        _ => (WARM_UP, None),
+    };
     for _ in 0..warm_up {
         repeat()?;
     }
+    wait.into_iter().for_each(Cuda::synchronize);
     let busy = processor_seconds()?;
     let mut seconds = Vec::new();
     for _ in 0..arguments.steps {
         let began = Instant::now();
         repeat()?;
+        wait.into_iter().for_each(Cuda::synchronize);
         seconds.push(began.elapsed().as_secs_f64());
     }
     let busy = (processor_seconds()? - busy) / arguments.steps.max(1) as f64;
@@ -107,26 +122,38 @@ fn repetition<'a>(
     let (system, join) = (&config.task.system, &config.join);
     let variables = model.named_variables();
     let mut optimizer = Optimizer::new(join.optimizer, Some(join.clip_gradients), &variables);
+    let rates = vec![join.learning_rate; variables.len()];
+    let device = model.variables.device();
+    let mut repeated = Repeated::on(device);
     let clips = |frames: usize| {
         let [batch, frames, channels, side] = [arguments.batch, frames, system.channels, system.side].map(|n| n as i64);
-        Tensor::rand([batch, frames, channels, side, side], (Kind::Float, Device::Cpu))
+        Tensor::rand([batch, frames, channels, side, side], (Kind::Float, device))
     };
     Ok(match arguments.what {
         What::Step => {
             let clips = clips(config.task.train_frames);
             Box::new(move || {
-                let pass = model.forward(&clips, &Actions::none())?;
-                Losses::new(&pass, &clips, system).train(join.alpha).backward();
-                optimizer.step(&variables, |_| join.learning_rate);
+                optimizer.begin_step(&rates);
+                repeated.call(slice::from_ref(&clips), |inputs| {
+                    let pass = model.forward(&inputs[0], &Actions::none())?;
+                    Losses::new(&pass, &inputs[0], system).train(join.alpha).backward();
+                    optimizer.descend(&variables, &rates);
+                    Ok(Vec::new())
+                })?;
                 Ok(())
             })
         }
         What::Discover => {
             let frames = clips(1);
             Box::new(move || {
-                let [drawn] = model.decoder.draw([&model.coordinates(&model.first_look(&frames.select(1, 0)))]);
-                frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames).backward();
-                optimizer.step(&variables, |_| join.learning_rate);
+                optimizer.begin_step(&rates);
+                repeated.call(slice::from_ref(&frames), |inputs| {
+                    let frames = &inputs[0];
+                    let [drawn] = model.decoder.draw([&model.coordinates(&model.first_look(&frames.select(1, 0)))]);
+                    frame_error(model.options.kernels, &drawn.unsqueeze(1), frames).backward();
+                    optimizer.descend(&variables, &rates);
+                    Ok(Vec::new())
+                })?;
                 Ok(())
             })
         }
@@ -165,10 +192,16 @@ fn repetition<'a>(
             let clips = clips(system.input_steps + PREDICTED);
             Box::new(move || {
                 let _guard = tch::no_grad_guard();
-                let pass = model.forward(&clips, &Actions::none())?;
-                if matches!(arguments.what, What::Evaluation) {
-                    Losses::new(&pass, &clips, system);
-                }
+                repeated.call(slice::from_ref(&clips), |inputs| {
+                    let pass = model.forward(&inputs[0], &Actions::none())?;
+                    let losses =
+                        matches!(arguments.what, What::Evaluation).then(|| Losses::new(&pass, &inputs[0], system));
+                    let losses = losses.map(|losses| [losses.reconstruction, losses.prediction]);
+                    Ok([pass.reconstructions, pass.predictions]
+                        .into_iter()
+                        .chain(losses.into_iter().flatten())
+                        .collect())
+                })?;
                 Ok(())
             })
         }

@@ -1,7 +1,9 @@
 //! Runs the paper's comparison and writes its report. See `baselines --help`.
 
+use std::panic::resume_unwind;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
@@ -20,7 +22,7 @@ use paig::generators::generate;
 use paig::say;
 use paig::support::device;
 use paig::sweep::{self, Job};
-use paig::training::base::Outcome;
+use tch::Device;
 
 /// Trains other dynamics, other decoders and whole other models beside the physics, and shows what each predicts.
 ///
@@ -67,9 +69,12 @@ struct Arguments {
     /// again; of what was trained here, too, its rows are left out
     #[arg(long)]
     add: Vec<PathBuf>,
-    /// Runs at a time; the whole other models are trained one after the other
+    /// Runs at a time; whole other models are trained one after the other on the CPU, so many at a time on a GPU
     #[arg(long, default_value_t = 1)]
     jobs: usize,
+    /// cpu, cuda or cuda:n
+    #[arg(long, default_value = "cpu")]
+    device: String,
     /// Threads of each run
     #[arg(long, default_value_t = 1)]
     threads: usize,
@@ -92,6 +97,7 @@ struct Comparing {
     earlier: Earlier,
     clips: usize,
     jobs: usize,
+    device: Device,
     began: Instant,
     budget: Option<Duration>,
 }
@@ -102,7 +108,13 @@ impl Arguments {
         let list = Comparison::read(&self.list)?;
         let comparing = Comparing {
             clips: self.clips.unwrap_or(list.clips.train),
-            places: Places { data: self.data.clone(), runs: self.runs.clone(), threads: self.threads },
+            places: Places {
+                data: self.data.clone(),
+                runs: self.runs.clone(),
+                threads: self.threads,
+                device: self.device.clone(),
+            },
+            device: device::parse(&self.device)?,
             earlier: Earlier::read(&self.add)?,
             jobs: self.jobs,
             began: Instant::now(),
@@ -220,18 +232,27 @@ impl Comparing {
             trainings.iter().partition(|training| training.entry.whole.is_some());
         let jobs = own.iter().map(|training| self.places.job(&self.list, training)).collect::<Result<Vec<_>>>()?;
         failed |= self.sweep(&jobs)?;
-        device::set_threads(self.jobs * self.places.threads)?;
-        for training in whole {
-            if self.stop() {
-                break;
-            }
-            let (config, folder) =
-                (self.places.whole(&self.list, training)?, self.places.folder(&self.list, training)?);
-            if whole::train(&config, &folder, &|| self.stop())? == Outcome::Interrupted {
-                break;
-            }
-        }
+        self.train_whole(&whole)?;
         Ok(failed)
+    }
+
+    /// Trains whole other models: in turn on the CPU, each with all threads; side by side on a GPU, of which each needs little.
+    fn train_whole(&self, trainings: &[&Training]) -> Result<()> {
+        let at_once = if self.device == Device::Cpu { 1 } else { self.jobs };
+        device::set_threads(self.jobs * self.places.threads / at_once)?;
+        let next = AtomicUsize::new(0);
+        let work = || {
+            while let Some(training) = trainings.get(next.fetch_add(1, Ordering::Relaxed)).filter(|_| !self.stop()) {
+                let (config, folder) =
+                    (self.places.whole(&self.list, training)?, self.places.folder(&self.list, training)?);
+                whole::train(&config, &folder, self.device, &|| self.stop())?;
+            }
+            Ok(())
+        };
+        std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..at_once).map(|_| scope.spawn(work)).collect();
+            threads.into_iter().try_for_each(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
+        })
     }
 
     fn sweep(&self, jobs: &[Job]) -> Result<bool> {

@@ -456,7 +456,7 @@ impl Arguments {
         let config = config.with_context(|| format!("{} is not the run of a `planet`", run.display()))?;
         let upright = matches!(&setting.rules.reward, Reward::Goal(goal) if goal.place == [0.0] && goal.swing == 0.0);
         ensure!(upright, "a latent model knows no other goal than the one that it was told the rewards of: upright");
-        let planet = Planet::new(&setting.task.system, config.seed);
+        let planet = Planet::new(&setting.task.system, config.seed, Device::Cpu);
         training::load_weights(run, &planet)?;
         Ok(planet)
     }

@@ -20,7 +20,7 @@ fn text(output: &Output) -> String {
 }
 
 fn built(model: WholeModel) -> Box<dyn FrameModel> {
-    model.build(&tasks::builtin("spring_color").unwrap().system, 3)
+    model.build(&tasks::builtin("spring_color").unwrap().system, 3, Device::Cpu)
 }
 
 fn clips(count: i64, time: i64) -> Tensor {
@@ -51,7 +51,7 @@ fn whole_models_see_only_the_input() {
 #[test]
 fn every_weight_of_a_whole_model_learns() {
     for model in WHOLE.map(built) {
-        model.loss(&Batch { frames: clips(2, 8), actions: Actions::none(), rewards: None }, 0).backward();
+        model.loss(&Batch { frames: clips(2, 8), actions: Actions::none(), rewards: None, noise: None }).backward();
         for (name, variable) in named_variables(model.as_ref()) {
             let gradient = variable.grad();
             if name == "background" {

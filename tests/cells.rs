@@ -1,9 +1,14 @@
 //! The physics cells against closed forms, conservation laws and finite differences, in float64.
 
+use std::fs;
+use std::path::Path;
+
 use paig::network::cells::{
     Actions, BOUNCING, Cell, CellKind, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING, State,
-    Walls,
+    Walls, plain,
 };
+use paig::support::random::named_generator;
+use paig::tasks::{self, Task};
 use tch::{Device, Kind, Tensor};
 
 fn scalar(value: f64) -> Tensor {
@@ -298,4 +303,50 @@ fn gradients_agree_with_finite_differences() {
     check_gradient(&PENDULUM, &[2.3, -0.2], &[0.6], &[-1.4]);
     let bodies = [18.0, 9.0, 26.0, 22.0, 10.0, 23.0];
     check_gradient(&GRAVITY, &[4.0, 0.1], &bodies, &[2.0, 0.3, -1.0, 1.5, -0.7, -1.9]);
+}
+
+/// The fit's roll-out in plain numbers is that of the tensors, for every equation that has one: those that are built in, and
+/// all texts of the gallery, with what acts or the time, between walls, past the end of what is known.
+#[test]
+fn roll_outs_in_plain_numbers_are_those_of_tensors() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+    let files = ["gallery", "control"].map(|name| fs::read_dir(folder.join(name)).unwrap());
+    let texts = files.into_iter().flatten().map(|entry| fs::read_to_string(entry.unwrap().path()).unwrap());
+    let built_in = ["spring_color", "damped_spring", "3bp_color", "pendulum", "falling"];
+    let mut tasks: Vec<_> = built_in.iter().map(|name| tasks::builtin(name).unwrap()).collect();
+    tasks.extend(texts.filter_map(|text| Task::from_toml(&text).ok()));
+    let (batch, known, frames) = (7, 5, 9);
+    let mut compared = 0;
+    for task in &tasks {
+        let (system, kind) = (&task.system, task.system.cell);
+        let values = kind.parameters.iter().map(|it| task.truth_of(it.name).or(it.fixed).unwrap_or(1.0));
+        let raw: Vec<_> = values.zip(kind.parameters).map(|(value, it)| scalar(it.bounds.raw(value))).collect();
+        let cell = system.build_cell(&raw);
+        let Some(mut in_plain) = cell.plain_double() else { continue };
+        let coordinates = kind.coordinates.per_object() * system.objects;
+        let mut random = named_generator(3, &task.name);
+        let mut numbers = |count: usize, low: f64, high: f64| -> Vec<f64> {
+            (0..count).map(|_| rand::Rng::random_range(&mut random, low..high)).collect()
+        };
+        let across = if kind.coordinates.per_object() == 1 { [-3.0, 3.0] } else { [4.0, 28.0] };
+        let pos = Tensor::from_slice(&numbers(batch * coordinates, across[0], across[1])).reshape([batch as i64, -1]);
+        let vel = Tensor::from_slice(&numbers(batch * coordinates, -4.0, 4.0)).reshape([batch as i64, -1]);
+        let held = Tensor::from_slice(&numbers(batch * known, -1.0, 1.0)).reshape([batch as i64, -1]);
+        let first = State { pos, vel };
+        let options = if kind.actions { vec![Some(held), None] } else { vec![None] };
+        for held in options.into_iter().filter(|held| held.is_some() || !kind.can_be_driven()) {
+            let actions = Actions::new(held);
+            let tensors = cell.roll_out(&first, &actions, system.dt, frames - 1);
+            let positions: Vec<_> = std::iter::once(&first.pos).chain(tensors.iter().map(|state| &state.pos)).collect();
+            let expected = Tensor::cat(&positions, 1);
+            let tells_time = kind.tells_time();
+            let found = plain::roll_out(in_plain.as_mut(), &first.joined(), &actions, tells_time, system.dt, frames);
+            assert_eq!(found.size(), expected.size());
+            // Float64, but for how far apart chance encounters lead: relative to the size of what is there.
+            let error = ((&found - &expected).abs() / (expected.abs() + 1.0)).max().double_value(&[]);
+            assert!(error < 1e-9, "{}: {error}", task.name);
+            compared += 1;
+        }
+    }
+    assert!(compared >= 15, "only {compared} equations have a plain form");
 }

@@ -140,7 +140,7 @@ fn separate_gradients_keep_the_losses_apart() {
         tch::manual_seed(0);
         let clips = Tensor::rand([2, 10, 3, 32, 32], (Kind::Float, Device::Cpu));
         let reached = |gradients: Gradients, prediction: bool| {
-            let pass = model.forward_with(&clips, &Actions::none(), gradients).unwrap();
+            let pass = model.forward_with(&clips, &Actions::none(), None, gradients).unwrap();
             let losses = Losses::new(&pass, &clips, &model.system);
             let loss = if prediction { losses.prediction } else { losses.reconstruction };
             loss.backward();
@@ -175,6 +175,33 @@ fn separate_gradients_predict_the_same() {
     let model = black_box("spring_color", DynamicsKind::Physics);
     let clips = Tensor::rand([2, 12, 3, 32, 32], (Kind::Float, Device::Cpu));
     let [joint, separate] = [Gradients::Joint, Gradients::Separate]
-        .map(|gradients| model.forward_with(&clips, &Actions::none(), gradients).unwrap().predictions);
+        .map(|gradients| model.forward_with(&clips, &Actions::none(), None, gradients).unwrap().predictions);
     assert!((joint - separate).abs().max().double_value(&[]) < 1e-5);
+}
+
+/// An order that was looked up before a step, as on a GPU, is the one that the step finds: the same positions by name, the same
+/// roll-out.
+#[test]
+fn an_order_that_is_known_before_is_the_steps_own() {
+    let system = tasks::builtin("spring_color").unwrap().system;
+    let options = ModelOptions {
+        names_by_continuity: true,
+        second_look: true,
+        alignment_steps: 1,
+        refinement_steps: 1,
+        ..ModelOptions::original()
+    };
+    // Of an untrained model objects look alike, and cross.
+    let model = PhysicsNet::new(&system, &options, Device::Cpu, 4).unwrap();
+    tch::manual_seed(5);
+    let clips = Tensor::rand([6, 10, 3, 32, 32], (Kind::Float, Device::Cpu));
+    let order = model.order(&clips).unwrap();
+    assert_eq!(order.size(), [6, 10, 2]);
+    let crossed = order.select(2, 0).ne(0).sum(Kind::Int64).int64_value(&[]);
+    assert!(crossed > 0, "nothing would be tested");
+    let [own, known] = [None, Some(&order)].map(|order| {
+        let pass = model.forward_with(&clips, &Actions::none(), order, Gradients::Joint).unwrap();
+        Tensor::cat(&[pass.positions.flatten(0, -1), pass.predictions.flatten(0, -1)], 0)
+    });
+    assert_eq!(own, known);
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use ndarray::{Array2, Array5};
 use paig::baselines::frame_model::{Batch, FrameModel, named_variables};
-use paig::baselines::gaussian::Gaussian;
+use paig::baselines::gaussian::{Gaussian, normal_numbers};
 use paig::baselines::planet::Planet;
 use paig::baselines::training::{self, WholeConfig, WholeData, WholeModel, WholeScores};
 use paig::control::latent::LatentModel;
@@ -91,7 +91,7 @@ fn train(config: &WholeConfig, folder: &Path, until: Option<u64>) -> (Planet, Ou
         until.is_some_and(|until| asked.get() >= until)
     };
     let outcome = training::train(config, &system(), data, folder, &stop, &mut |_| {}).unwrap();
-    let planet = Planet::new(&system(), 99);
+    let planet = Planet::new(&system(), 99, Device::Cpu);
     training::load_weights(folder, &planet).unwrap();
     (planet, outcome)
 }
@@ -99,8 +99,13 @@ fn train(config: &WholeConfig, folder: &Path, until: Option<u64>) -> (Planet, Ou
 fn loss(planet: &Planet) -> f64 {
     let _guard = tch::no_grad_guard();
     let ((clips, rewards), all) = (spots(16), Vec::from_iter(0..16));
-    let batch = Batch { frames: clips.batch(&all, TIME), actions: clips.actions(&all), rewards: Some(rewards) };
-    planet.loss(&batch, 0).double_value(&[])
+    let batch = Batch {
+        frames: clips.batch(&all, TIME),
+        actions: clips.actions(&all),
+        rewards: Some(rewards),
+        noise: Some(normal_numbers(5, 0, planet.draws(16, TIME))),
+    };
+    planet.loss(&batch).double_value(&[])
 }
 
 /// What each of two pushes is worth over some steps, after a clip's first frames.
@@ -127,7 +132,7 @@ fn a_small_training_learns_what_pushes_are_worth_and_can_be_cut_off() {
     let folder = tempfile::tempdir().unwrap();
     let [whole, cut] = ["whole", "cut"].map(|name| folder.path().join(name));
     let config = config(200);
-    let before = loss(&Planet::new(&system(), config.seed));
+    let before = loss(&Planet::new(&system(), config.seed, Device::Cpu));
     let (planet, outcome) = train(&config, &whole, None);
     assert_eq!(outcome, Outcome::Finished);
     let after = loss(&planet);
@@ -146,7 +151,7 @@ fn a_small_training_learns_what_pushes_are_worth_and_can_be_cut_off() {
 #[test]
 fn plans_are_worth_the_rewards_that_are_imagined() {
     let _guard = tch::no_grad_guard();
-    let planet = Planet::new(&system(), 1);
+    let planet = Planet::new(&system(), 1, Device::Cpu);
     let (clips, _) = spots(1);
     let frames = clips.batch(&[0], 4).get(0);
     let scalar = |x: f64| Tensor::from(x as f32).reshape([1, 1]);
@@ -163,7 +168,7 @@ fn plans_are_worth_the_rewards_that_are_imagined() {
             *expected += planet.reward(&ahead).double_value(&[0]);
         }
     }
-    let found = worth_of_pushes(Planet::new(&system(), 1));
+    let found = worth_of_pushes(Planet::new(&system(), 1, Device::Cpu));
     // Float32 in batches of two and of one.
     for (found, expected) in found.iter().zip(expected) {
         assert!((f64::from(*found) - expected).abs() < 1e-4, "{found} {expected}");
@@ -175,7 +180,7 @@ fn plans_are_worth_the_rewards_that_are_imagined() {
 #[test]
 fn the_latent_model_predicts_from_the_input_alone() {
     let _guard = tch::no_grad_guard();
-    let planet = Planet::new(&system(), 1);
+    let planet = Planet::new(&system(), 1, Device::Cpu);
     let input = spots(2).0.batch(&[0, 1], 4);
     let (short, long) = (planet.predict(&input, &Actions::none(), 3), planet.predict(&input, &Actions::none(), 6));
     assert_eq!(long.size(), [2, 6, 3, 16, 16]);

@@ -101,5 +101,5 @@ class VariableFromNetwork:
         self.shape = shape
 
     def __call__(self):
-        ones = torch.ones(1, 10, dtype=self.hidden.weight.dtype)
+        ones = torch.ones(1, 10, dtype=self.hidden.weight.dtype, device=self.hidden.weight.device)
         return self.output(torch.tanh(self.hidden(ones))).reshape(self.shape)

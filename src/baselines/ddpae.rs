@@ -8,7 +8,7 @@
 //! median of the training frames) behind the components, which is black where the paper's own frames are.
 
 use tch::nn::VarStore;
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use super::frame_model::{Batch, FrameModel};
 use super::gaussian::{Gaussian, Noise};
@@ -110,8 +110,8 @@ struct Inferred {
 
 impl Ddpae {
     /// A fresh model with initial values drawn from `seed`.
-    pub fn new(system: &System, seed: u64) -> Self {
-        let variables = VarStore::new(tch::Device::Cpu);
+    pub fn new(system: &System, seed: u64, device: Device) -> Self {
+        let variables = VarStore::new(device);
         let scope = |name: &str| Layers::new(variables.root() / name);
         let (side, window) = (system.side, system.side / 2);
         let image_encoder = Encoder::new(&mut scope("image_encoder"), system.channels, side, IMAGE);
@@ -128,7 +128,7 @@ impl Ddpae {
         let frame = [1, system.channels as i64, side as i64, side as i64];
         let background = variables.root().zeros_no_train("background", &frame);
         glorot_uniform(&variables, seed);
-        decoder.output().start_at(&Tensor::full([pixels as i64], DIM, (Kind::Float, tch::Device::Cpu)), 1.0);
+        decoder.output().start_at(&Tensor::full([pixels as i64], DIM, (Kind::Float, device)), 1.0);
         Ddpae {
             variables,
             seed,
@@ -151,7 +151,7 @@ impl Ddpae {
     }
 
     /// Goes through the components one after the other.
-    fn infer(&self, input: &Tensor, future: usize, noise: &mut Noise) -> Inferred {
+    fn infer(&self, input: &Tensor, future: usize, noise: &mut Noise<'_>) -> Inferred {
         let (batch, seen) = (input.size()[0], input.size()[1]);
         let images = self.image_encoder.forward(&input.flatten(0, 1)).reshape([batch, seen, -1]);
         let none = Tensor::zeros([batch, HIDDEN as i64], (Kind::Float, input.device()));
@@ -174,7 +174,7 @@ impl Ddpae {
         images: &Tensor,
         future: usize,
         before: &[Tensor],
-        noise: &mut Noise,
+        noise: &mut Noise<'_>,
     ) -> (Vec<Tensor>, Vec<Tensor>, Tensor) {
         let seen = images.size()[1] as usize;
         let [mut h, mut c] = self.pose_memory.start(&images.select(1, 0));
@@ -203,7 +203,7 @@ impl Ddpae {
     }
 
     /// The content `[batch, 128]` of what lies in a component's windows.
-    fn content(&self, input: &Tensor, poses: &[Tensor], noise: &mut Noise) -> (Tensor, Tensor) {
+    fn content(&self, input: &Tensor, poses: &[Tensor], noise: &mut Noise<'_>) -> (Tensor, Tensor) {
         let mut memory: Option<[Tensor; 2]> = None;
         for (frame, pose) in poses.iter().enumerate() {
             let seen = moved(&input.select(1, frame as i64), &window(pose), self.side / 2);
@@ -265,11 +265,16 @@ impl FrameModel for Ddpae {
         tch::no_grad(|| self.background.shallow_clone().copy_(&median.unsqueeze(0)));
     }
 
+    /// Of each component its poses and its content.
+    fn draws(&self, clips: usize, time: usize) -> usize {
+        self.objects * clips * (time * POSE + CONTENT)
+    }
+
     /// The negative evidence lower bound of whole clips, per frame.
-    fn loss(&self, batch: &Batch, step: u64) -> Tensor {
+    fn loss(&self, batch: &Batch) -> Tensor {
         let clips = &batch.frames;
+        let mut noise = Noise::of(batch.noise.as_ref());
         let (batch, time) = (clips.size()[0], clips.size()[1]);
-        let mut noise = Noise::of_step(self.seed, step);
         let input = clips.narrow(1, 0, self.input_steps);
         let Inferred { frames, divergence } = self.infer(&input, (time - self.input_steps) as usize, &mut noise);
         let bright = frames * (1.0 - 2.0 * CERTAIN) + CERTAIN;

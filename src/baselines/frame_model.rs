@@ -19,8 +19,13 @@ pub trait FrameModel {
     /// Before the first step: what is taken from the training clips without learning.
     fn begin(&self, _train: &Clips) {}
 
-    /// What a step descends.
-    fn loss(&self, batch: &Batch, step: u64) -> Tensor;
+    /// Random numbers that a step takes on so many clips of so many frames.
+    fn draws(&self, _clips: usize, _time: usize) -> usize {
+        0
+    }
+
+    /// What a step descends. On a GPU it is recorded and repeated: it must not look at a number.
+    fn loss(&self, batch: &Batch) -> Tensor;
 
     /// The next `frames` frames, `[batch, frames, channels, S, S]` in \[0, 1\], after the input `[batch, L, channels, S, S]`.
     /// `actions` begin at the first input frame.
@@ -35,6 +40,28 @@ pub struct Batch {
     pub actions: Actions,
     /// What each frame is worth, `[batch, time]`; only where a model learns it.
     pub rewards: Option<Tensor>,
+    /// Standard normal numbers, `[draws]`, where the model draws its latents.
+    pub noise: Option<Tensor>,
+}
+
+impl Batch {
+    /// All tensors of it.
+    pub fn parts(&self) -> Vec<Tensor> {
+        let others = [self.actions.values(), self.rewards.as_ref(), self.noise.as_ref()];
+        std::iter::once(&self.frames).chain(others.into_iter().flatten()).map(Tensor::shallow_clone).collect()
+    }
+
+    /// Another batch of the same kind, of these [`parts`](Self::parts).
+    pub fn with(&self, parts: &[Tensor]) -> Self {
+        let mut parts = parts.iter().map(Tensor::shallow_clone);
+        let mut next = |there: bool| if there { parts.next() } else { None };
+        Batch {
+            frames: next(true).expect("a batch has frames"),
+            actions: Actions::new(next(self.actions.values().is_some())),
+            rewards: next(self.rewards.is_some()),
+            noise: next(self.noise.is_some()),
+        }
+    }
 }
 
 /// All variables of a model with their names, sorted by name.

@@ -1,6 +1,5 @@
 //! Random latents: normal distributions whose parameters a network gives, and the numbers that are drawn from them.
 
-use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
 
 use crate::support::random::{named_generator, normal};
@@ -35,22 +34,34 @@ impl Gaussian {
     }
 }
 
-/// Standard normal numbers of a training step; none without one.
-#[derive(Debug)]
-pub struct Noise(Option<ChaCha8Rng>);
+/// So many standard normal numbers for a training step.
+pub fn normal_numbers(seed: u64, step: u64, count: usize) -> Tensor {
+    let mut random = named_generator(seed, &format!("latents of step {step}"));
+    let numbers: Vec<f32> = (0..count).map(|_| normal(&mut random) as f32).collect();
+    Tensor::from_slice(&numbers)
+}
 
-impl Noise {
-    pub fn of_step(seed: u64, step: u64) -> Self {
-        Noise(Some(named_generator(seed, &format!("latents of step {step}"))))
+/// Standard normal numbers, taken one after the other; or none, and what is drawn is the mean.
+#[derive(Debug)]
+pub struct Noise<'a> {
+    numbers: Option<&'a Tensor>,
+    taken: i64,
+}
+
+impl<'a> Noise<'a> {
+    /// Of these numbers, `[count]`.
+    pub fn of(numbers: Option<&'a Tensor>) -> Self {
+        Noise { numbers, taken: 0 }
     }
 
     pub fn none() -> Self {
-        Noise(None)
+        Noise::of(None)
     }
 
+    /// As many as a tensor has, in its shape.
     pub fn like(&mut self, x: &Tensor) -> Option<Tensor> {
-        let random = self.0.as_mut()?;
-        let values: Vec<f32> = (0..x.numel()).map(|_| normal(random) as f32).collect();
-        Some(Tensor::from_slice(&values).reshape(x.size()))
+        let (from, count) = (self.taken, x.numel() as i64);
+        self.taken += count;
+        Some(self.numbers?.narrow(0, from, count).reshape(x.size()))
     }
 }

@@ -30,6 +30,8 @@ pub struct Places {
     pub runs: PathBuf,
     /// Threads of each run.
     pub threads: usize,
+    /// `cpu`, `cuda` or `cuda:n`.
+    pub device: String,
 }
 
 /// One training of a model: on which task, from how many clips, with which seed and rate.
@@ -76,7 +78,7 @@ impl Places {
             config: None,
             set,
             data: Some(self.data_of(clips)),
-            device: None,
+            device: Some(self.device.clone()),
             threads: self.threads,
             out: self.runs_of(clips),
         }

@@ -14,7 +14,7 @@
 //! physics is not.
 
 use tch::nn::VarStore;
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use super::frame_model::{Batch, FrameModel};
 use super::gaussian::{Gaussian, Noise};
@@ -47,7 +47,6 @@ const REWARD_DEVIATION: f64 = 0.1;
 #[derive(Debug)]
 pub struct Planet {
     variables: VarStore,
-    seed: u64,
     side: i64,
     convolutions: Vec<Conv2d>,
     seen: Dense,
@@ -91,8 +90,8 @@ fn gaussian(output: &Tensor) -> Gaussian {
 
 impl Planet {
     /// A fresh model with initial values drawn from `seed`.
-    pub fn new(system: &System, seed: u64) -> Self {
-        let variables = VarStore::new(tch::Device::Cpu);
+    pub fn new(system: &System, seed: u64, device: Device) -> Self {
+        let variables = VarStore::new(device);
         let scope = |name: &str| Layers::new(variables.root() / name);
         let mlp = |name: &str, widths: &[usize]| Mlp::new(&mut scope(name), widths, Activation::Relu, Activation::None);
         let (patch, side) = (system.channels * (PATCH * PATCH) as usize, system.side / PATCH as usize);
@@ -118,7 +117,6 @@ impl Planet {
                 .map(|(outputs, activation)| decoder.conv2d(DRAWN, outputs, 3, activation)),
             reward: mlp("reward", &[MEMORY + STATE, HIDDEN, 1]),
             side: side as i64,
-            seed,
             variables,
         };
         glorot_uniform(&model.variables, seed);
@@ -128,7 +126,7 @@ impl Planet {
     /// Before the first frame.
     pub fn start(&self, batch: i64) -> Belief {
         let [memory, state] =
-            [MEMORY, STATE].map(|count| Tensor::zeros([batch, count as i64], (Kind::Float, tch::Device::Cpu)));
+            [MEMORY, STATE].map(|count| Tensor::zeros([batch, count as i64], (Kind::Float, self.variables.device())));
         Belief { memory, state }
     }
 
@@ -180,13 +178,13 @@ impl Planet {
 
     /// Beliefs in the frames of clips (joined, `[batch, time, 110]`) and the divergence of what is seen from what was
     /// foretold, `[batch, time]`.
-    fn inferred(&self, frames: &Tensor, actions: &Actions, noise: &mut Noise) -> (Tensor, Tensor) {
+    fn inferred(&self, frames: &Tensor, actions: &Actions, noise: &mut Noise<'_>) -> (Tensor, Tensor) {
         let (batch, time) = (frames.size()[0], frames.size()[1]);
         let seen = self.encoded(&frames.flatten(0, 1)).reshape([batch, time, -1]);
         let mut belief = self.start(batch);
         let (mut beliefs, mut divergences) = (Vec::new(), Vec::new());
         for frame in 0..time {
-            let memory = self.carried(&belief, &acted(actions, frame, batch));
+            let memory = self.carried(&belief, &self.acted(actions, frame, batch));
             let posterior = self.posterior(&memory, &seen.select(1, frame));
             divergences.push(posterior.divergence_from(&self.prior(&memory)));
             let state = posterior.sample(noise.like(&posterior.mean));
@@ -195,12 +193,12 @@ impl Planet {
         }
         (Tensor::stack(&beliefs, 1), Tensor::stack(&divergences, 1))
     }
-}
 
-/// What acted from the frame before to this one, `[batch, 1]`; 0 before the first.
-fn acted(actions: &Actions, frame: i64, batch: i64) -> Tensor {
-    let before = (frame > 0).then(|| actions.at(frame as usize - 1)).flatten();
-    before.unwrap_or_else(|| Tensor::zeros([batch, 1], (Kind::Float, tch::Device::Cpu)))
+    /// What acted from the frame before to this one, `[batch, 1]`; 0 before the first.
+    fn acted(&self, actions: &Actions, frame: i64, batch: i64) -> Tensor {
+        let before = (frame > 0).then(|| actions.at(frame as usize - 1)).flatten();
+        before.unwrap_or_else(|| Tensor::zeros([batch, 1], (Kind::Float, self.variables.device())))
+    }
 }
 
 impl FrameModel for Planet {
@@ -208,11 +206,15 @@ impl FrameModel for Planet {
         &self.variables
     }
 
+    fn draws(&self, clips: usize, time: usize) -> usize {
+        clips * time * STATE
+    }
+
     /// The negative evidence lower bound of whole clips, per frame, with the free nats. Without rewards none are learned.
-    fn loss(&self, batch: &Batch, step: u64) -> Tensor {
+    fn loss(&self, batch: &Batch) -> Tensor {
         let (clips, time) = (batch.frames.size()[0], batch.frames.size()[1]);
         let count = (clips * time) as f64;
-        let (beliefs, divergence) = self.inferred(&batch.frames, &batch.actions, &mut Noise::of_step(self.seed, step));
+        let (beliefs, divergence) = self.inferred(&batch.frames, &batch.actions, &mut Noise::of(batch.noise.as_ref()));
         let joined = beliefs.flatten(0, 1);
         let frames = (self.drawn(&joined) - batch.frames.flatten(0, 1)).square().sum(Kind::Float) * (0.5 / count);
         let mut loss = frames + divergence.clamp_min(FREE_NATS).mean(Kind::Float);
@@ -227,11 +229,11 @@ impl FrameModel for Planet {
         let (batch, seen) = (input.size()[0], input.size()[1]);
         let mut belief = self.start(batch);
         for frame in 0..seen {
-            belief = self.see(&belief, &acted(actions, frame, batch), &input.select(1, frame));
+            belief = self.see(&belief, &self.acted(actions, frame, batch), &input.select(1, frame));
         }
         let mut joined = Vec::with_capacity(frames);
         for frame in seen..seen + frames as i64 {
-            belief = self.imagine(&belief, &acted(actions, frame, batch));
+            belief = self.imagine(&belief, &self.acted(actions, frame, batch));
             joined.push(belief.joined());
         }
         let drawn = self.drawn(&Tensor::stack(&joined, 1).flatten(0, 1)).clamp(0.0, 1.0);

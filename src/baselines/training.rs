@@ -10,13 +10,15 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use super::ddpae::Ddpae;
 use super::frame_model::{self, Batch, FrameModel, named_variables, prediction_error};
+use super::gaussian::normal_numbers;
 use super::planet::Planet;
 use super::video_lstm::VideoLstm;
 use crate::datasets::iterators::{Clips, ShuffledBatches};
+use crate::kernels::{Repeated, own_stream};
 use crate::network::System;
 use crate::runs::metrics::{self, Record};
 use crate::runs::names::METRICS;
@@ -51,11 +53,11 @@ pub enum WholeModel {
 
 impl WholeModel {
     /// A fresh model of a system.
-    pub fn build(self, system: &System, seed: u64) -> Box<dyn FrameModel> {
+    pub fn build(self, system: &System, seed: u64, device: Device) -> Box<dyn FrameModel> {
         match self {
-            WholeModel::VideoLstm => Box::new(VideoLstm::new(system, seed)),
-            WholeModel::Ddpae => Box::new(Ddpae::new(system, seed)),
-            WholeModel::Planet => Box::new(Planet::new(system, seed)),
+            WholeModel::VideoLstm => Box::new(VideoLstm::new(system, seed, device)),
+            WholeModel::Ddpae => Box::new(Ddpae::new(system, seed, device)),
+            WholeModel::Planet => Box::new(Planet::new(system, seed, device)),
         }
     }
 
@@ -129,11 +131,14 @@ pub struct WholeData<'a> {
 }
 
 impl WholeData<'_> {
-    fn batch(&self, chosen: &[i64]) -> Batch {
+    fn batch(&self, chosen: &[i64], noise: Option<Tensor>) -> Batch {
+        let device = self.train.device();
+        let of_chosen = |rewards: &Tensor| rewards.index_select(0, &Tensor::from_slice(chosen)).to_device(device);
         Batch {
             frames: self.train.batch(chosen, self.train.time()),
             actions: self.train.actions(chosen),
-            rewards: self.rewards.map(|rewards| rewards.index_select(0, &Tensor::from_slice(chosen))),
+            rewards: self.rewards.map(of_chosen),
+            noise: noise.map(|numbers| numbers.to_device(device)),
         }
     }
 }
@@ -179,7 +184,9 @@ pub fn train(
     if WholeScores::read(folder)?.is_some() {
         return Ok(Outcome::Finished);
     }
-    let model = config.model.build(system, config.seed);
+    let device = data.train.device();
+    own_stream(device)?;
+    let model = config.model.build(system, config.seed, device);
     let mut run = Running::new(config, model.as_ref(), folder)?;
     if run.descend(system, data, stop, tell)? == Outcome::Interrupted {
         return Ok(Outcome::Interrupted);
@@ -267,20 +274,31 @@ impl<'a> Running<'a> {
     ) -> Result<Outcome> {
         let WholeConfig { batch, seed, steps, checkpoint_every, .. } = *self.config;
         let mut batches = ShuffledBatches::new(data.train.len(), batch, seed)?;
+        let mut descent = Repeated::on(data.train.device());
         if self.step == 0 {
             self.model.begin(data.train);
             self.validate(system, data.valid, None, tell)?;
         }
         while self.step < steps {
-            let loss = self.model.loss(&data.batch(batches.clips_of_step(self.step)), self.step);
+            let chosen = batches.clips_of_step(self.step);
+            let draws = self.model.draws(chosen.len(), data.train.time());
+            let noise = (draws > 0).then(|| normal_numbers(seed, self.step, draws));
+            let batch = data.batch(chosen, noise);
+            let annealed = self.step as f64 >= ANNEAL_AT * steps as f64;
+            let rate = self.config.learning_rate / if annealed { ANNEAL_FACTOR } else { 1.0 };
+            let rates = vec![rate; self.variables.len()];
+            self.optimizer.begin_step(&rates);
+            let (model, optimizer, variables) = (self.model, &self.optimizer, &self.variables);
+            let loss = descent.call(&batch.parts(), |parts| {
+                let loss = model.loss(&batch.with(parts));
+                loss.backward();
+                optimizer.descend(variables, &rates);
+                Ok(loss.detach())
+            })?;
             let value = loss.double_value(&[]);
             if !value.is_finite() {
                 bail!("the loss is not finite at step {}; begin again with a lower learning rate", self.step + 1);
             }
-            loss.backward();
-            let annealed = self.step as f64 >= ANNEAL_AT * steps as f64;
-            let rate = self.config.learning_rate / if annealed { ANNEAL_FACTOR } else { 1.0 };
-            self.optimizer.step(&self.variables, |_| rate);
             self.step += 1;
             let stop = stop();
             if self.step.is_multiple_of(checkpoint_every) || self.step == steps {

@@ -5,8 +5,8 @@
 //! and predict, each frame from the one before; a 1 x 1 convolution of both layers' memories gives the logits of the next
 //! frame. Sizes are ours: 64 channels, 3 x 3 kernels.
 
-use tch::Tensor;
 use tch::nn::VarStore;
+use tch::{Device, Tensor};
 
 use super::conv_lstm::ConvLstmCell;
 use super::frame_model::{Batch, FrameModel};
@@ -46,8 +46,8 @@ fn side_of_patches(side: usize) -> usize {
 
 impl VideoLstm {
     /// A fresh model with initial values drawn from `seed`.
-    pub fn new(system: &System, seed: u64) -> Self {
-        let variables = VarStore::new(tch::Device::Cpu);
+    pub fn new(system: &System, seed: u64, device: Device) -> Self {
+        let variables = VarStore::new(device);
         let patch = side_of_patches(system.side);
         let pixels = system.channels * patch * patch;
         let cells = |scope: &str| {
@@ -94,7 +94,7 @@ impl FrameModel for VideoLstm {
     }
 
     /// The squared error of all frames after the input.
-    fn loss(&self, batch: &Batch, _step: u64) -> Tensor {
+    fn loss(&self, batch: &Batch) -> Tensor {
         let clips = &batch.frames;
         let after = clips.size()[1] - self.input_steps;
         let truth = clips.narrow(1, self.input_steps, after);

@@ -52,6 +52,9 @@ struct Arguments {
     /// Threads to compute with; 0 for one a core
     #[arg(long, default_value_t = 0)]
     threads: usize,
+    /// cpu, cuda or cuda:n
+    #[arg(long, default_value = "cpu")]
+    device: String,
 }
 
 /// Entry of a model's runner; `name` is that of its folder.
@@ -61,13 +64,14 @@ pub fn main(model: WholeModel, name: &str) -> ExitCode {
 
 fn run(model: WholeModel, name: &str, arguments: Arguments) -> Result<ExitCode> {
     environment::set();
-    let Arguments { task, data, out, seed, learning_rate, batch, steps, checkpoint_every, threads } = arguments;
+    let Arguments { task, data, out, seed, learning_rate, batch, steps, checkpoint_every, threads, device } = arguments;
+    let device = device::parse(&device)?;
     let config = WholeConfig { model, task, data, seed, learning_rate, batch, steps, checkpoint_every };
     device::set_threads(threads)?;
     interrupt::catch()?;
     let of_task = tasks::find(&config.task)?.name;
     let folder = out.unwrap_or_else(|| Path::new("runs").join(of_task).join(name).join(format!("seed={seed}")));
-    if train(&config, &folder, &interrupt::asked)? == Outcome::Interrupted {
+    if train(&config, &folder, device, &interrupt::asked)? == Outcome::Interrupted {
         say!("stopped; the same command goes on");
         return Ok(interrupt::exit_code());
     }
@@ -83,14 +87,14 @@ fn run(model: WholeModel, name: &str, arguments: Arguments) -> Result<ExitCode> 
 ///
 /// # Errors
 /// Data that are missing or do not fit the task, and as for [`training::train`].
-pub fn train(config: &WholeConfig, folder: &Path, stop: &dyn Fn() -> bool) -> Result<Outcome> {
+pub fn train(config: &WholeConfig, folder: &Path, device: Device, stop: &dyn Fn() -> bool) -> Result<Outcome> {
     config.check()?;
     let task = tasks::find(&config.task)?;
     let read = |file: &Path, shape: &ClipShape| Dataset::open(&config.data.join(file), shape);
     let learned = read(task.train_file.as_ref(), &ClipShape::training(&task))?;
     let scored = read(task.test_file.as_ref(), &ClipShape::test(&task))?;
-    let [train, valid] = [Split::Train, Split::Valid].map(|split| learned.clips(split, Device::Cpu));
-    let test = scored.clips(Split::Test, Device::Cpu);
+    let [train, valid] = [Split::Train, Split::Valid].map(|split| learned.clips(split, device));
+    let test = scored.clips(Split::Test, device);
     let told = config.model.learns_rewards();
     let rewards = told.then(|| rewards(&task, &config.data.join(&task.train_file), &learned)).transpose()?;
     let data = WholeData { train: &train, rewards: rewards.as_ref(), valid: &valid, test: &test };

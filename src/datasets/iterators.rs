@@ -107,6 +107,14 @@ impl Clips {
         (flat / light.index_select(0, &index).reshape([-1, 1, 1, 1])).clamp(0.0, 1.0).reshape(size)
     }
 
+    /// Where batches are served.
+    pub fn device(&self) -> Device {
+        match &self.pixels {
+            Pixels::InMemory(pixels) => pixels.device(),
+            Pixels::OnDisk(_, device) => *device,
+        }
+    }
+
     /// Number of clips.
     pub fn len(&self) -> usize {
         match &self.pixels {

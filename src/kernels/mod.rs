@@ -7,7 +7,7 @@
 //! to layer. The mathematics is that of libtorch, in float32; sums are in another order.
 //!
 //! This is the only module with unsafe code: vectors of the processor's own width, chosen at run time; the tensors'
-//! memory; the processor's control register; and the node in libtorch's autograd graph. All pointers come from slices
+//! memory; the processor's control register; the node in libtorch's autograd graph; and recorded work on a GPU. All pointers come from slices
 //! whose lengths are checked once for each operation, on the way into it; checks for every pixel would cost as much as
 //! the arithmetic.
 
@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 mod adam;
 mod autograd;
+mod cuda;
 mod dense;
 mod error;
 mod filtering;
@@ -32,10 +33,12 @@ mod weight_gradient;
 mod winograd;
 
 pub use adam::AdamStep;
+pub use cuda::{Repeated, allow_tf32, own_stream};
 pub use lanes::Instructions;
 pub use sprites::Scene;
 pub use subnormals::flush_subnormals;
 pub use tensors::{UNetKernel, adam, draw, linear, masked, serve, squared_error};
+pub use threads::in_parallel;
 pub use unet::Shape;
 
 /// What computes what this module can.

@@ -7,13 +7,14 @@ use std::fmt::{self, Debug};
 use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
-use tch::Tensor;
+use tch::{Device, Tensor};
 
 use super::objective::{Objective, StepLoss, Validated};
 use super::observer::{Event, Observer};
 use super::optimizers::{Optimizer, OptimizerKind};
 use crate::datasets::iterators::Clips;
 use crate::evaluation;
+use crate::kernels::Repeated;
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{BestOf, RunState, Store};
 use crate::runs::metrics::{Kind, Record};
@@ -40,6 +41,8 @@ pub struct Validation {
     /// At most so many.
     pub clips: usize,
     /// In one pass.
+    pub pass: usize,
+    /// Clips in a step of `join`: what an epoch is counted by.
     pub batch: usize,
 }
 
@@ -124,14 +127,29 @@ impl Session<'_> {
         if self.state.step == 0 {
             self.validate(phase, objective)?;
         }
+        let device = self.model.variables.device();
+        let on_gpu = device != Device::Cpu;
+        let mut steps = Repeated::on(device);
         let mut outcome = Outcome::Finished;
         let mut diverged = None;
         while !objective.timetable().finished(self.state.step, &self.state.validations) {
             let step = self.state.step;
-            let loss = objective.loss(self.model, step, &self.state.validations)?;
+            let inputs = objective.inputs(self.model, step, &self.state.validations)?;
+            let factor = objective.timetable().factor(step, &self.state.validations);
+            let rate = |(name, _): &(String, Tensor)| objective.learning_rate(self.model.group(name)) * factor;
+            let rates: Vec<_> = variables.iter().map(rate).collect();
+            optimizer.begin_step(&rates);
+            let loss = steps.call(&inputs, |inputs| {
+                let loss = objective.loss(self.model, inputs)?;
+                if on_gpu || is_finite(&loss.total) {
+                    loss.total.backward();
+                    optimizer.descend(&variables, &rates);
+                }
+                Ok(loss.detached())
+            })?;
             let value = loss.total.double_value(&[]);
             if !value.is_finite() {
-                let culprit = self.not_finite(&loss, &variables);
+                let culprit = self.not_finite(loss, &variables);
                 // What the phases before have found is not lost for it.
                 if self.last_phase && objective.ends_at_best() {
                     diverged = Some(culprit);
@@ -139,14 +157,11 @@ impl Session<'_> {
                 }
                 bail!("{phase}: {culprit}; begin again in another folder (--out) with a lower learning rate");
             }
-            loss.total.backward();
-            let factor = objective.timetable().factor(step, &self.state.validations);
-            optimizer.step(&variables, |name| objective.learning_rate(self.model.group(name)) * factor);
             self.state.step += 1;
             self.state.steps += 1;
             self.tell(&Event::Step { loss: value, model: self.model })?;
             if self.state.step.is_multiple_of(self.intervals.print) {
-                self.record_step(phase, value, &loss)?;
+                self.record_step(phase, value, loss)?;
             }
             if self.state.step.is_multiple_of(objective.timetable().validate_every()) {
                 self.validate(phase, objective)?;
@@ -162,6 +177,11 @@ impl Session<'_> {
         }
         if outcome == Outcome::Finished && objective.ends_at_best() {
             self.return_to_best(phase, objective, diverged)?;
+        }
+        if let Some(why) = steps.refused() {
+            self.tell(&Event::Note(&format!(
+                "{phase} - its steps were not recorded on the GPU, which is slower: {why}"
+            )))?;
         }
         self.tell(&Event::PhaseEnds { phase })?;
         Ok(outcome)
@@ -227,8 +247,8 @@ impl Session<'_> {
 
     /// Scores the model on the validation split; keeps the weights of the last phase's best score.
     fn validate(&mut self, phase: &str, objective: &mut dyn Objective) -> Result<()> {
-        let Validation { clips, batch } = self.validation;
-        let losses = || evaluation::mean_losses(self.model, self.valid, clips, batch);
+        let Validation { clips, pass, batch } = self.validation;
+        let losses = || evaluation::mean_losses(self.model, self.valid, clips, pass);
         let Validated { score, recons_loss, pred_loss, extrap_loss } = objective.validate(self.model, &losses)?;
         ensure!(score.is_finite(), "{phase}: the validation score is not finite after step {}", self.state.steps);
         let steps_per_epoch = (self.train.len() / batch).max(1) as u64;

@@ -6,7 +6,7 @@
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
+use tch::{Device, Tensor};
 
 use super::base::{Outcome, Session};
 use super::objective::{Objective, StepLoss, Validated};
@@ -16,6 +16,7 @@ use super::ranges::{at_least_one, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::network::System;
+use crate::network::cells::Actions;
 use crate::network::physics_models::losses::{Losses, MeanLosses, latent_error};
 use crate::network::physics_models::{ForwardPass, Gradients, PhysicsNet, VariableGroup};
 
@@ -102,6 +103,8 @@ struct Joint<'a> {
     train: &'a Clips,
     batches: ShuffledBatches,
     timetable: Timetable,
+    /// Whether the step's inputs hold the order of the objects.
+    ordered: bool,
 }
 
 impl<'a> Joint<'a> {
@@ -113,7 +116,7 @@ impl<'a> Joint<'a> {
             (Some(steps), _) => Timetable::new(config.schedule.clone(), steps, 1),
             (None, epochs) => Timetable::new(config.schedule.clone(), epochs.unwrap_or(0), batches.steps_per_epoch()),
         };
-        Ok(Joint { config, train, batches, timetable })
+        Ok(Joint { config, train, batches, timetable, ordered: false })
     }
 
     /// The two latent terms of a pass, weighted; none where switched off.
@@ -139,12 +142,23 @@ impl Objective for Joint<'_> {
         &self.timetable
     }
 
-    fn loss(&mut self, model: &PhysicsNet, step: u64, _validations: &[f64]) -> Result<StepLoss> {
+    /// Clips, the order of the objects in them if it was looked up before, and what acts.
+    fn inputs(&mut self, model: &PhysicsNet, step: u64, _validations: &[f64]) -> Result<Vec<Tensor>> {
         let system = &model.system;
         let chosen = self.batches.clips_of_step(step);
         let clips = self.train.batch(chosen, system.input_steps + system.pred_steps);
-        let pass = model.forward_with(&clips, &self.train.actions(chosen), self.config.gradients)?;
-        let losses = Losses::new(&pass, &clips, system);
+        // Names are told by the processor: on a GPU in a pass of its own, so that the step itself never waits for it.
+        let order = if clips.device() == Device::Cpu { None } else { model.order(&clips) };
+        self.ordered = order.is_some();
+        Ok(std::iter::once(clips).chain(order).chain(self.train.actions(chosen).into_values()).collect())
+    }
+
+    fn loss(&self, model: &PhysicsNet, inputs: &[Tensor]) -> Result<StepLoss> {
+        let (clips, others) = (&inputs[0], &inputs[1..]);
+        let (order, actions) = others.split_at(usize::from(self.ordered));
+        let actions = Actions::new(actions.first().map(Tensor::shallow_clone));
+        let pass = model.forward_with(clips, &actions, order.first(), self.config.gradients)?;
+        let losses = Losses::new(&pass, clips, &model.system);
         let mut total = losses.train(self.config.alpha);
         if let Some(latent) = self.latent_terms(model, &pass) {
             total += latent;

@@ -15,12 +15,32 @@ pub struct StepLoss {
     pub prediction: Option<Tensor>,
 }
 
+impl StepLoss {
+    /// Without the way back to what they are computed from.
+    pub(super) fn detached(&self) -> Self {
+        let parts = [&self.reconstruction, &self.prediction].map(|part| part.as_ref().map(Tensor::detach));
+        let [reconstruction, prediction] = parts;
+        StepLoss { total: self.total.detach(), reconstruction, prediction }
+    }
+}
+
 /// A loss that a phase descends. A step is a function of the model, the step's number and the scores so far.
 pub trait Objective {
     /// When rates fall and the phase ends.
     fn timetable(&self) -> &Timetable;
 
-    fn loss(&mut self, model: &PhysicsNet, step: u64, validations: &[f64]) -> Result<StepLoss>;
+    /// What is new in a step, on the model's device: frames, and what else was chosen or found for them.
+    ///
+    /// # Errors
+    /// Data that do not suffice.
+    fn inputs(&mut self, model: &PhysicsNet, step: u64, validations: &[f64]) -> Result<Vec<Tensor>>;
+
+    /// The loss of these inputs, which depends on nothing else but the model's variables. On a GPU it is recorded and repeated
+    /// as long as the inputs keep their sizes: it must not look at a number.
+    ///
+    /// # Errors
+    /// Clips that are too short.
+    fn loss(&self, model: &PhysicsNet, inputs: &[Tensor]) -> Result<StepLoss>;
 
     /// The rate of a group of variables before annealing.
     fn learning_rate(&self, group: VariableGroup) -> f64;

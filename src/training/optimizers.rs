@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
+use tch::{Device, Kind, Tensor};
 
 use crate::kernels::{self, AdamStep, Kernels};
 
@@ -42,6 +42,15 @@ pub struct Optimizer {
     slots: BTreeMap<String, Tensor>,
     /// What computes a step.
     kernels: Kernels,
+    /// On a GPU, the variables' rates with the sign of a descent, `[variables]`: a step that is recorded reads them there.
+    rates: Option<Tensor>,
+}
+
+/// What a step is multiplied by.
+enum Rate {
+    Number(f64),
+    /// `[]`, with the sign of a descent.
+    OnDevice(Tensor),
 }
 
 impl OptimizerKind {
@@ -56,6 +65,16 @@ impl OptimizerKind {
     }
 }
 
+impl Rate {
+    /// A direction of ascent times the rate, downwards, in the direction's memory.
+    fn descent(&self, direction: &mut Tensor) -> Tensor {
+        match self {
+            Rate::Number(rate) => direction.g_mul_scalar_(-rate),
+            Rate::OnDevice(rate) => direction.g_mul_(rate),
+        }
+    }
+}
+
 impl Optimizer {
     /// Slots at their initial values for these variables.
     pub fn new(rule: OptimizerKind, clip: Option<f64>, variables: &[(String, Tensor)]) -> Self {
@@ -66,7 +85,10 @@ impl Optimizer {
                 slots.insert(format!("{name}/{slot}"), variable.detach().full_like(*initial));
             }
         }
-        Optimizer { rule, clip, steps: 0, slots, kernels: Kernels::Own }
+        let rates = variables.first().filter(|(_, variable)| variable.device() != Device::Cpu);
+        let rates =
+            rates.map(|(_, variable)| Tensor::zeros([variables.len() as i64], (Kind::Float, variable.device())));
+        Optimizer { rule, clip, steps: 0, slots, kernels: Kernels::Own, rates }
     }
 
     /// Computes with these kernels.
@@ -79,9 +101,27 @@ impl Optimizer {
     ///
     /// A variable without a gradient is left as it is.
     pub fn step(&mut self, variables: &[(String, Tensor)], learning_rate: impl Fn(&str) -> f64) {
-        let _guard = tch::no_grad_guard();
+        let rates: Vec<_> = variables.iter().map(|(name, _)| learning_rate(name)).collect();
+        self.begin_step(&rates);
+        self.descend(variables, &rates);
+    }
+
+    /// Counts a step and makes its rates known, one for each variable: what of a step is new each time.
+    pub fn begin_step(&mut self, rates: &[f64]) {
         self.steps += 1;
-        for (name, variable) in variables {
+        let correction = self.correction();
+        if let Some(known) = &mut self.rates {
+            let _guard = tch::no_grad_guard();
+            let rates: Vec<_> = rates.iter().map(|rate| (-rate * correction) as f32).collect();
+            known.copy_(&Tensor::from_slice(&rates));
+        }
+    }
+
+    /// The step that was begun, with the same rates; clears the gradients. On a GPU it may be recorded and repeated: nothing but
+    /// the rates, which it reads there, is new each time.
+    pub fn descend(&self, variables: &[(String, Tensor)], rates: &[f64]) {
+        let _guard = tch::no_grad_guard();
+        for (place, (name, variable)) in variables.iter().enumerate() {
             let mut gradient = variable.grad();
             if !gradient.defined() {
                 continue;
@@ -89,50 +129,64 @@ impl Optimizer {
             if let Some(limit) = self.clip {
                 let _ = gradient.clamp_(-limit, limit);
             }
-            self.update(name, variable.shallow_clone(), gradient.shallow_clone(), learning_rate(name));
+            let rate = match &self.rates {
+                Some(known) => Rate::OnDevice(known.get(place as i64)),
+                None => Rate::Number(rates[place] * self.correction()),
+            };
+            self.update(name, variable.shallow_clone(), gradient.shallow_clone(), &rate);
             let _ = gradient.zero_();
+        }
+    }
+
+    /// What a rate is multiplied by at this step: of Adam, the correction of moments that began at 0.
+    fn correction(&self) -> f64 {
+        let (b1, b2) = ADAM_BETAS;
+        match (self.rule, self.steps as f64) {
+            (OptimizerKind::Adam, t) => (1.0 - b2.powf(t)).sqrt() / (1.0 - b1.powf(t)),
+            _ => 1.0,
         }
     }
 
     /// Changes a variable and its slots. The arithmetic is done in place as far as it goes, the gradient's memory used up:
     /// half of the parameters are background and templates, and every pass over them costs.
-    fn update(&mut self, name: &str, mut variable: Tensor, mut g: Tensor, rate: f64) {
+    fn update(&self, name: &str, mut variable: Tensor, mut g: Tensor, rate: &Rate) {
         let slot = |slot: &str| {
             let key = format!("{name}/{slot}");
             self.slots.get(&key).unwrap_or_else(|| panic!("no slot {key}")).shallow_clone()
         };
         match self.rule {
             OptimizerKind::Sgd => {
-                let _ = variable.g_sub_(&g.g_mul_scalar_(rate));
+                let _ = variable.g_add_(&rate.descent(&mut g));
             }
             OptimizerKind::Momentum => {
                 let mut a = slot("momentum");
                 let _ = a.g_mul_scalar_(MOMENTUM).g_add_(&g);
-                let _ = variable.g_sub_(&(a * rate));
+                g.copy_(&a);
+                let _ = variable.g_add_(&rate.descent(&mut g));
             }
             OptimizerKind::RmsProp => {
                 let mut ms = slot("ms");
                 let _ = ms.lerp_(&g.square(), 1.0 - RMSPROP_DECAY);
                 let root = (ms + RMSPROP_EPSILON).sqrt_();
-                let _ = variable.addcdiv_(&g.g_mul_scalar_(-rate), &root);
+                let _ = variable.addcdiv_(&rate.descent(&mut g), &root);
             }
             OptimizerKind::Adam => {
                 let (b1, b2) = ADAM_BETAS;
                 let (mut m, mut v) = (slot("m"), slot("v"));
-                let t = self.steps as f64;
-                let rate = rate * (1.0 - b2.powf(t)).sqrt() / (1.0 - b1.powf(t));
                 let tensors = [&variable, &g, &m, &v];
-                if self.kernels == Kernels::Own
+                if let Rate::Number(rate) = rate
+                    && self.kernels == Kernels::Own
                     && kernels::serve(&tensors)
                     && tensors.iter().all(|it| it.is_contiguous())
                 {
-                    let [betas @ .., rate, epsilon] = [b1, b2, rate, ADAM_EPSILON].map(|number| number as f32);
+                    let [betas @ .., rate, epsilon] = [b1, b2, *rate, ADAM_EPSILON].map(|number| number as f32);
                     return kernels::adam(AdamStep { betas, rate, epsilon }, [&mut variable, &mut g, &mut m, &mut v]);
                 }
                 let _ = m.lerp_(&g, 1.0 - b1);
-                let _ = v.lerp_(&g.square_(), 1.0 - b2);
+                let _ = v.lerp_(&g.square(), 1.0 - b2);
                 let root = v.sqrt().g_add_scalar_(ADAM_EPSILON);
-                let _ = variable.addcdiv_(&(m * -rate), &root);
+                g.copy_(&m);
+                let _ = variable.addcdiv_(&rate.descent(&mut g), &root);
             }
         }
     }
@@ -163,5 +217,35 @@ impl Optimizer {
         }
         self.steps = steps;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A step whose rates are read from a tensor, as on a GPU, is the same as one that is told numbers; so what is recorded once
+    /// follows rates that fall and moments that are corrected.
+    #[test]
+    fn rates_on_the_device_are_the_rates() {
+        let rules = [OptimizerKind::RmsProp, OptimizerKind::Adam, OptimizerKind::Momentum, OptimizerKind::Sgd];
+        for rule in rules {
+            let [told, read] = [false, true].map(|on_device| {
+                let weights = Tensor::linspace(-1.0, 1.0, 9, (Kind::Float, Device::Cpu)).set_requires_grad(true);
+                let variables = [("weights".to_string(), weights.shallow_clone())];
+                let mut optimizer = Optimizer::new(rule, Some(0.5), &variables).with_kernels(Kernels::Libtorch);
+                if on_device {
+                    optimizer.rates = Some(Tensor::zeros([1], (Kind::Float, Device::Cpu)));
+                }
+                for step in 0..6 {
+                    (weights.sin() * &weights).sum(Kind::Float).backward();
+                    optimizer.step(&variables, |_| 0.1 / f64::from(1 + step));
+                }
+                weights.detach()
+            });
+            // Rounding of a rate to float32 before it is multiplied, or with it.
+            let difference = (told - read).abs().max().double_value(&[]);
+            assert!(difference < 1e-6, "{rule:?}: {difference}");
+        }
     }
 }

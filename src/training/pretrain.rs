@@ -50,7 +50,7 @@ impl Phase for Pretrain {
     }
 
     fn run(&self, session: &mut Session) -> Result<Outcome> {
-        let (model, batch) = (session.model, session.validation.batch);
+        let (model, batch) = (session.model, session.validation.pass);
         let train = Paths::encoded(model, session.train, session.train.len(), batch)?;
         let valid = Paths::encoded(model, session.valid, SCORED_CLIPS, batch)?;
         let mut imitation = Imitation {
@@ -111,15 +111,20 @@ impl Objective for Imitation<'_> {
         &self.timetable
     }
 
-    /// Inputs begin at each frame in turn after which L + T_pred frames are left.
-    fn loss(&mut self, model: &PhysicsNet, step: u64, _validations: &[f64]) -> Result<StepLoss> {
-        let chosen = Tensor::from_slice(self.batches.clips_of_step(step));
-        let chosen = chosen.to_device(self.train.positions.device());
-        let of_step =
-            Paths { positions: self.train.positions.index_select(0, &chosen), actions: self.train.actions.of(&chosen) };
+    /// Positions and what acts, from each frame in turn on after which L + T_pred frames are left.
+    fn inputs(&mut self, model: &PhysicsNet, step: u64, _validations: &[f64]) -> Result<Vec<Tensor>> {
+        let Paths { positions, actions } = &self.train;
+        let chosen = Tensor::from_slice(self.batches.clips_of_step(step)).to_device(positions.device());
         let used = model.system.input_steps + model.system.pred_steps;
-        let starts = of_step.positions.size()[1] as u64 - used as u64 + 1;
-        let (rolled, seen) = of_step.rolled_out(model, (step % starts) as usize);
+        let starts = positions.size()[1] as u64 - used as u64 + 1;
+        let start = (step % starts) as usize;
+        let positions = positions.index_select(0, &chosen).slice(1, start as i64, None, 1);
+        Ok(std::iter::once(positions).chain(actions.of(&chosen).since(start).into_values()).collect())
+    }
+
+    fn loss(&self, model: &PhysicsNet, inputs: &[Tensor]) -> Result<StepLoss> {
+        let actions = Actions::new(inputs.get(1).map(Tensor::shallow_clone));
+        let (rolled, seen) = Paths { positions: inputs[0].shallow_clone(), actions }.rolled_out(model, 0);
         Ok(StepLoss { total: latent_error(&rolled, &seen), reconstruction: None, prediction: None })
     }
 

@@ -3,16 +3,20 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
+use tch::Device;
 
 use super::base::{Intervals, Outcome, Session, Validation};
 use super::config::Config;
 use super::observer::Observer;
 use crate::datasets::iterators::Clips;
 use crate::evaluation;
-use crate::kernels::flush_subnormals;
+use crate::kernels::{flush_subnormals, own_stream};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{RunState, Store};
 use crate::support::device::COMMIT;
+
+/// Clips that a GPU sees at a time where nothing is learned from them: fewer take it as long.
+const PASS_ON_GPU: usize = 100;
 
 /// A training by a config.
 #[derive(Debug)]
@@ -34,12 +38,14 @@ impl<'a> Trainer<'a> {
             let parameter = parameter.with_context(|| format!("start.{symbol}: the model learns no such parameter"))?;
             model.set_value(parameter, *value).with_context(|| format!("start.{symbol}"))?;
         }
+        let batch = config.join.batch;
+        let pass = if model.variables.device() == Device::Cpu { batch } else { batch.max(PASS_ON_GPU) };
         let session = Session {
             model,
             train,
             valid,
             seed: config.seed,
-            validation: Validation { clips: config.join.validation_clips, batch: config.join.batch },
+            validation: Validation { clips: config.join.validation_clips, pass, batch },
             intervals: Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every },
             last_phase: false,
             best: None,
@@ -107,6 +113,7 @@ impl<'a> Trainer<'a> {
     /// A loss that is not a number, a full disk, a damaged checkpoint, or one of a training on other clips.
     pub fn run(&mut self) -> Result<Outcome> {
         flush_subnormals();
+        own_stream(self.session.model.variables.device())?;
         self.session.load_last()?;
         let begun_with = &mut self.session.state.clips;
         if begun_with.is_empty() {

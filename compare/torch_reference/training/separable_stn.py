@@ -21,5 +21,5 @@ def separable_stn(images, theta, side, grid_sample=False):
 def weights_of_source(source, size):
     """[batch, side, size]."""
     low, high, w_low, w_high = indices_and_weights(source, size)
-    index = torch.arange(size)
+    index = torch.arange(size, device=source.device)
     return (low[..., None] == index) * w_low[..., None] + (high[..., None] == index) * w_high[..., None]

@@ -16,6 +16,16 @@ impl Actions {
         Actions(values)
     }
 
+    /// All of them, `[batch, frames]`, if anything acts.
+    pub fn values(&self) -> Option<&Tensor> {
+        self.0.as_ref()
+    }
+
+    /// The same, taken out.
+    pub fn into_values(self) -> Option<Tensor> {
+        self.0
+    }
+
     /// What acts from a frame to the next, `[batch, 1]`; nothing after the last.
     pub fn at(&self, frame: usize) -> Option<Tensor> {
         self.0

@@ -4,6 +4,7 @@
 
 use tch::Tensor;
 
+use super::plain::{Euler, PlainCell};
 use super::spring::Spring;
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
@@ -36,5 +37,9 @@ impl Cell for DampedSpring {
         let acceleration = self.spring.acceleration(state) - self.log_c.exp() * &state.vel;
         let vel = &state.vel + acceleration * h;
         State { pos: &state.pos + &vel * h, vel }
+    }
+
+    fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {
+        Some(Box::new(Euler::new(self.spring.law(self.log_c.double_value(&[]).exp()))))
     }
 }

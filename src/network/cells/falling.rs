@@ -5,6 +5,7 @@
 use tch::Tensor;
 
 use super::impact::turned_back;
+use super::plain::{Euler, Law, PlainCell};
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
 
 const PARAMETERS: &[PhysicalParameter] = &[PhysicalParameter::learned("g", "log_g", 1).with_time(-2)];
@@ -59,5 +60,24 @@ impl Cell for Falling {
             None => [pos, vel],
         };
         State { pos, vel }
+    }
+
+    fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {
+        let free = self.walls.is_none();
+        free.then(|| Box::new(Euler::new(FallingLaw { g: self.log_g.double_value(&[]).exp() })) as _)
+    }
+}
+
+/// Free fall in plain numbers.
+#[derive(Debug)]
+struct FallingLaw {
+    g: f64,
+}
+
+impl Law for FallingLaw {
+    fn accelerate(&self, _positions: &[f64], _velocities: &[f64], action: &[f64], into: &mut [f64]) {
+        for (coordinate, column) in into.chunks_exact_mut(action.len()).enumerate() {
+            column.fill(if coordinate % 2 == 0 { 0.0 } else { self.g });
+        }
     }
 }

@@ -5,6 +5,7 @@
 
 use tch::Tensor;
 
+use super::plain::{Euler, Law, PlainCell, columns, columns_mut};
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static GRAVITY: CellKind = CellKind {
@@ -53,5 +54,38 @@ impl Cell for Gravity {
         let strength = self.log_g.exp() * (&self.log_m * 2.0).exp();
         let vel = &state.vel - strength * pull * h;
         State { pos: &state.pos + &vel * h, vel }
+    }
+
+    fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {
+        let [g, m] = [&self.log_g, &self.log_m].map(|log| log.double_value(&[]).exp());
+        Some(Box::new(Euler::new(GravityLaw { strength: g * m * m })))
+    }
+}
+
+/// The same in plain numbers.
+#[derive(Debug)]
+struct GravityLaw {
+    /// g m^2.
+    strength: f64,
+}
+
+impl Law for GravityLaw {
+    fn accelerate(&self, positions: &[f64], _velocities: &[f64], _action: &[f64], into: &mut [f64]) {
+        let at: [&[f64]; 6] = columns(positions);
+        let into: [&mut [f64]; 6] = columns_mut(into);
+        for i in 0..at[0].len() {
+            let pull = |a: usize, b: usize| {
+                let d = [0, 1].map(|axis| at[2 * a + axis][i] - at[2 * b + axis][i]);
+                let squared = d[0] * d[0] + d[1] * d[1];
+                let n = squared.clamp(SQUARED_DISTANCE.0, SQUARED_DISTANCE.1).sqrt().clamp(DISTANCE.0, DISTANCE.1);
+                d.map(|d| self.strength * d / (n * n * n))
+            };
+            let (f01, f12, f20) = (pull(0, 1), pull(1, 2), pull(2, 0));
+            for axis in [0, 1] {
+                into[axis][i] = f20[axis] - f01[axis];
+                into[2 + axis][i] = f01[axis] - f12[axis];
+                into[4 + axis][i] = f12[axis] - f20[axis];
+            }
+        }
     }
 }

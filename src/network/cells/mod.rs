@@ -244,6 +244,11 @@ pub trait Cell: Debug {
     fn plain(&self) -> Option<Box<dyn PlainCell>> {
         None
     }
+
+    /// The same in double precision.
+    fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {
+        None
+    }
 }
 
 /// The scalars that `build` was given, one for each of `N` parameters.

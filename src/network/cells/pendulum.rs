@@ -6,7 +6,7 @@
 
 use tch::Tensor;
 
-use super::plain::PlainCell;
+use super::plain::{Euler, Law, PlainCell};
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, SUBSTEPS, State, scalars};
 use crate::support::fast_math::sine;
 
@@ -40,10 +40,31 @@ impl Cell for Pendulum {
         let vel = &state.vel + acceleration * h;
         State { pos: &state.pos + &vel * h, vel }
     }
+
     fn plain(&self) -> Option<Box<dyn PlainCell>> {
         let value = |log: &Tensor| log.double_value(&[]).exp() as f32;
         let (gravity, torque) = (1.5 * value(&self.log_g), 3.0 * value(&self.log_a));
         Some(Box::new(PlainPendulum { gravity, torque, substeps: SUBSTEPS, largest_rate: f32::INFINITY }))
+    }
+
+    fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {
+        let [g, a] = [&self.log_g, &self.log_a].map(|log| log.double_value(&[]).exp());
+        Some(Box::new(Euler::new(PendulumLaw { gravity: 1.5 * g, torque: 3.0 * a })))
+    }
+}
+
+/// The pendulum in double precision.
+#[derive(Debug)]
+struct PendulumLaw {
+    gravity: f64,
+    torque: f64,
+}
+
+impl Law for PendulumLaw {
+    fn accelerate(&self, angles: &[f64], _rates: &[f64], action: &[f64], into: &mut [f64]) {
+        for ((faster, angle), action) in into.iter_mut().zip(angles).zip(action) {
+            *faster = self.gravity * angle.sin() + self.torque * action;
+        }
     }
 }
 

@@ -5,6 +5,7 @@
 
 use tch::Tensor;
 
+use super::plain::{Euler, Law, PlainCell, columns, columns_mut};
 use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
 
 pub static SPRING: CellKind = CellKind {
@@ -34,6 +35,12 @@ pub(super) struct Spring {
 }
 
 impl Spring {
+    /// With the parameters as they are now, in a medium that resists by so much.
+    pub(super) fn law(&self, resistance: f64) -> SpringLaw {
+        let [k, l] = [&self.log_k, &self.log_l].map(|log| log.double_value(&[]).exp());
+        SpringLaw { k, l, resistance }
+    }
+
     /// Accelerations of the two bodies, `[batch, 4]`.
     pub(super) fn acceleration(&self, state: &State) -> Tensor {
         let d = state.position(0) - state.position(1);
@@ -47,5 +54,33 @@ impl Cell for Spring {
     fn substep(&self, state: &State, _action: Option<&Tensor>, h: f64) -> State {
         let vel = &state.vel + self.acceleration(state) * h;
         State { pos: &state.pos + &vel * h, vel }
+    }
+
+    fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {
+        Some(Box::new(Euler::new(self.law(0.0))))
+    }
+}
+
+/// The spring, and a medium that resists, in plain numbers.
+#[derive(Debug)]
+pub(super) struct SpringLaw {
+    k: f64,
+    l: f64,
+    resistance: f64,
+}
+
+impl Law for SpringLaw {
+    fn accelerate(&self, positions: &[f64], velocities: &[f64], _action: &[f64], into: &mut [f64]) {
+        let [x0, y0, x1, y1] = columns(positions);
+        let [a0, b0, a1, b1] = columns_mut(into);
+        for i in 0..x0.len() {
+            let (x, y) = (x0[i] - x1[i], y0[i] - y1[i]);
+            let n = (x * x + y * y).sqrt();
+            let force = self.k * (n - 2.0 * self.l) / (n + SOFTENING);
+            (a0[i], b0[i], a1[i], b1[i]) = (-force * x, -force * y, force * x, force * y);
+        }
+        if self.resistance != 0.0 {
+            into.iter_mut().zip(velocities).for_each(|(faster, velocity)| *faster -= self.resistance * velocity);
+        }
     }
 }

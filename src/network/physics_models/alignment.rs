@@ -77,7 +77,7 @@ impl Fit {
         let error = (&self.frames - drawn).unsqueeze(2);
         let explained = self.jacobian.bmm(&error).to_kind(Kind::Double);
         let towards = explained - &self.prior * moved.to_kind(Kind::Double).unsqueeze(2);
-        let step = Tensor::linalg_solve(&self.normal, &towards, true).squeeze_dim(2);
+        let step = Tensor::linalg_solve_ex(&self.normal, &towards, true, false).0.squeeze_dim(2);
         (moved + step.to_kind(moved.kind())).clamp(-self.reach, self.reach)
     }
 }

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use tch::nn::{Init, VarStore};
 use tch::{Device, Kind, Tensor};
 
-use crate::kernels::Kernels;
+use crate::kernels::{Kernels, allow_tf32};
 use crate::network::System;
 use crate::network::blocks::Precision;
 use crate::network::cells::{Actions, Cell, Coordinates, PhysicalParameter, State};
@@ -80,6 +80,9 @@ pub struct ModelOptions {
     /// What the products of the encoder's first dense layer, the largest of all, are computed in.
     #[serde(default)]
     pub dense_precision: Precision,
+    /// Whether a GPU may round the factors of all products to ten bits (TF32), which it multiplies several times as fast.
+    #[serde(default)]
+    pub tf32: bool,
 }
 
 impl ModelOptions {
@@ -99,6 +102,7 @@ impl ModelOptions {
             refinement_steps: 0,
             kernels: Kernels::Own,
             dense_precision: Precision::Float32,
+            tf32: false,
         }
     }
 
@@ -253,6 +257,10 @@ impl PhysicsNet {
         let raw: Vec<_> = parameters.iter().map(|parameter| parameter.raw.shallow_clone()).collect();
         let cell = system.build_cell(&raw);
         initial_values::glorot_uniform(&variables, seed);
+        if device != Device::Cpu {
+            // A switch of the whole program: a model computes as the last one that was made.
+            allow_tf32(options.tf32);
+        }
         Ok(PhysicsNet {
             system: system.clone(),
             options: options.clone(),
@@ -418,14 +426,29 @@ impl PhysicsNet {
     /// What is seen in clips `[batch, time, channels, S, S]`: as [`PhysicsNet::encode`], and the positions of the first `input`
     /// frames improved on the picture, all in the order of their names.
     pub fn see(&self, clips: &Tensor, input: usize) -> Seen {
-        let (encoding, encoded) = self.encode(clips);
+        let seen = self.see_unnamed(clips, self.look(&clips.flatten(0, 1)), input);
+        Seen { positions: self.named(&seen.positions, input), ..seen }
+    }
+
+    /// The same in the encoder's order, by what the encoder made of the frames.
+    fn see_unnamed(&self, clips: &Tensor, encoding: Encoding, input: usize) -> Seen {
         let (batch, time, count) = (clips.size()[0], clips.size()[1], input as i64);
+        let encoded = self.clip_coordinates(&encoding.positions.reshape([batch, time, -1]));
         let places = encoding.positions.reshape([batch, time, -1]);
         let of_input = |x: &Tensor| x.narrow(1, 0, count).flatten(0, 1);
         let aligned = self.aligned_places(&of_input(clips), &of_input(&places)).reshape([batch, count, -1]);
         let places = Tensor::cat(&[aligned, places.narrow(1, count, time - count)], 1);
-        let positions = self.named(&self.clip_coordinates(&places), input);
+        let positions = self.clip_coordinates(&places);
         Seen { encoding, encoded, positions }
+    }
+
+    /// Which of the encoder's objects bears each name in clips `[batch, L + T_pred, channels, S, S]`, `[batch, L + T_pred,
+    /// objects]`, as a step of training has it; none where names do not change.
+    pub fn order(&self, clips: &Tensor) -> Option<Tensor> {
+        let _guard = tch::no_grad_guard();
+        let (unlike, input) = (self.unlike()?, self.system.input_steps);
+        let seen = self.see_unnamed(clips, self.first_look(&clips.flatten(0, 1)), input);
+        Some(naming::follow(&seen.positions, &unlike, input).order)
     }
 
     /// Encoded places `[frames, 2 * objects]` (pixels) in single frames `[frames, channels, S, S]`, improved on the picture if
@@ -443,12 +466,16 @@ impl PhysicsNet {
     /// Encoded positions `[batch, time, coordinates * objects]` in the order of their names: within a clip a name stays with
     /// its object. The names in the first `input` frames do not depend on what comes after.
     pub fn named(&self, positions: &Tensor, input: usize) -> Tensor {
-        let one = self.system.objects == 1 || self.system.cell.coordinates == Coordinates::Angle;
-        let follow = !one && self.options.names_by_continuity;
-        match follow.then(|| self.decoder.unlike()).flatten() {
+        match self.unlike() {
             Some(unlike) => naming::renamed(positions, &naming::follow(positions, &unlike, input).order),
             None => positions.shallow_clone(),
         }
+    }
+
+    /// How unlike the objects look, where names follow them.
+    fn unlike(&self) -> Option<Vec<Vec<f64>>> {
+        let one = self.system.objects == 1 || self.system.cell.coordinates == Coordinates::Angle;
+        if one || !self.options.names_by_continuity { None } else { self.decoder.unlike() }
     }
 
     /// Positions of single frames in the equation's coordinates, `[frames, coordinates * objects]`.
@@ -502,25 +529,36 @@ impl PhysicsNet {
     /// # Errors
     /// A clip that is shorter than L + T_pred.
     pub fn forward(&self, clips: &Tensor, actions: &Actions) -> Result<ForwardPass> {
-        self.forward_with(clips, actions, Gradients::Joint)
+        self.forward_with(clips, actions, None, Gradients::Joint)
     }
 
-    /// The same, with gradients that go as said.
+    /// The same, with names in an [`order`](Self::order) that is known already, and with gradients that go as said.
     ///
     /// # Errors
     /// As for [`Self::forward`].
-    pub fn forward_with(&self, clips: &Tensor, actions: &Actions, gradients: Gradients) -> Result<ForwardPass> {
+    pub fn forward_with(
+        &self,
+        clips: &Tensor,
+        actions: &Actions,
+        order: Option<&Tensor>,
+        gradients: Gradients,
+    ) -> Result<ForwardPass> {
         let (input, encoded) = (self.system.input_steps, self.system.input_steps + self.system.pred_steps);
         let time = clips.size()[1] as usize;
         ensure!(time >= encoded, "a clip has {time} frames; at least input and prediction, {encoded}, are needed");
-        let seen = self.see(&clips.narrow(1, 0, encoded as i64), input);
-        let from = seen.positions.narrow(1, 0, input as i64);
+        let seen_clips = clips.narrow(1, 0, encoded as i64);
+        let seen = self.see_unnamed(&seen_clips, self.look(&seen_clips.flatten(0, 1)), input);
+        let positions = match order {
+            Some(order) => naming::renamed(&seen.positions, order),
+            None => self.named(&seen.positions, input),
+        };
+        let from = positions.narrow(1, 0, input as i64);
         let from = if gradients == Gradients::Separate { from.detach() } else { from };
         let (initial, states) = self.roll_out(&from, actions, time - input);
         let predicted: Vec<_> = states.iter().map(|state| state.pos.shallow_clone()).collect();
         let predicted = Tensor::stack(&predicted, 1);
         let [reconstructions, predictions] = self.decode_both(&seen.encoded, &predicted, gradients);
-        let (Seen { encoding, positions, .. }, kernels) = (seen, self.options.kernels);
+        let (Seen { encoding, .. }, kernels) = (seen, self.options.kernels);
         Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions, kernels })
     }
 }

@@ -118,6 +118,6 @@ impl Input<'_> {
         let half = [normal.size()[1] / 2];
         let positions = Tensor::full(half, DAMPING, (Kind::Double, normal.device()));
         let damping = Tensor::cat(&[&positions, &(&positions * self.dt.powi(2))], 0).diag(0);
-        Tensor::linalg_solve(&(normal + damping), &transposed, true).to_kind(jacobian.kind())
+        Tensor::linalg_solve_ex(&(normal + damping), &transposed, true, false).0.to_kind(jacobian.kind())
     }
 }

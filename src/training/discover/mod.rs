@@ -361,30 +361,35 @@ impl Objective for Discovery<'_> {
         &self.timetable
     }
 
-    fn loss(&mut self, model: &PhysicsNet, step: u64, validations: &[f64]) -> Result<StepLoss> {
+    /// Frames; while there are guides also their weight, what moves, and which pixels are whose where names tell.
+    fn inputs(&mut self, model: &PhysicsNet, step: u64, validations: &[f64]) -> Result<Vec<Tensor>> {
         let places = self.train.random_places(self.config.frames, self.seed, step);
         let mut frames = self.train.frames(&places);
         if self.few {
             self.paste_half(model, &places, &mut frames, step);
         }
-        let encoding = model.first_look(&frames);
+        let fade = self.timetable.guides_weight(step, validations);
+        if fade == 0.0 {
+            return Ok(vec![frames]);
+        }
+        let moving = self.motion.of(self.train, &places, &frames);
+        let responsibilities = self.responsibilities(model, &moving)?;
+        let fade = Tensor::from(fade as f32).to_device(frames.device());
+        Ok([frames, fade, moving.share].into_iter().chain(responsibilities).collect())
+    }
+
+    fn loss(&self, model: &PhysicsNet, inputs: &[Tensor]) -> Result<StepLoss> {
+        let frames = &inputs[0];
+        let encoding = model.first_look(frames);
         let [drawn] = model.decoder.draw([&model.coordinates(&encoding)]);
         let reconstruction = frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames.unsqueeze(1));
-        let fade = self.timetable.guides_weight(step, validations);
         let mut total = reconstruction.shallow_clone();
-        if fade > 0.0 {
-            let moving = self.motion.of(self.train, &places, &frames);
-            let responsibilities = self.responsibilities(model, &moving)?;
+        if let [_, fade, moving, responsibilities @ ..] = inputs {
             // A mask is not to move for the sake of a position.
             let positions = model.encoder.localise(&encoding.masked.detach());
-            let guides = guide::loss(
-                &self.config.guide,
-                &encoding,
-                &positions,
-                &moving.share,
-                responsibilities.as_ref(),
-                &self.pixel_centres,
-            );
+            let guide = &self.config.guide;
+            let responsibilities = responsibilities.first();
+            let guides = guide::loss(guide, &encoding, &positions, moving, responsibilities, &self.pixel_centres);
             total += guides * fade;
         }
         Ok(StepLoss { total, reconstruction: Some(reconstruction), prediction: None })

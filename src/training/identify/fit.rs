@@ -12,8 +12,9 @@ use tch::{Device, Kind, Tensor};
 
 use super::Identify;
 use crate::network::System;
-use crate::network::cells::{Actions, State};
+use crate::network::cells::{Actions, State, plain};
 use crate::network::physics_models::PhysicsNet;
+use crate::support::device::OneThread;
 use crate::support::statistics::MEDIAN_TO_DEVIATION;
 
 /// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or natural logarithm. In float64 roll-outs
@@ -166,6 +167,7 @@ pub fn fit(
     trust: &Trust,
 ) -> Result<Fit> {
     let _guard = tch::no_grad_guard();
+    let _one_thread = OneThread::begin();
     let positions = positions.to_device(Device::Cpu).to_kind(Kind::Double);
     let actions = &actions.to(Device::Cpu, Kind::Double);
     ensure!(
@@ -231,8 +233,13 @@ impl Problem<'_> {
     /// Positions of the roll-outs, `[clips * copies, horizon * coordinates]`.
     fn roll_out(&self, logs: &Tensor, states: &Tensor, actions: &Actions) -> Tensor {
         let logs: Vec<_> = (0..logs.size()[0]).map(|i| logs.get(i)).collect();
+        let System { cell: kind, dt, .. } = *self.system;
+        let cell = self.system.build_cell(&logs);
+        if let Some(mut cell) = cell.plain_double() {
+            return plain::roll_out(cell.as_mut(), states, actions, kind.tells_time(), dt, self.horizon);
+        }
         let first = State::from_joined(states);
-        let rolled = self.system.build_cell(&logs).roll_out(&first, actions, self.system.dt, self.horizon - 1);
+        let rolled = cell.roll_out(&first, actions, dt, self.horizon - 1);
         let frames: Vec<_> = std::iter::once(&first.pos).chain(rolled.iter().map(|state| &state.pos)).collect();
         Tensor::cat(&frames, 1)
     }

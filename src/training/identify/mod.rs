@@ -147,7 +147,7 @@ impl Phase for Identify {
             let numbers: Vec<_> = order.iter().map(|number| number + 1).collect();
             session.tell(&Event::Note(&format!("identify - the objects' order in the equation is {numbers:?}")))?;
         }
-        let seen = Seen::of(model, session.train, &motion, self.clips, session.validation.batch);
+        let seen = Seen::of(model, session.train, &motion, self.clips, session.validation.pass);
         let explanation = explain::explain(self, model, &seen, &Start::of(model))?;
         explanation.apply(model);
         let fit = &explanation.fit;

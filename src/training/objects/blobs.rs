@@ -3,6 +3,7 @@
 use tch::{Device, Kind, Tensor};
 
 use super::motion::Moving;
+use crate::kernels::in_parallel;
 
 /// Pixels that move less than this are left out.
 const FAINT: f32 = 0.05;
@@ -59,8 +60,8 @@ pub fn find(moving: &Moving, objects: usize) -> Vec<FrameBlobs> {
     let (channels, side) = (size[1] as usize, size[2] as usize);
     let (shares, differences) = (floats(&moving.share), floats(&moving.difference));
     let pixels = side * side;
-    let frames = shares.chunks(pixels).zip(differences.chunks(channels * pixels));
-    frames.map(|(share, difference)| frame_blobs(share, difference, side, objects)).collect()
+    let frames = shares.chunks(pixels).zip(differences.chunks(channels * pixels)).collect();
+    in_parallel(frames, |(share, difference)| frame_blobs(share, difference, side, objects))
 }
 
 /// All numbers of a tensor.

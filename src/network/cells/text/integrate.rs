@@ -99,6 +99,12 @@ impl Cell for TextCell {
         let values = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[])) as f32);
         Some(Box::new(PlainText::new(self.equation, values.collect(), self.walls)))
     }
+
+    fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {
+        let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
+        let values = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[])));
+        Some(Box::new(PlainText::new(self.equation, values.collect(), self.walls)))
+    }
 }
 
 impl Grid {

@@ -136,8 +136,8 @@ impl<F: Number> PlainText<F> {
     }
 }
 
-impl PlainCell for PlainText<f32> {
-    fn step(&mut self, positions: &mut [f32], velocities: &mut [f32], action: &[f32], dt: f32) {
+impl<F: Number> PlainCell<F> for PlainText<F> {
+    fn step(&mut self, positions: &mut [F], velocities: &mut [F], action: &[F], dt: F) {
         self.frame(positions, velocities, action, dt);
     }
 }

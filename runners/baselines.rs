@@ -238,8 +238,9 @@ impl Comparing {
 
     /// Trains whole other models: in turn on the CPU, each with all threads; side by side on a GPU, of which each needs little.
     fn train_whole(&self, trainings: &[&Training]) -> Result<()> {
-        let at_once = if self.device == Device::Cpu { 1 } else { self.jobs };
-        device::set_threads(self.jobs * self.places.threads / at_once)?;
+        let Comparing { jobs, places: Places { threads, .. }, .. } = self;
+        let (at_once, threads) = if self.device == Device::Cpu { (1, jobs * threads) } else { (*jobs, *threads) };
+        device::set_threads(threads)?;
         let next = AtomicUsize::new(0);
         let work = || {
             while let Some(training) = trainings.get(next.fetch_add(1, Ordering::Relaxed)).filter(|_| !self.stop()) {

@@ -179,35 +179,31 @@ impl<T> Repeated<T> {
             (self.sizes, self.calls, self.recorded) = (sizes, 0, None);
         }
         self.calls += 1;
+        if self.is_to_be_recorded() {
+            let kept: Vec<_> = inputs.iter().map(|input| input.detach().copy()).collect();
+            match Recording::of(|| function(&kept)) {
+                Ok((recording, result)) => {
+                    (self.recorded, self.result) = (Some(Recorded { recording, inputs: kept }), Some(result));
+                }
+                Err(error) => self.refused = Some(format!("{error:#}")),
+            }
+        }
         if let Some(Recorded { recording, inputs: kept }) = &mut self.recorded {
             let _guard = tch::no_grad_guard();
             kept.iter_mut().zip(inputs).for_each(|(kept, input)| kept.copy_(input));
             recording.repeat()?;
-        } else if !self.may_record() {
+        } else {
             let _choice = FastestAlgorithms::begin(self.device);
             let _beside = GRADIENTS.read().unwrap_or_else(PoisonError::into_inner);
             self.result = Some(function(inputs)?);
-        } else {
-            let kept: Vec<_> = inputs.iter().map(|input| input.detach().copy()).collect();
-            match Recording::of(|| function(&kept)) {
-                Ok((mut recording, result)) => {
-                    recording.repeat()?;
-                    self.result = Some(result);
-                    self.recorded = Some(Recorded { recording, inputs: kept });
-                }
-                Err(error) => {
-                    self.refused = Some(format!("{error:#}"));
-                    self.result = Some(function(inputs)?);
-                }
-            }
         }
-        Ok(self.result.as_ref().expect("every way to here leaves a result"))
+        Ok(self.result.as_ref().expect("either way leaves a result"))
     }
 
-    fn may_record(&self) -> bool {
+    fn is_to_be_recorded(&self) -> bool {
         // SAFETY: tells how this program was built.
         let possible = matches!(self.device, Device::Cuda(_)) && unsafe { paig_cuda_built() };
-        possible && self.refused.is_none() && self.calls > WARM_UP
+        possible && self.recorded.is_none() && self.refused.is_none() && self.calls > WARM_UP
     }
 
     /// Why the function could not be recorded, if it could not.

@@ -258,3 +258,37 @@ fn steps_of_adam_are_those_of_libtorch() {
         assert!(apart < 2e-6, "{apart}");
     }
 }
+
+/// Positions that teach the masks and positions that do not, from one product: the same numbers and the same gradients as from
+/// two passes of the localisation network, of small frames and of those that it sees halved.
+#[test]
+fn positions_with_and_without_a_way_back_share_their_product() {
+    let _alone = RANDOM.lock().unwrap_or_else(PoisonError::into_inner);
+    tch::manual_seed(12);
+    for task in ["spring_color", "mnist_spring_color"] {
+        let system = paig::tasks::find(task).unwrap().system;
+        let side = system.side as i64;
+        let frames = Tensor::rand([6, 3, side, side], (Kind::Float, Device::Cpu));
+        let pulls = [(); 2].map(|()| Tensor::randn([6, 4], (Kind::Float, Device::Cpu)));
+        let [shared, apart] = [true, false].map(|shared| {
+            let model = PhysicsNet::new(&system, &ModelOptions::original(), Device::Cpu, 7).unwrap();
+            let (seen, again) = if shared {
+                model.encoder.forward_twice(&frames)
+            } else {
+                let seen = model.encoder.forward(&frames);
+                let again = model.encoder.localise(&seen.masked.detach());
+                (seen, again)
+            };
+            (&seen.positions * &pulls[0] + &again * &pulls[1]).sum(Kind::Float).backward();
+            let gradients = model.named_variables().into_iter().map(|(name, variable)| (name, variable.grad()));
+            (seen.positions.detach(), again.detach(), gradients.filter(|(_, it)| it.defined()).collect::<Vec<_>>())
+        });
+        assert!(shared.0.equal(&apart.0) && shared.1.equal(&apart.1) && shared.0.equal(&shared.1), "{task}");
+        assert_eq!(shared.2.len(), apart.2.len());
+        for ((name, shared), (_, apart)) in shared.2.iter().zip(&apart.2) {
+            // Two sums of float32 added before or after they are summed.
+            let off = departure(shared, apart);
+            assert!(off < 1e-4, "{task}: gradient of {name} off by {off:e}");
+        }
+    }
+}

@@ -37,7 +37,7 @@ pub use cuda::{Repeated, allow_tf32, own_stream};
 pub use lanes::Instructions;
 pub use sprites::Scene;
 pub use subnormals::flush_subnormals;
-pub use tensors::{UNetKernel, adam, draw, linear, masked, serve, squared_error};
+pub use tensors::{UNetKernel, adam, draw, linear, masked, serve, squared_error, taught_through};
 pub use threads::in_parallel;
 pub use unet::Shape;
 

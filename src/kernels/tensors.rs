@@ -129,6 +129,23 @@ pub fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Tensor {
     })
 }
 
+/// A copy of `linear` (`[rows, outputs]`) that is differentiable also by `x` (`[rows, inputs]`), as if it were `x weight^T`:
+/// where a linear map of a constant `x` was computed, and a part of what follows is to teach `x`, too.
+pub fn taught_through(linear: &Tensor, x: &Tensor, weight: &Tensor) -> Tensor {
+    let copy = linear.detach().copy();
+    let inputs = [linear, x];
+    if !autograd::records(&inputs) {
+        return copy;
+    }
+    let (weight, size) = (weight.detach().contiguous(), x.size());
+    autograd::attach(copy, &inputs, move |gradient| {
+        let gradient = gradient.contiguous();
+        let mut by_x = Tensor::empty(&size, (Kind::Float, Device::Cpu));
+        product(matrix(&gradient), matrix(&weight), floats_mut(&mut by_x));
+        vec![gradient, by_x]
+    })
+}
+
 /// A tensor `[rows, columns]`, contiguous in memory.
 fn matrix(tensor: &Tensor) -> Matrix<'_> {
     let (rows, columns) = tensor.size2().expect("a matrix");

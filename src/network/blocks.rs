@@ -86,6 +86,16 @@ impl Dense {
         self.activation.apply(product)
     }
 
+    /// The same twice: once differentiable by the input and the layer, once by the layer alone. The products are shared.
+    pub fn forward_wide_twice(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> [Tensor; 2] {
+        if precision == Precision::Float32 && kernels == Kernels::Own && kernels::serve(&[x, &self.weight]) {
+            let by_layer = kernels::linear(&x.detach(), &self.weight, &self.bias);
+            let by_both = kernels::taught_through(&by_layer, x, &self.weight);
+            return [by_both, by_layer].map(|product| self.activation.apply(product));
+        }
+        [x.shallow_clone(), x.detach()].map(|x| self.forward_wide(&x, kernels, precision))
+    }
+
     /// Replaces kernel and bias by the least-squares solution of `inputs -> outputs` (`[rows, in]` to `[rows, out]`, before
     /// the activation), with a ridge of weight `ridge` per row around the present values.
     ///

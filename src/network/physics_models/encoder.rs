@@ -58,6 +58,21 @@ impl Encoder {
 
     /// `[frames, channels, S, S]` in \[0, 1\].
     pub fn forward(&self, frames: &Tensor) -> Encoding {
+        let [masks, masked] = self.parted(frames);
+        Encoding { positions: self.localise(&masked), masks, masked }
+    }
+
+    /// The same, and the positions once more without a way back to the masks.
+    pub fn forward_twice(&self, frames: &Tensor) -> (Encoding, Tensor) {
+        let [masks, masked] = self.parted(frames);
+        let [first, second, _] = &self.localisation;
+        let hidden = first.forward_wide_twice(&self.seen(&masked), self.kernels, self.dense_precision);
+        let [positions, by_localiser] = hidden.map(|hidden| self.positions_of(&second.forward(&hidden)));
+        (Encoding { masks, masked, positions }, by_localiser)
+    }
+
+    /// Masks and masked frames, as in an [`Encoding`].
+    fn parted(&self, frames: &Tensor) -> [Tensor; 2] {
         let logits = self.unet.forward(frames);
         let background = logits.narrow(1, 0, 1).full_like(BACKGROUND_LOGIT);
         let masks = Tensor::cat(&[logits, background], 1).softmax(1, frames.kind());
@@ -66,7 +81,7 @@ impl Encoder {
         } else {
             masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0)
         };
-        Encoding { positions: self.localise(&masked), masks, masked }
+        [masks, masked]
     }
 
     /// Masked frames `[objects, frames, channels, S, S]` to positions `[frames, 2 * objects]`.
@@ -84,12 +99,16 @@ impl Encoder {
 
     /// What the output layer of the localisation network sees, `[objects * frames, hidden]`.
     fn localisation_features(&self, masked: &Tensor) -> Tensor {
+        let [first, second, _] = &self.localisation;
+        second.forward(&first.forward_wide(&self.seen(masked), self.kernels, self.dense_precision))
+    }
+
+    /// What the localisation network sees of masked frames `[objects, frames, channels, S, S]`, `[objects * frames, values]`.
+    fn seen(&self, masked: &Tensor) -> Tensor {
         let stacked = masked.flatten(0, 1);
         let seen = if self.halves { stacked.avg_pool2d(2, 2, 0, false, true, None) } else { stacked };
         // Flattened in the original's order: height, width, channel.
-        let flat = seen.permute([0, 2, 3, 1]).flatten(1, 3);
-        let [first, second, _] = &self.localisation;
-        second.forward(&first.forward_wide(&flat, self.kernels, self.dense_precision))
+        seen.permute([0, 2, 3, 1]).flatten(1, 3)
     }
 
     /// Solves the output layer of the localisation network for `positions` (`[frames, 2 * objects]`) of these frames, by

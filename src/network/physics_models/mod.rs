@@ -379,6 +379,11 @@ impl PhysicsNet {
         self.encoder.forward(&self.given(frames))
     }
 
+    /// The same, and the positions once more without a way back to the masks.
+    pub fn first_look_twice(&self, frames: &Tensor) -> (Encoding, Tensor) {
+        self.encoder.forward_twice(&self.given(frames))
+    }
+
     /// What the encoder is given of frames, all `[frames, channels, S, S]`: see [`ModelOptions::subtract_background`].
     pub fn given(&self, frames: &Tensor) -> Tensor {
         match self.options.subtract_background.then(|| self.decoder.background()).flatten() {

@@ -30,7 +30,7 @@ use crate::datasets::iterators::Clips;
 use crate::network::System;
 use crate::network::cells::Coordinates;
 use crate::network::physics_models::losses::{MeanLosses, RunningMean, frame_error};
-use crate::network::physics_models::{DecoderKind, PhysicsNet, VariableGroup};
+use crate::network::physics_models::{DecoderKind, Encoding, PhysicsNet, VariableGroup};
 use crate::runs::checkpoint::{self, SavedWeights};
 use crate::runs::weights;
 use crate::support::random::named_generator;
@@ -380,19 +380,20 @@ impl Objective for Discovery<'_> {
 
     fn loss(&self, model: &PhysicsNet, inputs: &[Tensor]) -> Result<StepLoss> {
         let frames = &inputs[0];
-        let encoding = model.first_look(frames);
-        let [drawn] = model.decoder.draw([&model.coordinates(&encoding)]);
-        let reconstruction = frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames.unsqueeze(1));
-        let mut total = reconstruction.shallow_clone();
-        if let [_, fade, moving, responsibilities @ ..] = inputs {
-            // A mask is not to move for the sake of a position.
-            let positions = model.encoder.localise(&encoding.masked.detach());
-            let guide = &self.config.guide;
-            let responsibilities = responsibilities.first();
-            let guides = guide::loss(guide, &encoding, &positions, moving, responsibilities, &self.pixel_centres);
-            total += guides * fade;
-        }
-        Ok(StepLoss { total, reconstruction: Some(reconstruction), prediction: None })
+        let reconstruction = |encoding: &Encoding| {
+            let [drawn] = model.decoder.draw([&model.coordinates(encoding)]);
+            frame_error(model.options.kernels, &drawn.unsqueeze(1), &frames.unsqueeze(1))
+        };
+        let [_, fade, moving, responsibilities @ ..] = inputs else {
+            let loss = reconstruction(&model.first_look(frames));
+            return Ok(StepLoss { total: loss.shallow_clone(), reconstruction: Some(loss), prediction: None });
+        };
+        // A mask is not to move for the sake of a position.
+        let (encoding, positions) = model.first_look_twice(frames);
+        let (guide, responsibilities) = (&self.config.guide, responsibilities.first());
+        let guides = guide::loss(guide, &encoding, &positions, moving, responsibilities, &self.pixel_centres);
+        let loss = reconstruction(&encoding);
+        Ok(StepLoss { total: &loss + guides * fade, reconstruction: Some(loss), prediction: None })
     }
 
     fn learning_rate(&self, _group: VariableGroup) -> f64 {

@@ -137,7 +137,7 @@ fn repetition<'a>(
                 repeated.call(slice::from_ref(&clips), |inputs| {
                     let pass = model.forward(&inputs[0], &Actions::none())?;
                     Losses::new(&pass, &inputs[0], system).train(join.alpha).backward();
-                    optimizer.descend(&variables, &rates);
+                    optimizer.descend(&variables);
                     Ok(Vec::new())
                 })?;
                 Ok(())
@@ -151,7 +151,7 @@ fn repetition<'a>(
                     let frames = &inputs[0];
                     let [drawn] = model.decoder.draw([&model.coordinates(&model.first_look(&frames.select(1, 0)))]);
                     frame_error(model.options.kernels, &drawn.unsqueeze(1), frames).backward();
-                    optimizer.descend(&variables, &rates);
+                    optimizer.descend(&variables);
                     Ok(Vec::new())
                 })?;
                 Ok(())

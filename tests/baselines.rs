@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use paig::baselines::frame_model::{Batch, FrameModel, named_variables, weights};
+use paig::baselines::gaussian::normal_numbers;
 use paig::baselines::list::Comparison;
 use paig::baselines::training::WholeModel;
 use paig::network::cells::Actions;
@@ -51,7 +52,8 @@ fn whole_models_see_only_the_input() {
 #[test]
 fn every_weight_of_a_whole_model_learns() {
     for model in WHOLE.map(built) {
-        model.loss(&Batch { frames: clips(2, 8), actions: Actions::none(), rewards: None, noise: None }).backward();
+        let noise = Some(normal_numbers(3, 0, model.draws(2, 8)));
+        model.loss(&Batch { frames: clips(2, 8), actions: Actions::none(), rewards: None, noise }).backward();
         for (name, variable) in named_variables(model.as_ref()) {
             let gradient = variable.grad();
             if name == "background" {

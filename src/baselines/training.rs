@@ -286,13 +286,12 @@ impl<'a> Running<'a> {
             let batch = data.batch(chosen, noise);
             let annealed = self.step as f64 >= ANNEAL_AT * steps as f64;
             let rate = self.config.learning_rate / if annealed { ANNEAL_FACTOR } else { 1.0 };
-            let rates = vec![rate; self.variables.len()];
-            self.optimizer.begin_step(&rates);
+            self.optimizer.begin_step(&vec![rate; self.variables.len()]);
             let (model, optimizer, variables) = (self.model, &self.optimizer, &self.variables);
             let loss = descent.call(&batch.parts(), |parts| {
                 let loss = model.loss(&batch.with(parts));
                 loss.backward();
-                optimizer.descend(variables, &rates);
+                optimizer.descend(variables);
                 Ok(loss.detach())
             })?;
             let value = loss.double_value(&[]);

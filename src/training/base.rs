@@ -143,7 +143,7 @@ impl Session<'_> {
                 let loss = objective.loss(self.model, inputs)?;
                 if on_gpu || is_finite(&loss.total) {
                     loss.total.backward();
-                    optimizer.descend(&variables, &rates);
+                    optimizer.descend(&variables);
                 }
                 Ok(loss.detached())
             })?;

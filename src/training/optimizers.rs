@@ -42,14 +42,14 @@ pub struct Optimizer {
     slots: BTreeMap<String, Tensor>,
     /// What computes a step.
     kernels: Kernels,
-    /// On a GPU, the variables' rates with the sign of a descent, `[variables]`: a step that is recorded reads them there.
-    rates: Option<Tensor>,
+    rates: Rates,
 }
 
-/// What a step is multiplied by.
-enum Rate {
-    Number(f64),
-    /// `[]`, with the sign of a descent.
+/// What the step at hand is multiplied by, one for each variable.
+#[derive(Debug)]
+enum Rates {
+    Numbers(Vec<f64>),
+    /// On a GPU, with the sign of a descent, `[variables]`: a step that is recorded reads them there.
     OnDevice(Tensor),
 }
 
@@ -65,12 +65,12 @@ impl OptimizerKind {
     }
 }
 
-impl Rate {
-    /// A direction of ascent times the rate, downwards, in the direction's memory.
-    fn descent(&self, direction: &mut Tensor) -> Tensor {
+impl Rates {
+    /// A variable's direction of ascent times its rate, downwards, in the direction's memory.
+    fn descent(&self, place: usize, direction: &mut Tensor) -> Tensor {
         match self {
-            Rate::Number(rate) => direction.g_mul_scalar_(-rate),
-            Rate::OnDevice(rate) => direction.g_mul_(rate),
+            Rates::Numbers(rates) => direction.g_mul_scalar_(-rates[place]),
+            Rates::OnDevice(rates) => direction.g_mul_(&rates.get(place as i64)),
         }
     }
 }
@@ -85,9 +85,10 @@ impl Optimizer {
                 slots.insert(format!("{name}/{slot}"), variable.detach().full_like(*initial));
             }
         }
-        let rates = variables.first().filter(|(_, variable)| variable.device() != Device::Cpu);
-        let rates =
-            rates.map(|(_, variable)| Tensor::zeros([variables.len() as i64], (Kind::Float, variable.device())));
+        let rates = match variables.first().map(|(_, variable)| variable.device()) {
+            None | Some(Device::Cpu) => Rates::Numbers(Vec::new()),
+            Some(device) => Rates::OnDevice(Tensor::zeros([variables.len() as i64], (Kind::Float, device))),
+        };
         Optimizer { rule, clip, steps: 0, slots, kernels: Kernels::Own, rates }
     }
 
@@ -103,23 +104,27 @@ impl Optimizer {
     pub fn step(&mut self, variables: &[(String, Tensor)], learning_rate: impl Fn(&str) -> f64) {
         let rates: Vec<_> = variables.iter().map(|(name, _)| learning_rate(name)).collect();
         self.begin_step(&rates);
-        self.descend(variables, &rates);
+        self.descend(variables);
     }
 
     /// Counts a step and makes its rates known, one for each variable: what of a step is new each time.
     pub fn begin_step(&mut self, rates: &[f64]) {
         self.steps += 1;
         let correction = self.correction();
-        if let Some(known) = &mut self.rates {
-            let _guard = tch::no_grad_guard();
-            let rates: Vec<_> = rates.iter().map(|rate| (-rate * correction) as f32).collect();
-            known.copy_(&Tensor::from_slice(&rates));
+        let corrected = rates.iter().map(|rate| rate * correction);
+        match &mut self.rates {
+            Rates::Numbers(numbers) => *numbers = corrected.collect(),
+            Rates::OnDevice(known) => {
+                let _guard = tch::no_grad_guard();
+                let downwards: Vec<_> = corrected.map(|rate| -rate as f32).collect();
+                known.copy_(&Tensor::from_slice(&downwards));
+            }
         }
     }
 
-    /// The step that was begun, with the same rates; clears the gradients. On a GPU it may be recorded and repeated: nothing but
-    /// the rates, which it reads there, is new each time.
-    pub fn descend(&self, variables: &[(String, Tensor)], rates: &[f64]) {
+    /// The step that was begun; clears the gradients. On a GPU it may be recorded and repeated: nothing but the rates, which it
+    /// reads there, is new each time.
+    pub fn descend(&self, variables: &[(String, Tensor)]) {
         let _guard = tch::no_grad_guard();
         for (place, (name, variable)) in variables.iter().enumerate() {
             let mut gradient = variable.grad();
@@ -129,11 +134,7 @@ impl Optimizer {
             if let Some(limit) = self.clip {
                 let _ = gradient.clamp_(-limit, limit);
             }
-            let rate = match &self.rates {
-                Some(known) => Rate::OnDevice(known.get(place as i64)),
-                None => Rate::Number(rates[place] * self.correction()),
-            };
-            self.update(name, variable.shallow_clone(), gradient.shallow_clone(), &rate);
+            self.update(place, name, variable.shallow_clone(), gradient.shallow_clone());
             let _ = gradient.zero_();
         }
     }
@@ -149,44 +150,44 @@ impl Optimizer {
 
     /// Changes a variable and its slots. The arithmetic is done in place as far as it goes, the gradient's memory used up:
     /// half of the parameters are background and templates, and every pass over them costs.
-    fn update(&self, name: &str, mut variable: Tensor, mut g: Tensor, rate: &Rate) {
+    fn update(&self, place: usize, name: &str, mut variable: Tensor, mut g: Tensor) {
         let slot = |slot: &str| {
             let key = format!("{name}/{slot}");
             self.slots.get(&key).unwrap_or_else(|| panic!("no slot {key}")).shallow_clone()
         };
         match self.rule {
             OptimizerKind::Sgd => {
-                let _ = variable.g_add_(&rate.descent(&mut g));
+                let _ = variable.g_add_(&self.rates.descent(place, &mut g));
             }
             OptimizerKind::Momentum => {
                 let mut a = slot("momentum");
                 let _ = a.g_mul_scalar_(MOMENTUM).g_add_(&g);
                 g.copy_(&a);
-                let _ = variable.g_add_(&rate.descent(&mut g));
+                let _ = variable.g_add_(&self.rates.descent(place, &mut g));
             }
             OptimizerKind::RmsProp => {
                 let mut ms = slot("ms");
                 let _ = ms.lerp_(&g.square(), 1.0 - RMSPROP_DECAY);
                 let root = (ms + RMSPROP_EPSILON).sqrt_();
-                let _ = variable.addcdiv_(&rate.descent(&mut g), &root);
+                let _ = variable.addcdiv_(&self.rates.descent(place, &mut g), &root);
             }
             OptimizerKind::Adam => {
                 let (b1, b2) = ADAM_BETAS;
                 let (mut m, mut v) = (slot("m"), slot("v"));
                 let tensors = [&variable, &g, &m, &v];
-                if let Rate::Number(rate) = rate
+                if let Rates::Numbers(rates) = &self.rates
                     && self.kernels == Kernels::Own
                     && kernels::serve(&tensors)
                     && tensors.iter().all(|it| it.is_contiguous())
                 {
-                    let [betas @ .., rate, epsilon] = [b1, b2, *rate, ADAM_EPSILON].map(|number| number as f32);
+                    let [betas @ .., rate, epsilon] = [b1, b2, rates[place], ADAM_EPSILON].map(|number| number as f32);
                     return kernels::adam(AdamStep { betas, rate, epsilon }, [&mut variable, &mut g, &mut m, &mut v]);
                 }
                 let _ = m.lerp_(&g, 1.0 - b1);
                 let _ = v.lerp_(&g.square(), 1.0 - b2);
                 let root = v.sqrt().g_add_scalar_(ADAM_EPSILON);
                 g.copy_(&m);
-                let _ = variable.addcdiv_(&rate.descent(&mut g), &root);
+                let _ = variable.addcdiv_(&self.rates.descent(place, &mut g), &root);
             }
         }
     }
@@ -235,7 +236,7 @@ mod tests {
                 let variables = [("weights".to_string(), weights.shallow_clone())];
                 let mut optimizer = Optimizer::new(rule, Some(0.5), &variables).with_kernels(Kernels::Libtorch);
                 if on_device {
-                    optimizer.rates = Some(Tensor::zeros([1], (Kind::Float, Device::Cpu)));
+                    optimizer.rates = Rates::OnDevice(Tensor::zeros([1], (Kind::Float, Device::Cpu)));
                 }
                 for step in 0..6 {
                     (weights.sin() * &weights).sum(Kind::Float).backward();

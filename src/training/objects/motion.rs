@@ -155,3 +155,21 @@ fn noise_level(sizes: &Tensor, noisy: Option<&Tensor>) -> Tensor {
     let quiet = level.le(QUIET);
     level * quiet
 }
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, Kind, Tensor};
+
+    use super::neighbours_mean;
+
+    /// At the edges fewer pixels are averaged, as libtorch's pooling does it.
+    #[test]
+    fn neighbours_are_averaged_within_the_frame() {
+        let x = (Tensor::arange(2 * 3 * 7 * 7, (Kind::Float, Device::Cpu)) * 0.7).sin().reshape([2, 3, 7, 7]);
+        let pooled = x.avg_pool2d(3, 1, 1, false, false, None);
+        // Nine numbers of size 1, summed in float32 in another order.
+        assert!((neighbours_mean(&x) - pooled).abs().max().double_value(&[]) < 1e-6);
+        let channels_last = x.permute([0, 2, 3, 1]).contiguous().permute([0, 3, 1, 2]);
+        assert_eq!(neighbours_mean(&channels_last), neighbours_mean(&x));
+    }
+}

@@ -3,7 +3,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use paig::kernels::{self, Instructions, Kernels, Shape, UNetKernel};
+use paig::kernels::{self, ConvolutionKernel, Instructions, Kernels, Shape, UNetKernel};
 use paig::network::System;
 use paig::network::blocks::{Layers, Precision, UNet};
 use paig::network::cells::Actions;
@@ -201,6 +201,88 @@ fn products_of_a_dense_layer_are_those_of_libtorch() {
         tch::set_num_threads(given);
         assert!(once.iter().zip(&again).all(|(once, again)| once.equal(again)), "{rows} x {inputs} x {outputs}");
     }
+}
+
+/// What a layer that is applied twice gives, `[results, results of the results]`, and the gradients of what it sees first,
+/// of its weight and of its bias.
+fn applied_twice(layer: impl Fn(&Tensor) -> Tensor, inputs: [&Tensor; 3], pull: &Tensor) -> Vec<Tensor> {
+    inputs.iter().for_each(|input| input.shallow_clone().zero_grad());
+    let once = layer(inputs[0]);
+    let twice = layer(&once.narrow(1, 0, inputs[0].size()[1]));
+    (&twice * pull).sum(Kind::Float).backward();
+    [once.detach(), twice.detach()].into_iter().chain(inputs.iter().map(|input| input.grad().copy())).collect()
+}
+
+#[test]
+fn a_prepared_convolution_is_that_of_libtorch() {
+    let _alone = RANDOM.lock().unwrap_or_else(PoisonError::into_inner);
+    tch::manual_seed(11);
+    let given = tch::get_num_threads();
+    // One kernel for all: its memory of one side is not taken for another.
+    let kernels: Vec<_> = Instructions::all().into_iter().map(ConvolutionKernel::new).collect();
+    for [pictures, inputs, outputs, side] in [[25, 112, 256, 8], [3, 8, 16, 9], [40, 16, 24, 5], [1, 8, 8, 1]] {
+        let bound = |inputs: i64| (1.0 / (9 * inputs) as f64).sqrt();
+        let draw = |size: &[i64], scale: f64| {
+            (Tensor::randn(size, (Kind::Float, Device::Cpu)) * scale).set_requires_grad(true)
+        };
+        let x = draw(&[pictures, inputs, side, side], 1.0);
+        let (weight, bias) = (draw(&[outputs, inputs, 3, 3], bound(inputs)), draw(&[outputs], 1.0));
+        let pull = Tensor::randn([pictures, outputs, side, side], (Kind::Float, Device::Cpu));
+        let by_libtorch = |x: &Tensor| x.conv2d(&weight, Some(&bias), 1, 1, 1, 1);
+        let theirs = applied_twice(by_libtorch, [&x, &weight, &bias], &pull);
+        for (instructions, kernel) in Instructions::all().iter().zip(&kernels) {
+            assert!(kernel.serves(&weight));
+            let own = || {
+                let prepared = kernel.prepared(&weight, &bias);
+                applied_twice(|x| prepared.forward(x), [&x, &weight, &bias], &pull)
+            };
+            for (part, (ours, theirs)) in own().iter().zip(&theirs).enumerate() {
+                let off = departure(ours, theirs);
+                let context = format!("{instructions:?}, {pictures} x {inputs} to {outputs}, side {side}");
+                assert!(off < FORWARD, "{context}: part {part} off by {off:e}");
+            }
+            let [once, again] = [1, 3].map(|threads| {
+                tch::set_num_threads(threads);
+                own()
+            });
+            tch::set_num_threads(given);
+            assert!(once.iter().zip(&again).all(|(once, again)| once.equal(again)), "{instructions:?}, side {side}");
+        }
+    }
+}
+
+#[test]
+fn steps_of_a_memory_are_those_of_libtorch() {
+    let _alone = RANDOM.lock().unwrap_or_else(PoisonError::into_inner);
+    tch::manual_seed(12);
+    let by_libtorch = |gates: &Tensor, c: &Tensor| {
+        let gates = gates.chunk(4, 1);
+        let c = (&gates[1] + 1.0).sigmoid() * c + gates[0].sigmoid() * gates[2].tanh();
+        [gates[3].sigmoid() * c.tanh(), c]
+    };
+    for size in [&[25, 64, 8, 8][..], &[3, 5], &[1, 1, 1, 3]] {
+        let wide: Vec<i64> = size.iter().enumerate().map(|(axis, n)| if axis == 1 { 4 * n } else { *n }).collect();
+        let [gates, c, of_h, of_c] = [&wide[..], size, size, size]
+            .map(|size| (Tensor::randn(size, (Kind::Float, Device::Cpu)) * 3.0).set_requires_grad(true));
+        // A second step, so that the memory is pulled at both of its parts.
+        let twice = |step: &dyn Fn(&Tensor, &Tensor) -> [Tensor; 2]| {
+            [&gates, &c].iter().for_each(|input| input.shallow_clone().zero_grad());
+            let [first, memory] = step(&gates, &c);
+            let [second, memory] = step(&(&gates + first.repeat(repeats(&wide, size))), &memory);
+            ((&second * &of_h) + (&memory * &of_c)).sum(Kind::Float).backward();
+            [first.detach(), second.detach(), memory.detach(), gates.grad().copy(), c.grad().copy()]
+        };
+        let ours = twice(&|gates, c| kernels::memory_step(gates, c, 1.0));
+        for (part, (ours, theirs)) in ours.iter().zip(&twice(&by_libtorch)).enumerate() {
+            let off = departure(ours, theirs);
+            assert!(off < FORWARD, "{size:?}: part {part} off by {off:e}");
+        }
+    }
+}
+
+/// How often a tensor stands in another on each axis.
+fn repeats(wide: &[i64], size: &[i64]) -> Vec<i64> {
+    wide.iter().zip(size).map(|(wide, size)| wide / size).collect()
 }
 
 #[test]

@@ -8,20 +8,29 @@
 
 use tch::Tensor;
 
-use crate::network::blocks::{Activation, Conv2d, Layers};
-use crate::network::dynamics::memory_step;
+use crate::kernels::{self, ConvolutionKernel, Instructions};
+use crate::network::blocks::{Activation, Conv2d, Layers, PreparedConv2d};
+use crate::network::dynamics::{FORGET_BIAS, memory_step};
 
 /// One layer. Its kernel `[4 * hidden, inputs + hidden, size, size]` holds the gates in the order i, f, g, o.
 #[derive(Debug)]
 pub struct ConvLstmCell {
     gates: Conv2d,
+    kernel: ConvolutionKernel,
     hidden: i64,
+}
+
+/// A layer with its weights of one moment.
+#[derive(Debug)]
+pub struct PreparedConvLstm<'a> {
+    gates: PreparedConv2d<'a>,
 }
 
 impl ConvLstmCell {
     pub fn new(layers: &mut Layers, inputs: usize, hidden: usize, size: usize) -> Self {
         ConvLstmCell {
             gates: layers.conv2d(inputs + hidden, 4 * hidden, size, Activation::None),
+            kernel: ConvolutionKernel::new(Instructions::best()),
             hidden: hidden as i64,
         }
     }
@@ -32,8 +41,20 @@ impl ConvLstmCell {
         [(); 2].map(|()| Tensor::zeros([size[0], self.hidden, size[2], size[3]], (like.kind(), like.device())))
     }
 
-    /// `[h, c]` (each `[batch, hidden, height, width]`) after `x` (`[batch, inputs, height, width]`).
+    /// Ready for many steps.
+    pub fn prepared(&self) -> PreparedConvLstm<'_> {
+        PreparedConvLstm { gates: self.gates.prepared(&self.kernel) }
+    }
+}
+
+impl PreparedConvLstm<'_> {
+    /// `[h, c]` (each `[batch, hidden, side, side]`) after `x` (`[batch, inputs, side, side]`).
     pub fn step(&self, x: &Tensor, [h, c]: &[Tensor; 2]) -> [Tensor; 2] {
-        memory_step(&self.gates.forward(&Tensor::cat(&[x, h], 1)), c)
+        let gates = self.gates.forward(&Tensor::cat(&[x, h], 1));
+        if kernels::serve(&[&gates, c]) {
+            kernels::memory_step(&gates, c, FORGET_BIAS as f32)
+        } else {
+            memory_step(&gates, c)
+        }
     }
 }

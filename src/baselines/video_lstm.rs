@@ -8,7 +8,7 @@
 use tch::nn::VarStore;
 use tch::{Device, Tensor};
 
-use super::conv_lstm::ConvLstmCell;
+use super::conv_lstm::{ConvLstmCell, PreparedConvLstm};
 use super::frame_model::{Batch, FrameModel};
 use crate::kernels::Kernels;
 use crate::network::System;
@@ -44,6 +44,10 @@ fn side_of_patches(side: usize) -> usize {
     (1..=side / PATCHES).rev().find(|patch| side.is_multiple_of(*patch)).unwrap_or(1)
 }
 
+fn prepared(cells: &[ConvLstmCell]) -> Vec<PreparedConvLstm<'_>> {
+    cells.iter().map(ConvLstmCell::prepared).collect()
+}
+
 impl VideoLstm {
     /// A fresh model with initial values drawn from `seed`.
     pub fn new(system: &System, seed: u64, device: Device) -> Self {
@@ -68,7 +72,7 @@ impl VideoLstm {
         }
     }
 
-    fn step(&self, cells: &[ConvLstmCell], frame: &Tensor, memory: &Memory) -> Memory {
+    fn step(&self, cells: &[PreparedConvLstm], frame: &Tensor, memory: &Memory) -> Memory {
         let mut x = frame.pixel_unshuffle(self.patch);
         let mut after = Memory::new();
         for (cell, before) in cells.iter().zip(memory) {
@@ -81,8 +85,9 @@ impl VideoLstm {
     fn encoded(&self, input: &Tensor) -> Memory {
         let like = input.select(1, 0).pixel_unshuffle(self.patch);
         let mut memory: Memory = self.encoder.iter().map(|cell| cell.start(&like)).collect();
+        let encoder = prepared(&self.encoder);
         for frame in 0..input.size()[1] {
-            memory = self.step(&self.encoder, &input.select(1, frame), &memory);
+            memory = self.step(&encoder, &input.select(1, frame), &memory);
         }
         memory
     }
@@ -107,10 +112,11 @@ impl FrameModel for VideoLstm {
 
     fn predict(&self, input: &Tensor, _actions: &Actions, frames: usize) -> Tensor {
         let mut memory = self.encoded(input);
+        let forecaster = prepared(&self.forecaster);
         let mut frame = input.select(1, input.size()[1] - 1);
         let mut predicted = Vec::with_capacity(frames);
         for _ in 0..frames {
-            memory = self.step(&self.forecaster, &frame, &memory);
+            memory = self.step(&forecaster, &frame, &memory);
             let states: Vec<&Tensor> = memory.iter().map(|[h, _]| h).collect();
             frame = self.output.forward(&Tensor::cat(&states, 1)).pixel_shuffle(self.patch).sigmoid();
             predicted.push(frame.shallow_clone());

@@ -27,11 +27,17 @@ unsafe fn plus<L: Lanes>(x: L, c: f32, y: L) -> L {
     unsafe { x.add_product(L::splat(c), y) }
 }
 
-/// `G w` of three taps.
-pub(super) fn of_taps([w0, w1, w2]: [f32; 3]) -> [f32; POINTS] {
-    let (even_a, odd_a) = (-2.0 / 3.0 * w0 - 1.0 / 3.0 * w2, -2.0 / 3.0 * A * w1);
-    let (even_b, odd_b) = (1.0 / 6.0 * w0 + 1.0 / 3.0 * w2, 1.0 / 6.0 * B * w1);
-    [w0, even_a + odd_a, even_a - odd_a, even_b + odd_b, even_b - odd_b, w2]
+/// `G w` of three taps, each of some kernels.
+#[inline(always)]
+pub(super) fn of_taps<const N: usize>([w0, w1, w2]: [[f32; N]; 3]) -> [[f32; N]; POINTS] {
+    let mut points = [[0.0; N]; POINTS];
+    for i in 0..N {
+        let (even_a, odd_a) = (-2.0 / 3.0 * w0[i] - 1.0 / 3.0 * w2[i], -2.0 / 3.0 * A * w1[i]);
+        let (even_b, odd_b) = (1.0 / 6.0 * w0[i] + 1.0 / 3.0 * w2[i], 1.0 / 6.0 * B * w1[i]);
+        let of_one = [w0[i], even_a + odd_a, even_a - odd_a, even_b + odd_b, even_b - odd_b, w2[i]];
+        points.iter_mut().zip(of_one).for_each(|(point, value)| point[i] = value);
+    }
+    points
 }
 
 /// `B^T d` of six pixels.

@@ -1,5 +1,6 @@
 //! The network's dearest computations, written for the processor, forward and backward: the U-Net, masked frames, the
-//! first dense layer that sees them, the drawing of sprites, the squared error, and the optimizer's step.
+//! first dense layer that sees them, the drawing of sprites, the squared error, and the optimizer's step; and, for
+//! comparison, the layers of a convolutional LSTM.
 //!
 //! libtorch's convolutions reach half of a core's speed or less at 3 to 64 channels, and every one of the passes between
 //! them goes through memory. Here the frames of a batch stand side by side in blocks, one in each lane of a vector, so
@@ -15,14 +16,17 @@ use serde::{Deserialize, Serialize};
 
 mod adam;
 mod autograd;
+mod convolution;
 mod cuda;
 mod dense;
 mod error;
 mod filtering;
 mod lanes;
 mod masks;
+mod memory;
 mod mix;
 mod planes;
+mod recycled;
 mod resample;
 mod sprites;
 mod subnormals;
@@ -37,7 +41,10 @@ pub use cuda::{Repeated, allow_tf32, own_stream};
 pub use lanes::Instructions;
 pub use sprites::Scene;
 pub use subnormals::flush_subnormals;
-pub use tensors::{UNetKernel, adam, draw, linear, masked, serve, squared_error, taught_through};
+pub use tensors::{
+    ConvolutionKernel, PreparedConvolution, UNetKernel, adam, draw, linear, masked, memory_step, serve, squared_error,
+    taught_through,
+};
 pub use threads::in_parallel;
 pub use unet::Shape;
 

@@ -1,13 +1,17 @@
 //! The kernels on tensors, within libtorch's autograd.
 
+use std::sync::Arc;
+
 use tch::{Device, Kind, Tensor};
 
 use super::adam::{self, AdamStep, Slices};
 use super::autograd;
+use super::convolution;
 use super::dense::{Matrix, product};
 use super::error::{self, Rows};
 use super::lanes::Instructions;
 use super::masks;
+use super::memory;
 use super::sprites::{self, Drawn, Scene};
 use super::unet::{Kernel, Shape};
 
@@ -47,6 +51,63 @@ impl UNetKernel {
             let gradients = pass.backward(floats(&gradient.contiguous()));
             let gradients = gradients.into_iter().flat_map(|(weight, bias)| [weight, bias]);
             gradients.zip(&sizes).map(|(values, size)| Tensor::from_slice(&values).reshape(size)).collect()
+        })
+    }
+}
+
+/// A convolution 3x3 with zero padding that is applied many times between two changes of its weights.
+#[derive(Debug)]
+pub struct ConvolutionKernel {
+    instructions: Instructions,
+    memory: Arc<convolution::Memory>,
+}
+
+impl ConvolutionKernel {
+    pub fn new(instructions: Instructions) -> Self {
+        ConvolutionKernel { instructions, memory: Arc::new(convolution::Memory::new()) }
+    }
+
+    /// Whether a layer with this weight `[outputs, inputs, height, width]` can be computed.
+    pub fn serves(&self, weight: &Tensor) -> bool {
+        let size = weight.size();
+        let fits = |channels: i64| convolution::Kernel::fits(self.instructions, channels as usize);
+        serve(&[weight]) && size[2..] == [3, 3] && size[..2].iter().all(|channels| fits(*channels))
+    }
+
+    /// The layer with its weights as they are now.
+    pub fn prepared(&self, weight: &Tensor, bias: &Tensor) -> PreparedConvolution {
+        let values = [weight, bias].map(|tensor| tensor.detach().contiguous());
+        let [weights, biases] = values.each_ref().map(floats);
+        let kernel = convolution::Kernel::new(self.instructions, weights, biases, Arc::clone(&self.memory));
+        PreparedConvolution { kernel: Arc::new(kernel), variables: [weight, bias].map(Tensor::shallow_clone) }
+    }
+}
+
+/// A convolution with the weights of one moment, differentiable by what it sees and by them.
+#[derive(Debug)]
+pub struct PreparedConvolution {
+    kernel: Arc<convolution::Kernel>,
+    variables: [Tensor; 2],
+}
+
+impl PreparedConvolution {
+    /// `[pictures, inputs, S, S]` to `[pictures, outputs, S, S]`.
+    pub fn forward(&self, pictures: &Tensor) -> Tensor {
+        let [weight, bias] = &self.variables;
+        let inputs = [pictures, weight, bias];
+        let sizes = inputs.map(|input| input.size());
+        let (count, channels, side, width) = pictures.size4().expect("pictures [pictures, channels, S, S]");
+        assert!(side == width && channels == sizes[1][1], "square pictures of the layer's channels");
+        let mut results = Tensor::empty([count, self.kernel.outputs() as i64, side, side], (Kind::Float, Device::Cpu));
+        let seen = pictures.detach().contiguous();
+        let pass = self.kernel.forward(side as usize, floats(&seen), floats_mut(&mut results));
+        if !autograd::records(&inputs) {
+            return results;
+        }
+        autograd::attach(results, &inputs, move |gradient| {
+            let mut by_pictures = Tensor::empty(&sizes[0], (Kind::Float, Device::Cpu));
+            let (weight, bias) = pass.backward(floats(&gradient.contiguous()), floats_mut(&mut by_pictures));
+            vec![by_pictures, Tensor::from_slice(&weight).reshape(&sizes[1]), Tensor::from_slice(&bias)]
         })
     }
 }
@@ -169,6 +230,35 @@ pub fn squared_error(a: &Tensor, b: &Tensor) -> Tensor {
         error::difference(&first, &second, factor, floats_mut(&mut difference));
         vec![difference]
     })
+}
+
+/// `[h', c']` of a long short-term memory, each `[batch, ..]`, from the gates i, f, g, o `[batch, 4 units, ..]` before their
+/// activations and from c; `forget_bias` is added to f. Differentiable by both.
+pub fn memory_step(gates: &Tensor, c: &Tensor, forget_bias: f32) -> [Tensor; 2] {
+    let inputs = [gates, c];
+    let sizes = inputs.map(|input| input.size());
+    let [seen, before] = inputs.map(|input| input.detach().contiguous());
+    let units = before.numel() / sizes[1][0] as usize;
+    let both: Vec<i64> = [2].iter().chain(&sizes[1]).copied().collect();
+    let mut after = Tensor::empty(&both, (Kind::Float, Device::Cpu));
+    let [h, c] = halves_mut(&mut after);
+    let pass = memory::forward(Instructions::best(), units, floats(&seen), floats(&before), forget_bias, [h, c]);
+    if autograd::records(&inputs) {
+        after = autograd::attach(after, &inputs, move |gradient| {
+            let mut by = sizes.each_ref().map(|size| Tensor::empty(size, (Kind::Float, Device::Cpu)));
+            let gradient = gradient.contiguous();
+            let pull = floats(&gradient).split_at(before.numel());
+            let [by_gates, by_before] = by.each_mut().map(floats_mut);
+            pass.backward(Instructions::best(), units, floats(&before), pull.into(), [by_gates, by_before]);
+            by.into()
+        });
+    }
+    after.unbind(0).try_into().expect("h and c")
+}
+
+fn halves_mut(tensor: &mut Tensor) -> [&mut [f32]; 2] {
+    let half = tensor.numel() / 2;
+    floats_mut(tensor).split_at_mut(half).into()
 }
 
 /// A step of Adam: changes a variable and its means of gradients and of their squares, and clears the gradient. All of one

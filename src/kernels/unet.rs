@@ -5,11 +5,12 @@
 //! pictures, which are made again.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use super::lanes::Instructions;
 use super::mix;
 use super::planes::{Picture, Planes, PlanesMut, Workspace};
+use super::recycled::Recycled;
 use super::resample::{self, Pooled};
 use super::threads::{PARTS, in_parallel, workers_each};
 use super::weight_gradient::add_weight_gradient;
@@ -121,25 +122,6 @@ struct Gradients {
     sums: Vec<f32>,
 }
 
-/// Memory that is used again by the next step.
-#[derive(Debug)]
-struct Recycled<T>(Mutex<Vec<T>>);
-
-impl<T> Recycled<T> {
-    fn new() -> Self {
-        Recycled(Mutex::new(Vec::new()))
-    }
-
-    fn take(&self, new: impl FnOnce() -> T) -> T {
-        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        kept.unwrap_or_else(new)
-    }
-
-    fn give(&self, used: T) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(used);
-    }
-}
-
 #[derive(Debug)]
 struct Memory {
     activations: Recycled<Activations>,
@@ -242,13 +224,13 @@ impl Kernel {
     }
 
     fn network(&self, layers: &[(Vec<f32>, Vec<f32>)], backward: bool) -> Network {
-        let tile = self.instructions.tile();
+        let instructions = self.instructions;
         let (logits, convolutions) = layers.split_last().expect("a network has layers");
         let turned = |(layer, (weight, bias)): (usize, &(Vec<f32>, Vec<f32>))| {
-            (backward && layer > 0).then(|| Weights::backward(tile, weight, bias.len()))
+            (backward && layer > 0).then(|| Weights::backward(instructions, weight, bias.len()))
         };
         Network {
-            forward: convolutions.iter().map(|(weight, bias)| Weights::forward(tile, weight, bias)).collect(),
+            forward: convolutions.iter().map(|(weight, bias)| Weights::forward(instructions, weight, bias)).collect(),
             backward: convolutions.iter().enumerate().map(turned).collect(),
             logits: logits.clone(),
         }

@@ -11,6 +11,10 @@ use super::threads::side_by_side;
 const STRIP: usize = 3;
 /// Floats of the tiles that are transformed together: half of a second cache.
 const CHUNK: usize = 1 << 17;
+/// Input channels whose weights are transformed together.
+const TOGETHER: usize = 16;
+/// How many input channels ahead weights are asked for: those of a wide layer stand in the third cache.
+const AHEAD: usize = 64;
 
 /// What becomes of a convolution's result.
 #[derive(Debug, Clone, Copy)]
@@ -29,35 +33,75 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Of a convolution, `weight` being `[outputs, inputs, 3, 3]`; `tile` output channels are computed together.
-    pub fn forward(tile: usize, weight: &[f32], bias: &[f32]) -> Self {
+    /// Of a convolution, `weight` being `[outputs, inputs, 3, 3]`.
+    pub fn forward(instructions: Instructions, weight: &[f32], bias: &[f32]) -> Self {
         let inputs = weight.len() / (9 * bias.len());
-        Self::new(tile, inputs, bias.to_vec(), |o, i, tap| weight[(o * inputs + i) * 9 + tap])
+        Self::new(instructions, inputs, bias.to_vec(), |o, i, tap| weight[(o * inputs + i) * 9 + tap])
     }
 
     /// Of the convolution that takes the gradient of the result to that of the input: inputs and outputs exchanged, the
     /// kernel turned.
-    pub fn backward(tile: usize, weight: &[f32], outputs: usize) -> Self {
+    pub fn backward(instructions: Instructions, weight: &[f32], outputs: usize) -> Self {
         let inputs = weight.len() / (9 * outputs);
-        Self::new(tile, outputs, vec![0.0; inputs], |i, o, tap| weight[(o * inputs + i) * 9 + 8 - tap])
+        Self::new(instructions, outputs, vec![0.0; inputs], |i, o, tap| weight[(o * inputs + i) * 9 + 8 - tap])
     }
 
-    fn new(tile: usize, inputs: usize, bias: Vec<f32>, weight: impl Fn(usize, usize, usize) -> f32) -> Self {
-        let outputs = bias.len();
+    fn new(
+        instructions: Instructions,
+        inputs: usize,
+        bias: Vec<f32>,
+        weight: impl Fn(usize, usize, usize) -> f32,
+    ) -> Self {
+        let (outputs, tile) = (bias.len(), instructions.tile());
         assert!(outputs.is_multiple_of(tile), "{outputs} channels do not fill tiles of {tile}");
         let mut transformed = vec![0.0; outputs * inputs * PRODUCTS];
-        for output in 0..outputs {
-            for input in 0..inputs {
-                let rows = [0, 3, 6].map(|row| of_taps(std::array::from_fn(|kx| weight(output, input, row + kx))));
-                for x in 0..POINTS {
-                    for (y, value) in of_taps(rows.map(|row| row[x])).into_iter().enumerate() {
-                        let place = (output / tile * PRODUCTS + x * POINTS + y) * inputs + input;
-                        transformed[place * tile + output % tile] = value;
-                    }
+        let mut kernels = vec![0.0; inputs * 9 * tile];
+        for (number, transformed) in transformed.chunks_mut(PRODUCTS * inputs * tile).enumerate() {
+            for (place, taps) in kernels.chunks_mut(tile).enumerate() {
+                let (input, tap) = (place / 9, place % 9);
+                taps.iter_mut().enumerate().for_each(|(i, to)| *to = weight(number * tile + i, input, tap));
+            }
+            transform_kernels(instructions, &kernels, transformed);
+        }
+        Weights { transformed, bias }
+    }
+}
+
+dispatched! {
+    /// `G w` on both axes of a tile's kernels: `[input][y][x][output]` to `[x][y][input][output]`.
+    fn transform_kernels(kernels: &[f32], into: &mut [f32]) = transform_kernels_lanes
+}
+
+#[inline(always)]
+fn transform_kernels_lanes<L: Lanes>(kernels: &[f32], into: &mut [f32]) {
+    match L::OUTPUTS {
+        8 => transform_tile::<8>(kernels, into),
+        _ => transform_tile::<4>(kernels, into),
+    }
+}
+
+/// Of `N` outputs.
+#[inline(always)]
+fn transform_tile<const N: usize>(kernels: &[f32], into: &mut [f32]) {
+    let (kernels, _) = kernels.as_chunks::<N>();
+    let (into, _) = into.as_chunks_mut::<N>();
+    let inputs = kernels.len() / 9;
+    assert!(into.len() == PRODUCTS * inputs);
+    // Some inputs at a time: what a point takes of them stands side by side.
+    let mut points = [[[0.0; N]; TOGETHER]; PRODUCTS];
+    for first in (0..inputs).step_by(TOGETHER) {
+        let some = TOGETHER.min(inputs - first);
+        for (place, taps) in kernels[first * 9..][..some * 9].chunks_exact(9).enumerate() {
+            let rows = [0, 3, 6].map(|row| of_taps([taps[row], taps[row + 1], taps[row + 2]]));
+            for x in 0..POINTS {
+                for (y, value) in of_taps(rows.map(|row| row[x])).into_iter().enumerate() {
+                    points[x * POINTS + y][place] = value;
                 }
             }
         }
-        Weights { transformed, bias }
+        for (point, values) in points.iter().enumerate() {
+            into[point * inputs + first..][..some].copy_from_slice(&values[..some]);
+        }
     }
 }
 
@@ -250,6 +294,7 @@ impl Layer<'_> {
                 let mut seen = self.seen.add(point * apart * L::LANES);
                 let mut products = [[L::splat(0.0); P]; O];
                 for _ in 0..self.inputs {
+                    L::fetch(weights.wrapping_add(O * AHEAD));
                     let pixels: [L; P] = std::array::from_fn(|p| L::load(seen.add(p * L::LANES)));
                     for (o, products) in products.iter_mut().enumerate() {
                         let weight = L::splat(*weights.add(o));

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use tch::nn::Path;
 use tch::{Kind, Tensor};
 
-use crate::kernels::{self, Instructions, Kernels, Shape, UNetKernel};
+use crate::kernels::{self, ConvolutionKernel, Instructions, Kernels, PreparedConvolution, Shape, UNetKernel};
 use crate::network::stn::hat_matrix;
 
 /// What follows a layer's affine map.
@@ -43,6 +43,29 @@ impl Conv2d {
     /// `[batch, in, height, width]` to `[batch, out, height, width]`.
     pub fn forward(&self, x: &Tensor) -> Tensor {
         self.activation.apply(x.conv2d(&self.weight, Some(&self.bias), 1, self.padding, 1, 1))
+    }
+
+    /// The layer with its weights as they are now, to be applied many times: by `kernel` where that serves, else by libtorch.
+    pub fn prepared(&self, kernel: &ConvolutionKernel) -> PreparedConv2d<'_> {
+        let kernel = kernel.serves(&self.weight).then(|| kernel.prepared(&self.weight, &self.bias));
+        PreparedConv2d { layer: self, kernel }
+    }
+}
+
+/// A [`Conv2d`] with the weights of one moment.
+#[derive(Debug)]
+pub struct PreparedConv2d<'a> {
+    layer: &'a Conv2d,
+    kernel: Option<PreparedConvolution>,
+}
+
+impl PreparedConv2d<'_> {
+    /// As [`Conv2d::forward`], of square pictures.
+    pub fn forward(&self, x: &Tensor) -> Tensor {
+        match &self.kernel {
+            Some(kernel) => self.layer.activation.apply(kernel.forward(x)),
+            None => self.layer.forward(x),
+        }
     }
 }
 

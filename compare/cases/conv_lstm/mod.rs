@@ -25,8 +25,9 @@ pub fn compare(case: &mut Case) -> Result<()> {
 
     let mut memory = cell.start(&frames.select(1, 0));
     let mut states = Vec::new();
+    let prepared = cell.prepared();
     for frame in 0..frames.size()[1] {
-        memory = cell.step(&frames.select(1, frame), &memory);
+        memory = prepared.step(&frames.select(1, frame), &memory);
         states.push(memory[0].shallow_clone());
     }
     let h = Tensor::stack(&states, 1);

@@ -16,7 +16,7 @@ use crate::network::blocks::{Activation, Dense, Layers};
 /// Units of the memory.
 const HIDDEN: usize = 100;
 /// Added to the forget gate.
-const FORGET_BIAS: f64 = 1.0;
+pub const FORGET_BIAS: f64 = 1.0;
 
 /// One step of the memory. Its kernel `[4 * hidden, inputs + hidden]` holds the gates in the order i, f, g, o.
 #[derive(Debug)]

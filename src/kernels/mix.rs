@@ -1,7 +1,7 @@
 //! The convolution 1x1 at a network's end, sums over pixels, and the way of frames into and out of blocks.
 
 use super::lanes::{Lanes, dispatched};
-use super::planes::{Planes, PlanesMut};
+use super::planes::{Pixels, Planes, PlanesMut};
 
 dispatched! {
     /// `output[o] = bias[o] + sum_c weight[o][c] input[c]`; `weight` is `[outputs, inputs]`.
@@ -100,30 +100,32 @@ fn add_pixels_lanes<L: Lanes>(planes: Planes, sums: &mut [f32]) {
     }
 }
 
+/// Floats of as many vectors as the widest has lanes.
+const SQUARE: usize = 16 * 16;
+
 dispatched! {
     /// Frames `[up to a block, channels, S, S]` into a block; lanes without a frame become 0.
     fn pack(frames: &[f32], output: PlanesMut) = pack_lanes
 }
 
 #[inline(always)]
-fn pack_lanes<L: Lanes>(frames: &[f32], mut output: PlanesMut) {
+fn pack_lanes<L: Lanes>(frames: &[f32], output: PlanesMut) {
+    let frame = output.channels * output.side * output.side;
     output.check::<L>();
-    let (channels, side) = (output.channels, output.side);
-    let frame = channels * side * side;
     assert!(frames.len().is_multiple_of(frame) && frames.len() <= L::LANES * frame);
-    for c in 0..channels {
-        for y in 0..side {
-            // SAFETY: a row of planes whose sizes were checked.
-            let row = unsafe { std::slice::from_raw_parts_mut(output.at_mut::<L>(c, y, 0), side * L::LANES) };
-            if frames.len() < L::LANES * frame {
-                row.fill(0.0);
-            }
-            for (lane, frame) in frames.chunks_exact(frame).enumerate() {
-                let from = &frame[(c * side + y) * side..][..side];
-                for (pixel, value) in row.chunks_exact_mut(L::LANES).zip(from) {
-                    pixel[lane] = *value;
-                }
-            }
+    let mut places = Pixels::new::<L>(output.side);
+    // Some pixels of all frames, `[frame][pixel]`, and turned.
+    let (mut rows, mut turned) = ([0.0; SQUARE], [0.0; SQUARE]);
+    for first in (0..frame).step_by(L::LANES) {
+        let some = L::LANES.min(frame - first);
+        for (row, frame) in rows.chunks_exact_mut(L::LANES).zip(frames.chunks_exact(frame)) {
+            row[..some].copy_from_slice(&frame[first..first + some]);
+        }
+        // SAFETY: squares of vectors.
+        unsafe { L::transpose(rows.as_ptr(), L::LANES, turned.as_mut_ptr()) };
+        for pixel in turned.chunks_exact(L::LANES).take(some) {
+            let place = places.advance();
+            output.data[place..place + L::LANES].copy_from_slice(pixel);
         }
     }
 }
@@ -135,20 +137,21 @@ dispatched! {
 
 #[inline(always)]
 fn unpack_lanes<L: Lanes>(input: Planes, frames: &mut [f32]) {
+    let frame = input.channels * input.side * input.side;
     input.check::<L>();
-    let (channels, side) = (input.channels, input.side);
-    let frame = channels * side * side;
     assert!(frames.len().is_multiple_of(frame) && frames.len() <= L::LANES * frame);
-    for c in 0..channels {
-        for y in 0..side {
-            // SAFETY: a row of planes whose sizes were checked.
-            let row = unsafe { std::slice::from_raw_parts(input.at::<L>(c, y, 0), side * L::LANES) };
-            for (lane, frame) in frames.chunks_exact_mut(frame).enumerate() {
-                let to = &mut frame[(c * side + y) * side..][..side];
-                for (value, pixel) in to.iter_mut().zip(row.chunks_exact(L::LANES)) {
-                    *value = pixel[lane];
-                }
-            }
+    let mut places = Pixels::new::<L>(input.side);
+    let (mut seen, mut turned) = ([0.0; SQUARE], [0.0; SQUARE]);
+    for first in (0..frame).step_by(L::LANES) {
+        let some = L::LANES.min(frame - first);
+        for pixel in seen.chunks_exact_mut(L::LANES).take(some) {
+            let place = places.advance();
+            pixel.copy_from_slice(&input.data[place..place + L::LANES]);
+        }
+        // SAFETY: squares of vectors.
+        unsafe { L::transpose(seen.as_ptr(), L::LANES, turned.as_mut_ptr()) };
+        for (row, frame) in turned.chunks_exact(L::LANES).zip(frames.chunks_exact_mut(frame)) {
+            frame[first..first + some].copy_from_slice(&row[..some]);
         }
     }
 }

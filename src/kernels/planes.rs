@@ -129,6 +129,42 @@ impl Planes<'_> {
     }
 }
 
+/// The numbers of all pixels' first floats, `[channel][y][x]`, without end.
+#[derive(Debug)]
+pub struct Pixels {
+    side: usize,
+    lanes: usize,
+    y: usize,
+    x: usize,
+    place: usize,
+}
+
+impl Pixels {
+    #[inline(always)]
+    pub fn new<L: Lanes>(side: usize) -> Self {
+        Pixels { side, lanes: L::LANES, y: 0, x: 0, place: (side + 3) * L::LANES }
+    }
+
+    /// The number of the pixel's, and on to the next pixel.
+    #[inline(always)]
+    pub fn advance(&mut self) -> usize {
+        let place = self.place;
+        self.place += self.lanes;
+        self.x += 1;
+        if self.x == self.side {
+            // Over the border to the right and that to the left.
+            self.place += 2 * self.lanes;
+            (self.x, self.y) = (0, self.y + 1);
+        }
+        if self.y == self.side {
+            // And over that below and that above.
+            self.place += 2 * (self.side + 2) * self.lanes;
+            self.y = 0;
+        }
+        place
+    }
+}
+
 impl PlanesMut<'_> {
     #[inline(always)]
     pub fn check<L: Lanes>(&self) {

@@ -218,9 +218,9 @@ fn a_prepared_convolution_is_that_of_libtorch() {
     let _alone = RANDOM.lock().unwrap_or_else(PoisonError::into_inner);
     tch::manual_seed(11);
     let given = tch::get_num_threads();
-    // One kernel for all: its memory of one side is not taken for another.
+    // One kernel for all: its memory of one size is not taken for another.
     let kernels: Vec<_> = Instructions::all().into_iter().map(ConvolutionKernel::new).collect();
-    for [pictures, inputs, outputs, side] in [[25, 112, 256, 8], [3, 8, 16, 9], [40, 16, 24, 5], [1, 8, 8, 1]] {
+    for [pictures, inputs, outputs, side] in [[25, 112, 256, 8], [3, 8, 16, 9], [40, 24, 32, 9], [1, 8, 8, 1]] {
         let bound = |inputs: i64| (1.0 / (9 * inputs) as f64).sqrt();
         let draw = |size: &[i64], scale: f64| {
             (Tensor::randn(size, (Kind::Float, Device::Cpu)) * scale).set_requires_grad(true)

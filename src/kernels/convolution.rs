@@ -79,7 +79,7 @@ impl Kernel {
     fn picture(&self, pool: &Recycled<Picture>, channels: usize, side: usize) -> Picture {
         let new = || Picture::zeros(self.instructions, channels, side);
         let kept = pool.take(new);
-        if kept.side == side { kept } else { new() }
+        if (kept.channels, kept.side) == (channels, side) { kept } else { new() }
     }
 
     fn workspaces(&self, workers: usize) -> Vec<Workspace> {

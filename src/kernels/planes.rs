@@ -145,7 +145,7 @@ impl Pixels {
         Pixels { side, lanes: L::LANES, y: 0, x: 0, place: (side + 3) * L::LANES }
     }
 
-    /// The number of the pixel's, and on to the next pixel.
+    /// The number of this pixel's first float; goes on to the next pixel.
     #[inline(always)]
     pub fn advance(&mut self) -> usize {
         let place = self.place;

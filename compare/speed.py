@@ -30,12 +30,15 @@ NETWORK = ("step", "discover", "inference", "evaluation")
 REFERENCES = {
     "eager": (["-m", "torch_reference.fast"], (*NETWORK, "identify")),
     "compiled": (["-m", "torch_reference.fast", "--compile"], NETWORK),
+    "eager_tf32": (["-m", "torch_reference.fast", "--tf32"], NETWORK),
+    "compiled_tf32": (["-m", "torch_reference.fast", "--compile", "--tf32"], NETWORK),
     "readable": (["-m", "torch_reference.speed"], ("step",)),
     "tf": (["-m", "tf_reference.speed"], ("step",)),
     "tf_xla": (["-m", "tf_reference.speed", "--xla"], ("step",)),
     "tf_session": (["-m", "tf_reference.speed", "--session"], ("step",)),
 }
 NAMES = {"tf32": "ours in TF32", "libtorch": "libtorch's kernels", "eager": "PyTorch", "compiled": "PyTorch, compiled",
+         "eager_tf32": "PyTorch in TF32", "compiled_tf32": "PyTorch, compiled, in TF32",
          "readable": "PyTorch, readable", "tf": "TensorFlow graph", "tf_xla": "TensorFlow, XLA",
          "tf_session": "TensorFlow 1's session"}
 # The same for all programs, and what the port sets for itself.

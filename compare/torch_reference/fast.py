@@ -1,9 +1,10 @@
-"""The reference written for speed, eager or compiled: python -m torch_reference.fast --task spring_color [--compile]
+"""The reference written for speed, eager or compiled: python -m torch_reference.fast --task spring_color [--compile] [--tf32]
 
 The computation and its numbers are those of physics_models.py. Channels stand last in memory, as oneDNN's convolutions
 like it; all frames are decoded in one call; the spatial transformer is two matrix products for all objects at once;
 masked frames are written in the order in which the dense layer reads them; the optimizer updates all parameters by
-list operations. Compiled on a GPU, the loss is a CUDA graph (`reduce-overhead`).
+list operations. Compiled on a GPU, the loss is a CUDA graph (`reduce-overhead`), and --tf32 lets all its products round
+their factors to ten bits, which PyTorch would otherwise do in the convolutions alone.
 """
 import sys
 
@@ -152,8 +153,15 @@ def to_device(device):
     return torch.cuda.synchronize if torch.get_default_device().type == "cuda" else lambda: None
 
 
+def taken(flag):
+    """Whether the command line has this flag, which is taken from it."""
+    given = flag in sys.argv
+    sys.argv = [argument for argument in sys.argv if argument != flag]
+    return given
+
+
 if __name__ == "__main__":
-    compiled = "--compile" in sys.argv
-    sys.argv = [argument for argument in sys.argv if argument != "--compile"]
+    compiled = taken("--compile")
+    torch.backends.cudnn.allow_tf32 = torch.backends.cuda.matmul.allow_tf32 = taken("--tf32")
     # The fit decides by numbers from step to step: there is nothing to compile.
     main(new(compiled), ("step", "discover", "inference", "evaluation", *(() if compiled else ("identify",))), to_device)

@@ -135,28 +135,6 @@ struct Recorded {
     inputs: Vec<Tensor>,
 }
 
-/// While it lives, the algorithm of a convolution on a GPU is chosen by trial. That takes long beside the computation: it pays
-/// for what is repeated.
-struct FastestAlgorithms(bool);
-
-impl FastestAlgorithms {
-    fn begin(device: Device) -> Self {
-        let on_gpu = device != Device::Cpu;
-        if on_gpu {
-            tch::Cuda::cudnn_set_benchmark(true);
-        }
-        FastestAlgorithms(on_gpu)
-    }
-}
-
-impl Drop for FastestAlgorithms {
-    fn drop(&mut self) {
-        if self.0 {
-            tch::Cuda::cudnn_set_benchmark(false);
-        }
-    }
-}
-
 impl<T> Debug for Repeated<T> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.debug_struct("Repeated").field("device", &self.device).field("calls", &self.calls).finish_non_exhaustive()
@@ -193,7 +171,6 @@ impl<T> Repeated<T> {
             kept.iter_mut().zip(inputs).for_each(|(kept, input)| kept.copy_(input));
             recording.repeat()?;
         } else {
-            let _choice = FastestAlgorithms::begin(self.device);
             let _beside = GRADIENTS.read().unwrap_or_else(PoisonError::into_inner);
             self.result = Some(function(inputs)?);
         }

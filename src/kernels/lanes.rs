@@ -118,8 +118,6 @@ impl Lanes for Avx512 {
     #[inline(always)]
     unsafe fn sums([a, b, c, d]: [Self; 4]) -> [f32; 4] {
         unsafe {
-            // Neighbours of two vectors, added, in each quarter.
-            let pairs = |a, b| _mm512_add_ps(_mm512_shuffle_ps::<0x88>(a, b), _mm512_shuffle_ps::<0xdd>(a, b));
             let quarters = pairs(pairs(a.0, b.0), pairs(c.0, d.0));
             let half = _mm_add_ps(_mm512_castps512_ps128(quarters), _mm512_extractf32x4_ps::<1>(quarters));
             let other = _mm_add_ps(_mm512_extractf32x4_ps::<2>(quarters), _mm512_extractf32x4_ps::<3>(quarters));
@@ -159,6 +157,16 @@ impl Lanes for Avx512 {
             }
         }
     }
+}
+
+/// Neighbours of two vectors, added, in each quarter.
+///
+/// # Safety
+/// As of [`Lanes`]. Not a closure: those are not compiled into their caller, and call each instruction.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+unsafe fn pairs(a: __m512, b: __m512) -> __m512 {
+    unsafe { _mm512_add_ps(_mm512_shuffle_ps::<0x88>(a, b), _mm512_shuffle_ps::<0xdd>(a, b)) }
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -8,9 +8,9 @@
 //! to layer. The mathematics is that of libtorch, in float32; sums are in another order.
 //!
 //! This is the only module with unsafe code: vectors of the processor's own width, chosen at run time; the tensors'
-//! memory; the processor's control register; the node in libtorch's autograd graph; and recorded work on a GPU. All pointers come from slices
-//! whose lengths are checked once for each operation, on the way into it; checks for every pixel would cost as much as
-//! the arithmetic.
+//! memory; the processor's control register; the node in libtorch's autograd graph; work that is shared out among threads;
+//! and recorded work on a GPU. All pointers come from slices whose lengths are checked once for each operation, on the way
+//! into it; checks for every pixel would cost as much as the arithmetic.
 
 use serde::{Deserialize, Serialize};
 
@@ -45,7 +45,7 @@ pub use tensors::{
     ConvolutionKernel, PreparedConvolution, UNetKernel, adam, draw, linear, masked, memory_step, serve, squared_error,
     taught_through,
 };
-pub use threads::in_parallel;
+pub use threads::{KernelsAlone, in_parallel};
 pub use unet::Shape;
 
 /// What computes what this module can.

@@ -3,21 +3,44 @@
 //! Masks that are sure of an object leave gradients as small as that everywhere else, and some processors take a hundred
 //! times as long for an operation on them: trainings of objects that look alike took twenty times as long.
 
+/// How a thread computes with what is too small: the vector unit's control register. Elsewhere than on x86-64 there is none.
+#[derive(Debug, Clone, Copy)]
+pub struct Control(#[cfg(target_arch = "x86_64")] u32);
+
+impl Control {
+    pub fn of_this_thread() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let mut control = 0u32;
+            // SAFETY: the register is written to a number of its size.
+            unsafe {
+                std::arch::asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack, preserves_flags));
+            }
+            Control(control)
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        Control()
+    }
+
+    /// This thread computes like that from now on, and those that it begins.
+    pub fn take_over(self) {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: what stood in the register, with two bits more or not, which change nothing but the results of operations
+        // on subnormal numbers.
+        unsafe {
+            std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const self.0, options(nostack, preserves_flags));
+        }
+    }
+}
+
 /// From now on subnormal numbers are read and written as 0 by this thread, and by those that it begins. Elsewhere than on
 /// x86-64 nothing happens.
 pub fn flush_subnormals() {
     #[cfg(target_arch = "x86_64")]
     {
-        /// Flush to zero, and denormals are zero, of the vector unit's control register.
+        /// Flush to zero, and denormals are zero.
         const FLUSH: u32 = 1 << 15 | 1 << 6;
-        let mut control = 0u32;
-        // SAFETY: the register is read into a number of its size and written back with two more bits set, which change
-        // nothing but the results of operations on subnormal numbers.
-        unsafe {
-            std::arch::asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack, preserves_flags));
-            control |= FLUSH;
-            std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const control, options(nostack, preserves_flags));
-        }
+        Control(Control::of_this_thread().0 | FLUSH).take_over();
     }
 }
 

@@ -7,7 +7,7 @@ use tch::{Device, Kind, Tensor};
 use super::adam::{self, AdamStep, Slices};
 use super::autograd;
 use super::convolution;
-use super::dense::{Matrix, product};
+use super::dense::{self, Factors};
 use super::error::{self, Rows};
 use super::lanes::Instructions;
 use super::masks;
@@ -171,21 +171,19 @@ pub fn masked(objects: i64, masks: &Tensor, frames: &Tensor) -> Tensor {
 pub fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Tensor {
     let inputs = [x, weight, bias];
     let values = [x, weight].map(|tensor| tensor.detach().contiguous());
-    let rows = values[0].size()[0];
+    let (rows, terms) = values[0].size2().expect("rows of inputs");
     let mut result = Tensor::empty([rows, bias.size()[0]], (Kind::Float, Device::Cpu));
-    let [x, weight] = values.each_ref().map(matrix);
-    product(x, weight.transposed(), floats_mut(&mut result));
+    let [x, weight] = values.each_ref().map(floats);
+    dense::by_rows(Instructions::best(), terms as usize, x, weight, floats_mut(&mut result));
     let result = result.g_add_(&bias.detach());
     if !autograd::records(&inputs) {
         return result;
     }
     autograd::attach(result, &inputs, move |gradient| {
         let gradient = gradient.contiguous();
-        let [x, weight] = values.each_ref().map(matrix);
-        let mut by = values.each_ref().map(Tensor::empty_like);
-        product(matrix(&gradient), weight, floats_mut(&mut by[0]));
-        product(matrix(&gradient).transposed(), x, floats_mut(&mut by[1]));
-        let [by_x, by_weight] = by;
+        let [x, weight] = values.each_ref();
+        let [by_x, by_weight] = [(factors(&gradient), weight), (factors(&gradient).transposed(), x)]
+            .map(|(factors, matrix)| combined(factors, matrix));
         vec![by_x, by_weight, gradient.sum_dim_intlist([0i64].as_slice(), false, None)]
     })
 }
@@ -198,19 +196,24 @@ pub fn taught_through(linear: &Tensor, x: &Tensor, weight: &Tensor) -> Tensor {
     if !autograd::records(&inputs) {
         return copy;
     }
-    let (weight, size) = (weight.detach().contiguous(), x.size());
+    let weight = weight.detach().contiguous();
     autograd::attach(copy, &inputs, move |gradient| {
         let gradient = gradient.contiguous();
-        let mut by_x = Tensor::empty(&size, (Kind::Float, Device::Cpu));
-        product(matrix(&gradient), matrix(&weight), floats_mut(&mut by_x));
+        let by_x = combined(factors(&gradient), &weight);
         vec![gradient, by_x]
     })
 }
 
-/// A tensor `[rows, columns]`, contiguous in memory.
-fn matrix(tensor: &Tensor) -> Matrix<'_> {
-    let (rows, columns) = tensor.size2().expect("a matrix");
-    Matrix::new(floats(tensor), [rows, columns].map(|n| n as usize))
+/// A tensor `[rows, terms]`, contiguous in memory.
+fn factors(tensor: &Tensor) -> Factors<'_> {
+    Factors::new(floats(tensor), tensor.size()[1] as usize)
+}
+
+/// The product with a matrix `[terms, columns]`, contiguous in memory.
+fn combined(factors: Factors, matrix: &Tensor) -> Tensor {
+    let mut product = Tensor::empty([factors.rows() as i64, matrix.size()[1]], (Kind::Float, Device::Cpu));
+    dense::combined(Instructions::best(), factors, floats(matrix), floats_mut(&mut product));
+    product
 }
 
 /// `sum (a - b)^2`, a scalar, differentiable by `a`. Both `[batch, time, ..]`, the frames side by side in memory or not.

@@ -1,31 +1,62 @@
-//! Threads of the kernels: as many as libtorch computes with.
+//! Threads of the kernels.
+//!
+//! A step asks for help a dozen times, for less than a millisecond each. So the thread that asks works itself, and its helpers
+//! look out for more for a moment before they sleep: to wake one takes as long as many a piece of work.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::any::Any;
+use std::cell::Cell;
+use std::hint;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
 
-use rayon::prelude::*;
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use super::subnormals::Control;
 
 /// Sums over frames are made in at most so many parts, whatever the number of threads: their order, and with it their
 /// rounding, does not depend on it.
 pub const PARTS: usize = 16;
 
-/// The threads of the last call, kept for the next.
-static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
+thread_local! {
+    /// Threads of the kernels where libtorch has fewer; 0 where it has as many.
+    static WIDER: Cell<usize> = const { Cell::new(0) };
+}
 
-fn pool(threads: usize) -> Arc<ThreadPool> {
-    let mut kept = POOL.lock().unwrap_or_else(PoisonError::into_inner);
-    match &*kept {
-        Some(pool) if pool.current_num_threads() == threads => Arc::clone(pool),
-        _ => {
-            let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
-            Arc::clone(kept.insert(Arc::new(pool)))
-        }
+/// Threads that the kernels compute with when this thread asks.
+pub fn threads() -> usize {
+    match WIDER.get() {
+        0 => tch::get_num_threads().max(1) as usize,
+        wider => wider,
+    }
+}
+
+/// While it lives, what this thread asks of libtorch is computed by one thread, and the kernels keep theirs: on the small
+/// tensors between them more threads of libtorch only wait for each other.
+#[derive(Debug)]
+pub struct KernelsAlone {
+    wider: usize,
+    of_libtorch: i32,
+}
+
+impl KernelsAlone {
+    pub fn begin() -> Self {
+        let (wider, of_libtorch) = (WIDER.get(), tch::get_num_threads());
+        WIDER.set(threads());
+        tch::set_num_threads(1);
+        KernelsAlone { wider, of_libtorch }
+    }
+}
+
+impl Drop for KernelsAlone {
+    fn drop(&mut self) {
+        tch::set_num_threads(self.of_libtorch);
+        WIDER.set(self.wider);
     }
 }
 
 /// Workers that each of `items` things done in parallel may have, so that no thread is idle.
 pub fn workers_each(items: usize) -> usize {
-    (tch::get_num_threads() as usize / items.max(1)).max(1)
+    (threads() / items.max(1)).max(1)
 }
 
 /// `work` of each of `items`, each with a workspace of its own.
@@ -37,19 +68,223 @@ pub fn side_by_side<W: Send, T: Send>(workspaces: &mut [W], items: Vec<T>, work:
     in_parallel(workspaces.iter_mut().zip(items).collect(), |(workspace, item)| work(workspace, item));
 }
 
-/// `work` of each of `items`, in their order, on libtorch's number of threads.
+/// `work` of each of `items`, in their order.
 pub fn in_parallel<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync + Send) -> Vec<R> {
-    let threads = (tch::get_num_threads() as usize).clamp(1, items.len().max(1));
-    if threads == 1 {
+    let threads = threads();
+    let helpers = threads.min(items.len()).saturating_sub(1);
+    if helpers == 0 {
         return items.into_iter().map(work).collect();
     }
-    on_all_threads(|_| items.into_par_iter().map(work).collect())
+    let items: Vec<_> = items.into_iter().map(|item| Mutex::new((Some(item), None))).collect();
+    share_out(helpers, items.len(), &|number| {
+        // What an item asks for itself may be shared out among as many.
+        let before = WIDER.replace(threads);
+        let item = locked(&items[number]).0.take().expect("each is taken once");
+        let result = work(item);
+        locked(&items[number]).1 = Some(result);
+        WIDER.set(before);
+    });
+    let result = |item: Mutex<(Option<T>, Option<R>)>| item.into_inner().unwrap_or_else(PoisonError::into_inner).1;
+    items.into_iter().map(|item| result(item).expect("all were done")).collect()
 }
 
-/// `work` that divides itself with rayon, on libtorch's number of threads, which it is given.
-pub fn on_all_threads<R: Send>(work: impl FnOnce(usize) -> R + Send) -> R {
-    match tch::get_num_threads().max(1) as usize {
-        1 => work(1),
-        threads => pool(threads).install(|| work(threads)),
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Work that is shared out: `item` of each number below `count`.
+struct Job {
+    item: *const (dyn Fn(usize) + Sync),
+    count: usize,
+    /// The first number that nobody has taken.
+    next: AtomicUsize,
+    /// Helpers that may still come, and those that have come and not gone.
+    wanted: AtomicUsize,
+    inside: AtomicUsize,
+    /// How the one who asks computes.
+    control: Control,
+    panic: Mutex<Option<Box<dyn Any + Send>>>,
+}
+
+// SAFETY: `item` may be called by several threads at once, and the one who asks waits until no helper is inside.
+unsafe impl Send for Job {}
+// SAFETY: as above.
+unsafe impl Sync for Job {}
+
+impl Job {
+    fn work(&self) {
+        loop {
+            let number = self.next.fetch_add(1, Ordering::Relaxed);
+            if number >= self.count {
+                return;
+            }
+            // SAFETY: it lives as long as somebody is inside.
+            let item = unsafe { &*self.item };
+            if let Err(panic) = catch_unwind(AssertUnwindSafe(|| item(number))) {
+                locked(&self.panic).get_or_insert(panic);
+            }
+        }
+    }
+}
+
+/// Jobs that want helpers, and the helpers.
+struct Crew {
+    jobs: Mutex<Vec<Arc<Job>>>,
+    news: Condvar,
+    /// How many jobs there were.
+    posted: AtomicUsize,
+    helpers: AtomicUsize,
+}
+
+static CREW: Crew = Crew {
+    jobs: Mutex::new(Vec::new()),
+    news: Condvar::new(),
+    posted: AtomicUsize::new(0),
+    helpers: AtomicUsize::new(0),
+};
+
+/// How often a helper looks for more work before it sleeps: some 50 microseconds.
+const LOOKS: usize = 1500;
+
+/// Does all items, with so many helpers at most, and waits for them.
+fn share_out(helpers: usize, count: usize, item: &(dyn Fn(usize) + Sync)) {
+    // One that cannot be begun is missed by nobody.
+    let there = CREW.helpers.fetch_max(helpers, Ordering::Relaxed);
+    (there..helpers).for_each(|_| drop(thread::Builder::new().name("kernels".into()).spawn(help)));
+    // SAFETY: the lifetime is forgotten; below, this waits until nobody can call it any more.
+    let item = unsafe { std::mem::transmute::<&(dyn Fn(usize) + Sync), &'static (dyn Fn(usize) + Sync)>(item) };
+    let job = Arc::new(Job {
+        item,
+        count,
+        next: AtomicUsize::new(0),
+        wanted: AtomicUsize::new(helpers),
+        inside: AtomicUsize::new(0),
+        control: Control::of_this_thread(),
+        panic: Mutex::new(None),
+    });
+    {
+        let mut jobs = locked(&CREW.jobs);
+        jobs.push(Arc::clone(&job));
+        CREW.posted.fetch_add(1, Ordering::Release);
+    }
+    (0..helpers).for_each(|_| CREW.news.notify_one());
+    job.work();
+    // From here on nobody comes.
+    locked(&CREW.jobs).retain(|other| !Arc::ptr_eq(other, &job));
+    let mut looks = 0;
+    while job.inside.load(Ordering::Acquire) > 0 {
+        looks += 1;
+        if looks < LOOKS { hint::spin_loop() } else { thread::yield_now() }
+    }
+    if let Some(panic) = locked(&job.panic).take() {
+        resume_unwind(panic);
+    }
+}
+
+/// What a helper does all its life.
+fn help() {
+    loop {
+        let posted = CREW.posted.load(Ordering::Acquire);
+        let Some(job) = join_some(&locked(&CREW.jobs)) else {
+            let more = (0..LOOKS).any(|_| {
+                hint::spin_loop();
+                CREW.posted.load(Ordering::Acquire) != posted
+            });
+            let jobs = locked(&CREW.jobs);
+            if !more && CREW.posted.load(Ordering::Acquire) == posted {
+                drop(CREW.news.wait(jobs).unwrap_or_else(PoisonError::into_inner));
+            }
+            continue;
+        };
+        job.control.take_over();
+        job.work();
+        job.inside.fetch_sub(1, Ordering::Release);
+    }
+}
+
+/// A job that still wants a helper, who is inside from now on. The jobs are locked: none of them can be taken back.
+fn join_some(jobs: &[Arc<Job>]) -> Option<Arc<Job>> {
+    let open = |job: &&Arc<Job>| job.next.load(Ordering::Relaxed) < job.count && job.wanted.load(Ordering::Relaxed) > 0;
+    let job = jobs.iter().find(open)?;
+    job.wanted.fetch_sub(1, Ordering::Relaxed);
+    job.inside.fetch_add(1, Ordering::Relaxed);
+    Some(Arc::clone(job))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+    use std::sync::Mutex;
+    use std::thread;
+    use std::time::Duration;
+
+    use super::{WIDER, in_parallel, threads};
+
+    /// In a thread of its own, so that other tests compute with as many threads as ever.
+    fn on_threads<R: Send + 'static>(count: usize, work: impl FnOnce() -> R + Send + 'static) -> R {
+        thread::spawn(move || {
+            WIDER.set(count);
+            work()
+        })
+        .join()
+        .expect("a test that does not fail")
+    }
+
+    #[test]
+    fn results_stand_in_the_order_of_the_items_also_where_work_is_shared_out_within_work() {
+        on_threads(4, || {
+            for count in [0, 1, 2, 7, 100] {
+                let squares = |to: usize| in_parallel((0..to).collect(), |n: usize| n * n);
+                let sums = in_parallel((0..count).collect(), |n: usize| {
+                    assert_eq!(threads(), 4);
+                    squares(n).iter().sum::<usize>()
+                });
+                let exact: Vec<usize> = (0..count).map(|n| (0..n).map(|n| n * n).sum()).collect();
+                assert_eq!(sums, exact);
+            }
+        });
+    }
+
+    /// Each item waits until as many threads work as there are.
+    #[test]
+    fn as_many_threads_work_as_are_asked_for() {
+        on_threads(3, || {
+            let seen = Mutex::new(HashSet::new());
+            in_parallel((0..3).collect(), |_: i32| {
+                seen.lock().unwrap().insert(thread::current().id());
+                while seen.lock().unwrap().len() < 3 {
+                    thread::sleep(Duration::from_millis(1));
+                }
+            });
+        });
+    }
+
+    #[test]
+    fn a_panic_reaches_the_one_who_asked_and_the_next_work_is_done() {
+        on_threads(2, || {
+            let failing = || in_parallel((0..20).collect(), |n: i32| assert!(n != 13, "unlucky"));
+            let panic = catch_unwind(AssertUnwindSafe(failing)).expect_err("one of them panicked");
+            assert_eq!(panic.downcast_ref::<&str>(), Some(&"unlucky"));
+            assert_eq!(in_parallel(vec![1, 2, 3], |n| n + 1), [2, 3, 4]);
+        });
+    }
+
+    /// Helpers that were begun by another thread compute with what is too small as the one who asks does.
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn helpers_flush_what_is_too_small_where_the_one_who_asks_does() {
+        use std::hint::black_box;
+
+        let tiny = |_: i32| {
+            thread::sleep(Duration::from_millis(1));
+            black_box(1e-30f32) * black_box(1e-10f32)
+        };
+        let plain = on_threads(2, move || in_parallel((0..8).collect(), tiny));
+        let flushed = on_threads(2, move || {
+            super::super::flush_subnormals();
+            in_parallel((0..8).collect(), tiny)
+        });
+        assert!(plain.iter().all(|x| *x > 0.0) && flushed.iter().all(|x| *x == 0.0), "{plain:?} {flushed:?}");
     }
 }

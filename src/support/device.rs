@@ -54,27 +54,6 @@ pub fn set_threads(asked: usize) -> Result<usize> {
     Ok(threads)
 }
 
-/// While it lives, libtorch computes with one thread: on tensors of a few thousand numbers more of them only wait for each
-/// other.
-#[derive(Debug)]
-pub struct OneThread {
-    before: i32,
-}
-
-impl OneThread {
-    pub fn begin() -> Self {
-        let before = tch::get_num_threads();
-        tch::set_num_threads(1);
-        OneThread { before }
-    }
-}
-
-impl Drop for OneThread {
-    fn drop(&mut self) {
-        tch::set_num_threads(self.before);
-    }
-}
-
 /// The processor, as the kernel names it.
 pub fn processor() -> Option<String> {
     let processors = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();

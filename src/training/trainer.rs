@@ -10,7 +10,7 @@ use super::config::Config;
 use super::observer::Observer;
 use crate::datasets::iterators::Clips;
 use crate::evaluation;
-use crate::kernels::{flush_subnormals, own_stream};
+use crate::kernels::{Kernels, KernelsAlone, flush_subnormals, own_stream};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{RunState, Store};
 use crate::support::device::COMMIT;
@@ -113,7 +113,10 @@ impl<'a> Trainer<'a> {
     /// A loss that is not a number, a full disk, a damaged checkpoint, or one of a training on other clips.
     pub fn run(&mut self) -> Result<Outcome> {
         flush_subnormals();
-        own_stream(self.session.model.variables.device())?;
+        let model = self.session.model;
+        own_stream(model.variables.device())?;
+        let own = model.options.kernels == Kernels::Own && model.variables.device() == Device::Cpu;
+        let _alone = own.then(KernelsAlone::begin);
         self.session.load_last()?;
         let begun_with = &mut self.session.state.clips;
         if begun_with.is_empty() {

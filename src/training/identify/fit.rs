@@ -11,10 +11,10 @@ use anyhow::{Result, ensure};
 use tch::{Device, Kind, Tensor};
 
 use super::Identify;
+use crate::kernels::KernelsAlone;
 use crate::network::System;
 use crate::network::cells::{Actions, State, plain};
 use crate::network::physics_models::PhysicsNet;
-use crate::support::device::OneThread;
 use crate::support::statistics::MEDIAN_TO_DEVIATION;
 
 /// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or natural logarithm. In float64 roll-outs
@@ -167,7 +167,7 @@ pub fn fit(
     trust: &Trust,
 ) -> Result<Fit> {
     let _guard = tch::no_grad_guard();
-    let _one_thread = OneThread::begin();
+    let _alone = KernelsAlone::begin();
     let positions = positions.to_device(Device::Cpu).to_kind(Kind::Double);
     let actions = &actions.to(Device::Cpu, Kind::Double);
     ensure!(

@@ -152,6 +152,24 @@ fn a_killed_run_resumes_to_the_same_bits() {
     assert!(last_weights(&whole) == fs::read(whole.join("checkpoints/best.safetensors")).unwrap());
 }
 
+/// The kernels sum in the same order on any number of threads, and libtorch computes on one beside them.
+#[test]
+fn threads_do_not_change_a_bit_of_a_training() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = write_config(folder.path(), TINY);
+    let [one, three] = ["1", "3"].map(|threads| {
+        let run = folder.path().join(threads);
+        let mut command = spring(&run);
+        let done =
+            command.args(["--threads", threads, "--data"]).arg(common::dataset()).arg("--config").arg(&config).output();
+        let done = done.unwrap();
+        assert!(done.status.success(), "{}", text(&done));
+        (last_weights(&run), metrics(&run))
+    });
+    assert!(one.0 == three.0, "weights differ");
+    assert_eq!(one.1, three.1);
+}
+
 /// Large frames: objects are found on halved ones first, and nothing of that is saved.
 #[test]
 fn a_run_that_was_killed_among_halved_frames_resumes_to_the_same_bits() {

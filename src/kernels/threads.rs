@@ -70,19 +70,15 @@ pub fn side_by_side<W: Send, T: Send>(workspaces: &mut [W], items: Vec<T>, work:
 
 /// `work` of each of `items`, in their order.
 pub fn in_parallel<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync + Send) -> Vec<R> {
-    let threads = threads();
-    let helpers = threads.min(items.len()).saturating_sub(1);
+    let helpers = threads().min(items.len()).saturating_sub(1);
     if helpers == 0 {
         return items.into_iter().map(work).collect();
     }
     let items: Vec<_> = items.into_iter().map(|item| Mutex::new((Some(item), None))).collect();
     share_out(helpers, items.len(), &|number| {
-        // What an item asks for itself may be shared out among as many.
-        let before = WIDER.replace(threads);
         let item = locked(&items[number]).0.take().expect("each is taken once");
         let result = work(item);
         locked(&items[number]).1 = Some(result);
-        WIDER.set(before);
     });
     let result = |item: Mutex<(Option<T>, Option<R>)>| item.into_inner().unwrap_or_else(PoisonError::into_inner).1;
     items.into_iter().map(|item| result(item).expect("all were done")).collect()
@@ -101,8 +97,9 @@ struct Job {
     /// Helpers that may still come, and those that have come and not gone.
     wanted: AtomicUsize,
     inside: AtomicUsize,
-    /// How the one who asks computes.
+    /// How the one who asks computes, and on how many threads: so does a helper, who may ask for help in turn.
     control: Control,
+    threads: usize,
     panic: Mutex<Option<Box<dyn Any + Send>>>,
 }
 
@@ -143,7 +140,7 @@ static CREW: Crew = Crew {
     helpers: AtomicUsize::new(0),
 };
 
-/// How often a helper looks for more work before it sleeps: some 50 microseconds.
+/// How often a helper looks for more work before it sleeps: some tens of microseconds.
 const LOOKS: usize = 1500;
 
 /// Does all items, with so many helpers at most, and waits for them.
@@ -160,6 +157,7 @@ fn share_out(helpers: usize, count: usize, item: &(dyn Fn(usize) + Sync)) {
         wanted: AtomicUsize::new(helpers),
         inside: AtomicUsize::new(0),
         control: Control::of_this_thread(),
+        threads: threads(),
         panic: Mutex::new(None),
     });
     {
@@ -197,6 +195,7 @@ fn help() {
             continue;
         };
         job.control.take_over();
+        WIDER.set(job.threads);
         job.work();
         job.inside.fetch_sub(1, Ordering::Release);
     }

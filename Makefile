@@ -20,7 +20,8 @@ DATA := data/datasets
 
 SEED ?= 0
 JOBS ?= 2
-COMPARE_PYTHON := compare/.venv/bin/python
+# Stands where the references' Python environment is complete.
+COMPARE_READY := compare/.venv/installed
 
 .PHONY: demo test lint libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean
 
@@ -34,6 +35,7 @@ test: lint
 lint: libtorch
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --all-targets -- -D warnings
+	$(CARGO) check --release --no-default-features --lib
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps --document-private-items
 
 build: libtorch
@@ -42,11 +44,14 @@ build: libtorch
 data: libtorch
 	$(CARGO) run --release --quiet --bin generate -- --task spring_color --out $(DATA)
 
+# Those of the report; 1-3 are for development.
+STRESS_SEEDS ?= 4-8
+
 stress: build
-	$(CARGO) run --release --quiet --bin stress -- --jobs $(JOBS)
+	$(CARGO) run --release --quiet --bin stress -- --data-seeds $(STRESS_SEEDS) --jobs $(JOBS) --out reports/stress
 
 baselines: build
-	$(CARGO) run --release --quiet --bin baselines -- --jobs $(JOBS) --efficiency
+	$(CARGO) run --release --quiet --bin baselines -- --jobs $(JOBS) --efficiency --out reports/baselines
 
 # Two tasks and two scenes of the stress suite; what is left out or changed, each alone.
 ABLATED := spring_color 3bp_color configs/stress/spring_noise_10.toml configs/stress/spring_same_colour.toml
@@ -117,21 +122,21 @@ control: build
 libtorch:
 	@$(PYTHON) setup/fetch_libtorch.py $(if $(CUDA),--cuda)
 
-$(COMPARE_PYTHON): compare/requirements.txt
+$(COMPARE_READY): compare/requirements.txt
 	$(PYTHON) -m venv compare/.venv
-	$@ -m pip install --quiet -r compare/requirements.txt
+	compare/.venv/bin/python -m pip install --quiet -r compare/requirements.txt
 	@touch $@
 
-compare: build $(COMPARE_PYTHON)
+compare: build $(COMPARE_READY)
 	cd compare && OMP_NUM_THREADS=1 .venv/bin/python live.py --seed $(SEED)
 
-bench: build $(COMPARE_PYTHON)
+bench: build $(COMPARE_READY)
 	cd compare && .venv/bin/python speed.py
 
-cost: build $(COMPARE_PYTHON)
+cost: build $(COMPARE_READY)
 	cd compare && .venv/bin/python cost.py
 
-compare-defects: $(COMPARE_PYTHON)
+compare-defects: $(COMPARE_READY)
 	cd compare && OMP_NUM_THREADS=1 .venv/bin/python -m torch_reference.defects goldens
 
 clean:

@@ -23,8 +23,7 @@ fn main() {
     println!("cargo:rustc-link-arg=-Wl,-rpath,{library}");
     let cuda = cuda_headers(&library);
     compile_bridge(&library, cuda.as_deref());
-    let version = std::fs::read_to_string(format!("{library}/../build-version")).unwrap_or_else(|_| "2.11".into());
-    println!("cargo:rustc-env=PAIG_LIBTORCH_VERSION={}", version.trim());
+    println!("cargo:rustc-env=PAIG_LIBTORCH_VERSION={}", version(&library));
     // Nothing names a symbol of libtorch_cuda, so a linker that drops unused libraries would drop the GPU with it:
     // keep libtorch.so, which brings in whatever the installed libtorch has.
     println!("cargo:rustc-link-arg=-Wl,--no-as-needed");
@@ -33,11 +32,24 @@ fn main() {
     println!("cargo:rustc-link-arg=-Wl,--as-needed");
 }
 
+/// That of libtorch, by its headers.
+fn version(library: &str) -> String {
+    let root = std::env::var("LIBTORCH_INCLUDE").unwrap_or_else(|_| format!("{library}/.."));
+    let file = format!("{root}/include/torch/headeronly/version.h");
+    println!("cargo:rerun-if-changed={file}");
+    let text = std::fs::read_to_string(&file).unwrap_or_default();
+    let part = |name: &str| text.lines().find_map(|line| line.strip_prefix(&format!("#define TORCH_VERSION_{name} ")));
+    let parts: Option<Vec<_>> = ["MAJOR", "MINOR", "PATCH"].into_iter().map(part).collect();
+    parts.map_or_else(|| "unknown".into(), |parts| parts.join("."))
+}
+
 /// The headers of CUDA, where libtorch has it: beside its wheel, or in an installed toolkit. Without them the program still
 /// computes on a GPU, but step by step.
 fn cuda_headers(library: &str) -> Option<String> {
     println!("cargo:rerun-if-env-changed=CUDA_HOME");
-    if !Path::new(&format!("{library}/libtorch_cuda.so")).exists() {
+    let of_gpu = format!("{library}/libtorch_cuda.so");
+    println!("cargo:rerun-if-changed={library}");
+    if !Path::new(&of_gpu).exists() {
         return None;
     }
     let toolkit = std::env::var("CUDA_HOME").unwrap_or_else(|_| "/usr/local/cuda".into());
@@ -63,7 +75,7 @@ fn compile_bridge(library: &str, cuda: Option<&str>) {
     let abi = std::env::var("LIBTORCH_CXX11_ABI").unwrap_or_else(|_| "1".into());
     let sources =
         SOURCES.map(|source| std::fs::read_to_string(source).expect("the package holds its sources")).concat();
-    let version = std::fs::read_to_string(format!("{root}/build-version")).unwrap_or_default();
+    let version = version(library);
     let made_of = format!("{root}\n{version}\n{abi}\n{cuda:?}\n{sources}");
     let out = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     let stamp = format!("{out}/bridge.stamp");
@@ -98,6 +110,10 @@ fn compile_bridge(library: &str, cuda: Option<&str>) {
 fn commit() -> String {
     for path in SOURCES.into_iter().chain([GIT_LOG]).filter(|path| Path::new(path).exists()) {
         println!("cargo:rerun-if-changed={path}");
+    }
+    // The sources of a release may lie within a repository of something else.
+    if !Path::new(".git").exists() {
+        return "unknown".into();
     }
     let git = |arguments: &[&str]| {
         let output = Command::new("git").args(arguments).output().ok().filter(|output| output.status.success())?;

@@ -173,7 +173,7 @@ def report(rows, arguments):
     plot(found, arguments.out / "cost.png")
     base = ", ".join(f"{name} {value}" for name, value in asdict(Case()).items())
     lines = ["# What a computation costs", "",
-             f"{date.today()}, {processor()}; made with `make cost` (rounds: {arguments.rounds}, repetitions in each: "
+             f"{date.today()}, {processor()}; made with `{' '.join(['cost.py', *sys.argv[1:]])}` (rounds: {arguments.rounds}, repetitions in each: "
              f"{arguments.steps}; medians). One number is changed, the others stay at their base: " + base + "; discover has 48 "
              "frames, refinement and identify 100 clips; sides are timed with 5 clips, 16 frames of discover. "
              "The equation is text: springs between all objects. On one thread the seconds are of the processor, where "

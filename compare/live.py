@@ -30,11 +30,16 @@ PAIRS = ("rust-tf", "rust-torch", "torch-tf")
 CONVERTED = "spring_color_rmsprop_train"
 
 
-def call(command, log):
-    """Runs a program in this folder; its output is shown only if it goes wrong."""
+def call(command, log, may_differ=False):
+    """Runs a program in this folder; its last lines are shown only if it goes wrong. One that compares says by its exit code 1
+    that something differs."""
+    began = log.tell()
     done = subprocess.run([str(part) for part in command], cwd=HERE, stdout=log, stderr=subprocess.STDOUT)
-    if done.returncode not in (0, 1):
-        sys.exit(f"error: {' '.join(map(str, command))} failed; see {log.name}")
+    if done.returncode not in ((0, 1) if may_differ else (0,)):
+        log.seek(began)
+        said = "".join(log.readlines()[-20:])
+        sys.exit(f"{said}error: {' '.join(map(str, command))} failed")
+    log.seek(0, 2)
     return done.returncode == 0
 
 
@@ -93,9 +98,15 @@ def conversion(folder, binaries, log):
         and all(original[name].tobytes() == returned[name].tobytes() for name in original),
         "the converted model in Rust gives TensorFlow's outputs": call(
             [binaries / "compare", "--goldens", folder / "tf", "--file-filter", CONVERTED, "--f64",
-             "--weights", weights], log),
+             "--weights", weights], log, may_differ=True),
     }
     return [f"- {text}: {'pass' if passed else 'FAIL'}" for text, passed in results.items()], all(results.values())
+
+
+def commit():
+    """What is compared; + where the sources differ from it."""
+    described = subprocess.run(["git", "describe", "--always", "--dirty=+", "--abbrev=10"], cwd=HERE, capture_output=True, text=True)
+    return described.stdout.strip() or "unknown"
 
 
 def main():
@@ -126,14 +137,17 @@ def main():
                 call([sys.executable, "-m", f"{reference}_reference", folder / "given", folder / reference], log)
                 print(f"comparing Rust with {reference} ..", flush=True)
                 call([binaries / "compare", "--goldens", folder / reference, "--f64", "--rows",
-                      folder / f"{reference}.jsonl"], log)
+                      folder / f"{reference}.jsonl"], log, may_differ=True)
             rows = {f"rust-{name}": list(rust_rows(folder / f"{name}.jsonl")) for name in ("tf", "torch")}
             rows["torch-tf"] = list(python_rows(folder / "torch", folder / "tf"))
+            for pair, found in rows.items():
+                if missing := sorted(case_of.keys() - {file for file, _, _ in found}):
+                    sys.exit(f"error: {pair} compared nothing of {', '.join(missing)}")
             lines, good = table(case_of, tolerances, rows)
             more, converted = conversion(folder, binaries, log)
     versions = {name: version(name) for name in ("torch", "tensorflow-cpu", "numpy")}
     head = [f"# Rust, PyTorch and TensorFlow on the same numbers (seed {arguments.seed})", "",
-            f"{date.today()}, {platform.machine()}, Python {platform.python_version()}, "
+            f"{date.today()}, commit {commit()}, {platform.machine()}, Python {platform.python_version()}, "
             + ", ".join(f"{name} {number}" for name, number in versions.items()),
             "", "Worst error of any element, relative to its tensor's largest. Double precision.", ""]
     text = "\n".join([*head, *lines, "", *more, ""])

@@ -14,9 +14,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
+use paig::kernels::Kernels;
 use tch::Kind;
 
-use crate::harness::case::{Case, Noise};
+use crate::harness::case::{Case, Noise, Run};
 use crate::harness::golden::Golden;
 use crate::harness::row::{Row, Verdict};
 use crate::harness::table::Table;
@@ -96,17 +97,24 @@ fn golden_files(folder: &Path, filter: &str) -> Result<Vec<PathBuf>> {
 /// The rows of one file; none if no case knows files of its name.
 fn compare_file(path: &Path, kind: Kind, weights: Option<&Path>) -> Result<Option<Vec<Row>>> {
     let golden = Golden::read(path)?;
-    let Some(mut rows) = run_case(&golden, kind, None, weights)? else { return Ok(None) };
+    let own = |kind, noise| Run { kind, kernels: Kernels::Own, noise };
+    let Some(mut rows) = run_case(&golden, own(kind, None), weights)? else { return Ok(None) };
     golden.ensure_all_looked_at()?;
     if rows.iter().any(|row| !row.within_tolerance()) {
-        let other = if kind == Kind::Float { Kind::Double } else { Kind::Float };
-        // The other precision as it is, then moved inputs in the precision of the golden tensors.
-        let moved = (1..=tolerances::MOST_PROBES).map(|probe| (Kind::Float, Some(Noise::new(probe))));
-        for (run, (kind, noise)) in std::iter::once((other, None)).chain(moved).enumerate() {
-            if run > tolerances::PROBES && rows.iter().all(|row| row.verdict() != Verdict::Fail) {
+        // Both precisions by libtorch: what is wrong with the port's own kernels is no rounding.
+        let by_libtorch = |kind| {
+            let run = Run { kind, kernels: Kernels::Libtorch, noise: None };
+            Ok::<_, anyhow::Error>(run_case(&golden, run, weights)?.unwrap_or_default())
+        };
+        let (single, double) = (by_libtorch(Kind::Float)?, by_libtorch(Kind::Double)?);
+        let pairs = single.iter().zip(&double);
+        rows.iter_mut().zip(pairs).for_each(|(row, (single, double))| row.allow_between(single, double));
+        // Then moved inputs in the precision of the golden tensors.
+        for probe in 1..=tolerances::MOST_PROBES {
+            if probe > tolerances::PROBES && rows.iter().all(|row| row.verdict() != Verdict::Fail) {
                 break;
             }
-            let probe = run_case(&golden, kind, noise, weights)?.unwrap_or_default();
+            let probe = run_case(&golden, own(Kind::Float, Some(Noise::new(probe))), weights)?.unwrap_or_default();
             rows.iter_mut().zip(&probe).for_each(|(row, probe)| row.allow_for(probe));
         }
     }
@@ -114,7 +122,7 @@ fn compare_file(path: &Path, kind: Kind, weights: Option<&Path>) -> Result<Optio
 }
 
 /// Runs the case that knows files of this name.
-fn run_case(golden: &Golden, kind: Kind, noise: Option<Noise>, weights: Option<&Path>) -> Result<Option<Vec<Row>>> {
-    let mut case = Case::new(golden, kind, noise, weights);
+fn run_case(golden: &Golden, run: Run, weights: Option<&Path>) -> Result<Option<Vec<Row>>> {
+    let mut case = Case::new(golden, run, weights);
     cases::compare(&mut case).map(|compared| compared.map(|()| case.rows)).transpose()
 }

@@ -9,8 +9,10 @@ Prints milliseconds a decision on one core, beside those of the Rust planner on 
 import json
 import math
 import subprocess
+import sys
 import tempfile
 import time
+from pathlib import Path
 
 import torch
 
@@ -59,12 +61,16 @@ def in_pytorch(substeps, decisions=20):
 def in_rust():
     with tempfile.TemporaryDirectory() as out:
         command = ["target/release/control", "--planner", "true-state", "--episodes", "8", "--out", out]
-        subprocess.run(command, check=True, capture_output=True)
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            sys.exit(done.stderr.strip())
         with open(f"{out}/results.json") as file:
             return json.load(file)["rows"][0]["ms_per_decision"]
 
 
 if __name__ == "__main__":
+    if not Path("target/release/control").exists():
+        sys.exit("error: target/release/control is not there; run this from the repository's root, after cargo build --release")
     torch.set_num_threads(1)
     pytorch, rust = in_pytorch(substeps=1), in_rust()
     print(f"true equation, 1 Euler step a frame: PyTorch {pytorch:.1f} ms a decision, Rust {rust:.2f} ms")

@@ -193,11 +193,11 @@ def kept_rows(arguments):
 
 def report(results, arguments, peak, start):
     about = {"date": str(date.today()), "matrix_product_gflops": peak, "start_s": start} | settings(arguments)
-    arguments.out.mkdir(exist_ok=True)
+    arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "results.json").write_text(json.dumps({"about": about, "rows": results}, indent=1) + "\n")
     lines = ["# Benchmarks", "",
              f"{date.today()}, {processor(arguments.device)}, Python {platform.python_version()}, {', '.join(versions())}; made with "
-             f"`make bench` ({arguments.rounds} rounds of {arguments.steps} repetitions, the programs in turns; median "
+             f"`{' '.join(['speed.py', *sys.argv[1:]])}` ({arguments.rounds} rounds of {arguments.steps} repetitions, the programs in turns; median "
              "[smallest, largest] over the rounds). Above 1: ours is faster.", "",
              "`step` is a step of the paper's protocol: all losses, gradients, RMSProp; the batch is of clips. `discover` is "
              "a step of the autoencoder; the batch is of frames. `inference` is encoder, roll-out over 26 frames and "
@@ -233,6 +233,12 @@ def main():
     rust = arguments.binaries.resolve() / "speed"
     if not rust.exists():
         parser.error(f"{rust} is not there; build it with cargo build --release")
+    of_a_gpu = [name for name in arguments.references if name.endswith("_tf32")]
+    if of_a_gpu and arguments.device == "cpu":
+        parser.error(f"a CPU has no TF32: leave out {', '.join(of_a_gpu)}, or give a GPU with --device")
+    known = {name for row in ROWS for name in row[:2]}
+    if unknown := sorted({*arguments.only} - known):
+        parser.error(f"--only: nothing is called {', '.join(unknown)}; there are {', '.join(sorted(known))}")
     rows = [row for row in ROWS if (not arguments.only or {*row[:2]} & {*arguments.only})
             and (not arguments.batch or row[2] in arguments.batch)]
     peak = peak_gflops()

@@ -4,8 +4,8 @@
 //! The golden tensors were computed in float32, so each carries rounding of its own; the port's comes on top. Where
 //! the computation is chaotic (bodies that nearly touch; the edge of a sprite's window crossing a pixel, where a mask
 //! jumps; steps of an optimizer that follow such gradients) rounding grows without a bug, and by how much depends on
-//! the file. It is therefore measured, not guessed: if a tensor misses its tolerance, the port runs again in the
-//! other precision, and [`PROBES`] times with every input and weight moved at random by some float32 roundings
+//! the file. It is therefore measured, not guessed: if a tensor misses its tolerance, libtorch's part of the port runs in
+//! both precisions, and the port [`PROBES`] times with every input and weight moved at random by some float32 roundings
 //! (more often while a row fails, up to [`MOST_PROBES`]).
 //! An element that this moves by d cannot be told from the original more closely than that, and is held to
 //! [`PROBE_MARGIN`] times d, but never to more than the tolerance's `chaotic`. An error of the port moves all its
@@ -29,7 +29,7 @@ pub struct Tolerance {
 }
 
 /// Runs with moved inputs.
-pub const PROBES: usize = 12;
+pub const PROBES: u64 = 12;
 /// As many at most, while a row fails: where a unit of the network is nearly dead, few of them wake it.
 pub const MOST_PROBES: u64 = 60;
 /// Largest relative movement. Single layers already differ by this much from one library to another.

@@ -8,7 +8,7 @@ use clap::Parser;
 use paig::cli::arguments::{ClipsOfRun, ScoredRun};
 use paig::cli::ending::{begin_work, exit_code};
 use paig::evaluation::ScoredClips;
-use paig::evaluation::rollout;
+use paig::evaluation::rollout::{self, MOST_FRAMES};
 use paig::say;
 use paig::viz;
 
@@ -34,9 +34,6 @@ struct Arguments {
     #[arg(long, default_value = "prediction")]
     out: PathBuf,
 }
-
-/// Each is drawn into the strip and the animation.
-const MOST_FRAMES: usize = 10_000;
 
 fn main() -> ExitCode {
     exit_code(|| execute(&Arguments::parse()))

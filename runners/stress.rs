@@ -43,7 +43,7 @@ struct Arguments {
     #[arg(long, default_value = "runs/stress")]
     runs: PathBuf,
     /// Folder of the report
-    #[arg(long, default_value = "reports/stress")]
+    #[arg(long, default_value = "runs/stress/report")]
     out: PathBuf,
     /// The results.json of the suite's runs on another machine, by the same version of the program; may be repeated. Of what
     /// was run here, too, its rows are left out

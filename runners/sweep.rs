@@ -1,5 +1,6 @@
 //! Runs tasks x seeds, a few at a time. See `sweep --help`.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -86,7 +87,7 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
     let cores = device::cores();
     let plan = SweepPlan {
         tasks: unique(arguments.task),
-        seeds: unique(parse_seeds(&arguments.seeds)?),
+        seeds: parse_seeds(&arguments.seeds)?,
         recipe: arguments.recipe,
         name: arguments.name,
         config: arguments.config,
@@ -118,6 +119,9 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
             "--name is for a changed recipe; say what is changed with --set or --config, or leave it out"
         );
     }
+    // What is asked for twice under two names goes into one folder.
+    let mut folders = BTreeSet::new();
+    jobs.retain(|job| folders.insert(job.folder.clone()));
     if arguments.status {
         print_status(&sweep::status(&jobs));
         return Ok(ExitCode::SUCCESS);

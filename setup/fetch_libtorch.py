@@ -11,8 +11,10 @@ run continues where it stopped: a file appears under its name only when its CRC-
 """
 
 import argparse
+import errno
 import ctypes
 import hashlib
+import http.client
 import json
 import os
 import platform
@@ -235,7 +237,7 @@ def fetch_whole(requirement, target):
         say(f"{requirement}: fetching the whole wheel with pip")
         code, output = pip("download", "--no-deps", "--dest", folder, *WHEEL_TAGS, requirement)
         if code:
-            fail(f"pip could not download {requirement}:\n{output.strip()}")
+            fail(f"pip could not download {requirement}: {(output.strip().splitlines() or ['it said nothing'])[-1]}")
         with zipfile.ZipFile(next(Path(folder).glob("*.whl"))) as archive:
             for member in wanted_members(archive, requirement):
                 if not complete(member, target):
@@ -265,7 +267,9 @@ def fetch_cpu(target):
     for requirement in WANTED:
         try:
             fetch_by_ranges(requirement, target)
-        except (OSError, zipfile.BadZipFile, KeyError, IndexError) as error:
+        except (OSError, http.client.HTTPException, zipfile.BadZipFile, zlib.error, struct.error, KeyError, IndexError) as error:
+            if getattr(error, "errno", None) in (errno.ENOSPC, errno.EACCES, errno.EROFS):
+                raise
             say(f"{requirement}: reading parts of the wheel failed ({error})")
             fetch_whole(requirement, target)
     verify(target)
@@ -297,6 +301,15 @@ def check(library):
             fail(f"{library / name} does not load: {error}; delete {library.parent.parent} and run again")
 
 
+def check_tools():
+    """What is needed later should be missed before anything is fetched."""
+    if subprocess.run([sys.executable, "-m", "pip", "--version"], capture_output=True).returncode:
+        fail(f"{sys.executable} has no pip; install it (Debian: python3-pip, or python3-venv and an environment)")
+    for compiler in ("cc", "c++"):
+        if not shutil.which(compiler):
+            fail(f"no {compiler} on the PATH; a C and C++ compiler (gcc, g++) is needed to build the project")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--target", type=Path, default=Path(__file__).resolve().parent.parent / "libtorch",
@@ -313,12 +326,14 @@ def main():
         return say(f"{found} is ready in {target}")
     if sys.platform != "linux" or platform.machine() != "x86_64":
         fail(f"no recipe for {sys.platform} {platform.machine()}: install PyTorch 2.11 and set LIBTORCH_USE_PYTORCH=1")
-    if found:
-        shutil.rmtree(target)
+    check_tools()
     target.mkdir(parents=True, exist_ok=True)
     free = shutil.disk_usage(target).free
     if free < SPARE_DISK[kind]:
         fail(f"{target}: {free / 1e9:.1f} GB free on this disk, {SPARE_DISK[kind] / 1e9:.0f} GB needed")
+    if found:
+        stamp.unlink()
+        shutil.rmtree(target / "torch")
     (fetch_cuda if arguments.cuda else fetch_cpu)(target)
     library = target / "torch" / "lib"
     if not arguments.cuda:
@@ -333,3 +348,5 @@ if __name__ == "__main__":
         main()
     except KeyboardInterrupt:
         fail("interrupted; run the command again to continue")
+    except OSError as error:
+        fail(f"{error}; run the command again once that is mended")

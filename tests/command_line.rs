@@ -52,6 +52,8 @@ fn unknown_keys_and_values_are_refused() {
         ("identify.horizons=[]", ["horizons", "at least one"]),
         ("identify.clips=0", ["identify.clips", "at least 1"]),
         ("identify.huber=0.0", ["identify.huber", "positive"]),
+        ("identify.huber=0.01", ["identify.huber", "at least 0.02"]),
+        ("identify.huber=inf", ["identify.huber", "positive"]),
         ("join.validation_clips=0", ["join.validation_clips", "at least 1"]),
         ("join.learning_rate=-0.1", ["join.learning_rate", "-0.1"]),
         ("join.alpha=nan", ["join.alpha", "NaN"]),

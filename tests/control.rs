@@ -3,9 +3,11 @@
 use std::f64::consts::PI;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use anyhow::{Result, bail};
 use paig::control::controller::{Controller, Decision};
+use paig::control::cross_entropy::CrossEntropy;
 use paig::control::environment::{Environment, Rules};
 use paig::control::episode::{Episode, play};
 use paig::control::eyes::{Eyes, Sight};
@@ -14,13 +16,12 @@ use paig::control::learned;
 use paig::control::model::{self, CellModel, Model, PlainModel};
 use paig::control::mppi::PathIntegral;
 use paig::control::pendulum::{FORMAT, PendulumEnvironment, PendulumSettings};
-use paig::control::planner::CrossEntropy;
+use paig::control::planner::{Planner, SearchSettings};
 use paig::control::plans::{Plans, Trajectories};
 use paig::control::relearning::Relearning;
 use paig::control::results::mean_and_interval;
 use paig::control::reward::{Goal, Reward};
 use paig::control::scene::SceneEnvironment;
-use paig::control::search::{Planner, SearchSettings};
 use paig::control::state::{ControlState, Moment, wrapped};
 use paig::control::vision::Vision;
 use paig::datasets::files::Split;
@@ -176,7 +177,6 @@ fn the_models_agree() {
     }
 }
 
-/// Every equation of the gallery about one object is the same in plain numbers, whatever it is integrated by.
 /// The planner's roll-out of a black box is the model's own, for each candidate; what is not known of the past moved evenly.
 #[test]
 fn black_boxes_roll_out_as_in_their_training() {
@@ -221,6 +221,7 @@ fn black_boxes_do_not_count_turns() {
     assert!((change(&input) - change(&(&input + 4.0 * PI))).abs() < 1e-4);
 }
 
+/// Every equation of the gallery about one object is the same in plain numbers, whatever it is integrated by.
 #[test]
 fn equations_of_text_are_the_same_in_plain_numbers() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
@@ -540,4 +541,45 @@ fn an_interval_holds_the_mean() {
     // Standard error 2.9: 1.96 of them to each side, give or take what a draw of 2000 leaves open.
     assert!((mean - low - 5.66).abs() < 0.7 && (high - mean - 5.66).abs() < 0.7, "{low} {high}");
     assert_eq!(mean_and_interval(&[], 0), None);
+}
+
+/// A run that takes seconds.
+const TINY: &str = "[discover]\nframes = 4\nmax_steps = 2\n[identify]\nclips = 2\nhorizons = [3]\nmax_iterations = 1\n\
+    [join]\nbatch = 2\nmax_steps = 2\nvalidation_clips = 2\n[output]\nexamples = 0\n";
+
+/// The program plays the lines of a study, with a run of its own, into files; again it takes over what it played.
+#[test]
+fn a_study_is_played_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let call = |program: &str, arguments: &str| {
+        let mut command = Command::new(program);
+        let done = command.args(arguments.split(' ')).current_dir(folder.path()).output().unwrap();
+        let said = String::from_utf8_lossy(&done.stdout).into_owned() + &String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success(), "{arguments}: {said}");
+        said
+    };
+    let file = |name: &str| folder.path().join(name);
+    fs::write(file("tiny.toml"), TINY).unwrap();
+    let study = "[[play]]\nname = \"still\"\narguments = \"--planner zero --episodes 2 --steps 4 --goal 20\"\n\
+        [[play]]\nname = \"seen\"\narguments = \"run --planner learned --episodes 1 --steps 4\"\n";
+    fs::write(file("study.toml"), study).unwrap();
+    call(env!("CARGO_BIN_EXE_generate"), "--task pendulum --train 20 --valid 4 --test 4 --out data");
+    call(env!("CARGO_BIN_EXE_run_physics"), "--task pendulum --data data --config tiny.toml --threads 1 --out run");
+    let control = env!("CARGO_BIN_EXE_control");
+    call(control, "--study study.toml --out played");
+    for name in ["results.json", "still/goal.png", "still/zero.gif", "still/returns.png", "seen/course.png"] {
+        assert!(file("played").join(name).exists(), "{name} is missing");
+    }
+    let before = fs::read_to_string(file("played/results.json")).unwrap();
+    let rows = &serde_json::from_str::<serde_json::Value>(&before).unwrap()["rows"];
+    let planners: Vec<_> = rows.as_array().unwrap().iter().map(|row| row["planner"].as_str().unwrap()).collect();
+    assert_eq!(planners, ["zero", "learned"]);
+    assert_eq!((rows[0]["goal"].as_f64(), rows[1]["clips"].as_u64()), (Some(20.0), Some(20)));
+    // Times would differ if anything were played again.
+    let said = call(control, "--study study.toml --out played --resume");
+    assert_eq!(said.matches("played before").count(), 2, "{said}");
+    assert_eq!(fs::read_to_string(file("played/results.json")).unwrap(), before);
+    // Without a folder the results lie beside the run.
+    call(control, "run --planner zero --episodes 1 --steps 4");
+    assert!(file("run/control/results.json").exists());
 }

@@ -15,6 +15,8 @@ use paig::generators::variant::{Changes, Variant};
 use paig::generators::{Counts, DatasetJob, generate, generate_clips};
 use paig::tasks::scene::Background;
 use paig::tasks::{Task, find};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind};
 use tempfile::TempDir;
 
@@ -184,7 +186,7 @@ fn arrays_in_fortran_order_are_read() {
 }
 
 /// A file of 2 clips of 3 frames in each split, and these actions.
-fn write_with_actions(path: &Path, actions: &[(&str, Array2<f64>)]) {
+fn write_with_actions<T: WritableElement>(path: &Path, actions: &[(&str, Array2<T>)]) {
     let mut npz = NpzWriter::new(fs::File::create(path).unwrap());
     ["train_x", "valid_x", "test_x"].iter().for_each(|name| npz.add_array(*name, &counting(0)).unwrap());
     actions.iter().for_each(|(name, values)| npz.add_array(*name, values).unwrap());
@@ -214,6 +216,9 @@ fn actions_are_read_where_they_are_needed() {
     let [train, valid, test] = good;
     write_with_actions(&path, &[train.clone(), ("valid_u", Array2::zeros((3, 2))), test.clone()]);
     assert_says(&message(), &["valid_u", "[3, 2], expected [2, 3]"]);
+    // Numbers of fewer bytes than were expected are of another type, not damaged.
+    write_with_actions(&path, &["train_u", "valid_u", "test_u"].map(|name| (name, Array2::<i16>::ones((2, 3)))));
+    assert_says(&message(), &["train_u", "dtype '<i2'", "save it as float32"]);
     let mut damaged = test.1;
     damaged[[1, 2]] = f64::NAN;
     write_with_actions(&path, &[train, valid, ("test_u", damaged)]);
@@ -230,6 +235,24 @@ fn clips_are_served_with_their_actions() {
     let values: Vec<f32> = chosen.flatten(0, 1).try_into().unwrap();
     assert_eq!(values, [12.0, 2.0, 12.0]);
     assert!(Clips::new(&frames, None, Device::Cpu).actions(&[0]).at(2).is_none());
+}
+
+/// A file's frames are channels last in 0 to 255, the network's channels first in 0 to 1.
+#[test]
+fn pixels_are_served_at_their_places() {
+    // Mostly dark: what is lit could be taken for a light that flickers.
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let frames =
+        Array5::from_shape_simple_fn((3, 4, 5, 5, 3), || random.random::<u8>() * u8::from(random.random_bool(0.2)));
+    let batch = Clips::new(&frames, None, Device::Cpu).batch(&[2, 0], 3);
+    assert_eq!((batch.size(), batch.kind()), (vec![2, 3, 3, 5, 5], Kind::Float));
+    for (n, clip) in [2, 0].into_iter().enumerate() {
+        for place in 0..3 * 3 * 25 {
+            let (t, c, y, x) = (place / 75, place / 25 % 3, place / 5 % 5, place % 5);
+            let served = batch.double_value(&[n, t, c, y, x].map(|place| place as i64));
+            assert_eq!(served as f32, f32::from(frames[[clip, t, y, x, c]]) / 255.0);
+        }
+    }
 }
 
 /// A dark square wanders over a bright ground, whose light changes by up to a fifth from frame to frame, or not at all.

@@ -1,6 +1,7 @@
 //! Videos become tasks: frames in their order and at their times, crops, hold-out, and files that are damaged.
 
 use std::fs::{self, File};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::Duration;
@@ -505,6 +506,7 @@ fn options_that_cannot_be_are_refused_in_one_line() {
         ("--frames", "7", ["--frames \"7\"", "START..END"]),
         ("--seconds", "9..12", ["numbered.mp4", "the last at 2.360 s"]),
         ("--fps", "0", ["--fps", "positive"]),
+        ("--clip-frames", "0", ["--clip-frames", "0"]),
         ("--tracker", "none.trk", ["none.trk", "No such file"]),
     ] {
         let mut program = Command::new(env!("CARGO_BIN_EXE_import"));
@@ -526,6 +528,37 @@ fn a_codec_without_a_decoder_is_named_with_the_way_out() {
         program.arg(video).arg("--out").arg(folder.path().join("out")).env("PATH", "");
         assert_says(&said(&mut program), &words);
     }
+}
+
+/// What only ffmpeg decodes comes from it: a program of that name lists 60 frames at 20 a second, then gives their pixels; of another
+/// file it complains in two lines, of which the last is the reason.
+#[test]
+fn other_films_are_decoded_by_ffmpeg() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name);
+    let list = (0..60).map(|frame| format!("0, {frame}, {frame}, 1, 28800, 0x0\n")).collect::<String>();
+    fs::write(place("list"), format!("#tb 0: 1/20\n#dimensions 0: 120x80\n{list}")).unwrap();
+    fs::write(place("pixels"), (0..60).flat_map(|frame| ball(frame).into_raw()).collect::<Vec<_>>()).unwrap();
+    fs::create_dir(place("bin")).unwrap();
+    let script = format!(
+        "#!/bin/sh\ncase \"$*\" in\n*broken*) echo first >&2; echo reason >&2; exit 1;;\n\
+         *framecrc*) exec /bin/cat {0}/list;;\n*rawvideo*) exec /bin/cat {0}/pixels;;\nesac\n",
+        folder.path().display()
+    );
+    fs::write(place("bin/ffmpeg"), script).unwrap();
+    fs::set_permissions(place("bin/ffmpeg"), fs::Permissions::from_mode(0o755)).unwrap();
+    let program = |film: &str| {
+        fs::write(place(film), "no film").unwrap();
+        let mut program = Command::new(env!("CARGO_BIN_EXE_import"));
+        program.arg(place(film)).arg("--out").arg(place("out")).env("PATH", place("bin"));
+        program.args(["--input-steps", "2", "--pred-steps", "2", "--clip-frames", "6"]);
+        program
+    };
+    assert_says(&said(&mut program("broken.avi")), &["ffmpeg cannot read it: reason"]);
+    let output = program("clip.avi").output().unwrap();
+    assert!(output.status.success(), "{}", text(&output));
+    assert_says(&text(&output), &["clip.avi: 60 frames of 120 x 80, 20.000 a second"]);
+    assert!(place("out/train.npz").exists());
 }
 
 /// Cut off anywhere, or with bytes changed, a film ends in an error or in frames, and soon.

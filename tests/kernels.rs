@@ -97,6 +97,47 @@ fn logits_and_gradients_are_those_of_libtorch() {
     }
 }
 
+/// A training notices by its loss that it has left the numbers: no layer may hide that.
+#[test]
+fn what_is_not_a_number_reaches_the_logits() {
+    let _alone = RANDOM.lock().unwrap_or_else(PoisonError::into_inner);
+    tch::manual_seed(4);
+    let (side, channels, objects) = (32, 3, 2);
+    let frames = Tensor::rand([20, channels as i64, side as i64, side as i64], (Kind::Float, Device::Cpu));
+    let _guard = tch::no_grad_guard();
+    for instructions in Instructions::all() {
+        for wrong in [f64::NAN, f64::INFINITY] {
+            for layer in 0.. {
+                let (_store, _, layers) = network(side, channels, objects);
+                let Some((weight, _)) = layers.get(layer) else { break };
+                let _ = weight.view(-1).narrow(0, 0, 1).fill_(wrong);
+                let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
+                let logits = UNetKernel::new(instructions, shape(side, channels, objects)).forward(&borrowed, &frames);
+                let all_finite = bool::try_from(logits.isfinite().all()).unwrap();
+                assert!(!all_finite, "{instructions:?}: {wrong} in layer {layer}");
+            }
+        }
+    }
+}
+
+/// Of no rows there is nothing to compute, forward or backward.
+#[test]
+fn nothing_gives_nothing() {
+    let numbers = |size: [i64; 2]| Tensor::ones(size, (Kind::Float, Device::Cpu)).set_requires_grad(true);
+    let (x, weight, bias) = (numbers([0, 5]), numbers([3, 5]), numbers([3, 1]));
+    let result = kernels::linear(&x, &weight, &bias.view(-1));
+    assert_eq!(result.size(), [0, 3]);
+    let clips = Tensor::ones([0, 2, 4], (Kind::Float, Device::Cpu)).set_requires_grad(true);
+    let error = kernels::squared_error(&clips, &clips.detach());
+    (result.sum(Kind::Float) + &error).backward();
+    assert_eq!(error.double_value(&[]), 0.0);
+    for (tensor, size) in [(x, [0, 5]), (weight, [3, 5]), (bias, [3, 1])] {
+        let gradient = tensor.grad();
+        assert_eq!(gradient.size(), size);
+        assert_eq!(gradient.abs().sum(Kind::Float).double_value(&[]), 0.0);
+    }
+}
+
 /// A model, its frames and losses of these clips, and the gradients of all its variables by their names.
 fn trained_by(system: &System, kernels: Kernels, clips: &Tensor) -> (Vec<Tensor>, Vec<(String, Tensor)>) {
     // Without refinement, which chooses between starts: rounding may take another one.

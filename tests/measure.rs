@@ -230,7 +230,6 @@ fn two_commands_lead_from_a_video_to_its_table() {
     assert!(page.contains("<table>") && page.contains("overlay.gif"));
     assert_eq!(&fs::read(folder.join("run/overlay.gif")).unwrap()[..6], b"GIF89a");
 
-    // The colour tracker sees the ball itself: what it is compared with is right.
     let other = gallery.join("damped_pendulum.toml");
     let said =
         run(folder, "measure", &["run", "--against", other.to_str().unwrap(), "--out", "again", "--threads", "1"]);

@@ -53,7 +53,7 @@ impl Scene {
     fn kept_names(&self, names: &Names, blobs: &[FrameBlobs]) -> (f64, usize) {
         let mut orders = Vec::new();
         for (frame, truth) in blobs.iter().zip(&self.positions) {
-            let named: Option<Vec<usize>> = names.of(&frame.blobs).unwrap().into_iter().collect();
+            let named: Option<Vec<usize>> = names.of(&frame.blobs).into_iter().collect();
             let Some(named) = named else { continue };
             let nearest = |blob: usize| {
                 let [x, y] = frame.blobs[blob].centre;
@@ -178,7 +178,7 @@ fn objects_are_told_by_colour_size_and_pattern() {
     ] {
         let scene = scene("spring_color", additions);
         let blobs = scene.blobs();
-        let names = Names::learn(&blobs, 0).unwrap().unwrap();
+        let names = Names::learn(&blobs, 0).unwrap();
         let (kept, frames) = scene.kept_names(&names, &blobs);
         println!("{additions:?}: {:.1} % of {frames} frames", 100.0 * kept);
         assert_eq!(names.alike(), 0, "{additions:?}: {:.3} of {frames}", kept);
@@ -190,13 +190,13 @@ fn objects_are_told_by_colour_size_and_pattern() {
 fn objects_of_one_look_are_not_told_by_it() {
     let scene = scene("spring_color", "objects = { colours = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]] }");
     let blobs = scene.blobs();
-    let names = Names::learn(&blobs, 0).unwrap().unwrap();
+    let names = Names::learn(&blobs, 0).unwrap();
     assert_eq!(names.alike(), 1);
     // Named by place, so the true ones change.
     let (kept, _) = scene.kept_names(&names, &blobs);
     assert!(kept < 0.95, "{kept}");
     // Of each frame the named blobs are different ones, and which pixel is whose is told at most once.
-    let shares = names.responsibilities(&blobs).unwrap();
+    let shares = names.responsibilities(&blobs);
     assert!(shares.sum_dim_intlist([1i64].as_slice(), false, Kind::Float).max().double_value(&[]) <= 1.0);
 }
 
@@ -230,5 +230,5 @@ fn nothing_that_moves_has_no_names() {
         excess: share.shallow_clone(),
         share,
     };
-    assert!(Names::learn(&blobs::find(&moving, 2), 0).unwrap().is_none());
+    assert!(Names::learn(&blobs::find(&moving, 2), 0).is_none());
 }

@@ -1,13 +1,16 @@
 //! Signals: whoever stops a job lets its runs save, however often the signal comes.
 
 mod common;
+#[path = "common/process.rs"]
+mod process;
 
 use std::fs;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use common::{TRAIN_CLIPS, fresh, spring, text, write_config};
+use process::{Signal, signal};
 
 /// A run that never ends by itself.
 const ENDLESS: &str = "[discover]\nframes = 8\nmax_steps = 1000000\n[join]\nbatch = 4\nvalidation_clips = 4\n\
@@ -21,13 +24,8 @@ fn wait_for(path: &Path) {
     }
 }
 
-fn signal(child: &Child, name: &str) {
-    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status().unwrap();
-    assert!(sent.success());
-}
-
 /// Stops an endless run by these signals, some tenths of a second apart; its exit code. It must have saved.
-fn stopped(signals: &[&str]) -> Option<i32> {
+fn stopped(signals: &[Signal]) -> Option<i32> {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
     let config = write_config(folder.path(), ENDLESS);
@@ -35,8 +33,8 @@ fn stopped(signals: &[&str]) -> Option<i32> {
     fresh(&mut command).arg("--config").arg(&config).stdout(Stdio::piped()).stderr(Stdio::piped());
     let child = command.spawn().unwrap();
     wait_for(&run.join("metrics.jsonl"));
-    for name in signals {
-        signal(&child, name);
+    for sent in signals {
+        signal(child.id(), *sent);
         std::thread::sleep(Duration::from_millis(100));
     }
     let output = child.wait_with_output().unwrap();
@@ -48,12 +46,12 @@ fn stopped(signals: &[&str]) -> Option<i32> {
 #[test]
 fn a_signal_that_comes_twice_is_one() {
     const { assert!(TRAIN_CLIPS > 0) };
-    assert_eq!(stopped(&["TERM", "INT", "TERM"]), Some(143));
+    assert_eq!(stopped(&[Signal::SIGTERM, Signal::SIGINT, Signal::SIGTERM]), Some(143));
 }
 
 #[test]
 fn a_warning_before_a_time_limit_saves_and_stops() {
-    assert_eq!(stopped(&["USR1"]), Some(138));
+    assert_eq!(stopped(&[Signal::SIGUSR1]), Some(138));
 }
 
 /// What `scancel` and a time limit do: every process of the job gets the signal, the run by itself and through the sweep.
@@ -69,7 +67,7 @@ fn a_signal_to_all_processes_of_a_job_loses_nothing() {
     wait_for(&run.join("metrics.jsonl"));
     let children = fs::read_to_string(format!("/proc/{0}/task/{0}/children", sweep.id())).unwrap();
     let child = children.split_whitespace().next().expect("the sweep runs nothing");
-    assert!(Command::new("kill").args(["-TERM", child, &sweep.id().to_string()]).status().unwrap().success());
+    [child.parse().unwrap(), sweep.id()].into_iter().for_each(|process| signal(process, Signal::SIGTERM));
     let output = sweep.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(143), "{}", text(&output));
     assert!(text(&output).contains("1 stopped"), "{}", text(&output));

@@ -2,6 +2,8 @@
 
 #[expect(dead_code, reason = "tests of single runs need more of it")]
 mod common;
+#[path = "common/process.rs"]
+mod process;
 
 use std::fs;
 use std::path::Path;
@@ -10,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use common::{dataset, text, write_config};
 use paig::cli::arguments::parse_seeds;
+use process::{Signal, signal};
 
 /// A run that takes seconds.
 const TINY: &str = "[discover]\nframes = 8\nmax_steps = 6\n\
@@ -47,6 +50,8 @@ fn a_failed_run_stops_no_other_and_a_second_sweep_skips_and_resumes() {
 
     // The damaged folder repaired, a cut-off run (without its marker), and commands run by something else.
     fs::remove_file(run(0).join("config.toml")).unwrap();
+    // Left over from a run that was deleted: it says nothing of the next one.
+    fs::write(run(0).join("DONE"), "").unwrap();
     fs::remove_file(run(1).join("DONE")).unwrap();
     let printed = sweep(folder.path(), "0-1").arg("--dry-run").output().unwrap();
     let printed = String::from_utf8(printed.stdout).unwrap();
@@ -83,7 +88,7 @@ fn an_interrupted_sweep_lets_its_runs_save() {
         assert!(started.elapsed() < Duration::from_secs(300), "no checkpoint after five minutes");
         std::thread::sleep(Duration::from_millis(50));
     }
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    signal(child.id(), Signal::SIGINT);
     let output = child.wait_with_output().unwrap();
     assert_ended(&output, 130, &["0 finished, 0 skipped, 2 stopped, 0 failed"]);
     let said = fs::read_to_string(run.join("output.log")).unwrap();
@@ -94,6 +99,7 @@ fn an_interrupted_sweep_lets_its_runs_save() {
 #[test]
 fn seeds_and_changes_are_checked() {
     assert_eq!(parse_seeds("0-2,7").unwrap(), [0, 1, 2, 7]);
+    assert_eq!(parse_seeds("2,0-2,0").unwrap(), [2, 0, 1]);
     for unsound in ["", "a", "5-2", "1-", "-3"] {
         assert!(parse_seeds(unsound).is_err(), "{unsound:?} was taken");
     }
@@ -102,6 +108,11 @@ fn seeds_and_changes_are_checked() {
         assert!(!output.status.success());
         text(&output)
     };
+    // What is asked for twice is one run: a folder takes no more.
+    let mut twice = Command::new(env!("CARGO_BIN_EXE_sweep"));
+    twice.args(["--task", "spring_color", "--seeds", "3", "--grid", "join.batch=4,4", "--status"]);
+    let status = text(&twice.output().unwrap());
+    assert_eq!(status.matches("seed=3").count(), 1, "{status}");
     assert!(refused(&["--task", "spring_color", "--set", "join.batch=5"]).contains("--name"));
     assert!(refused(&["--task", "spring_color", "--name", "a/b"]).contains("folder's name"));
     assert!(refused(&["--task", "spring_color", "--recipe", "slow"]).contains("fast, paper"));

@@ -4,6 +4,8 @@ use std::cell::RefCell;
 use std::path::Path;
 
 use anyhow::Result;
+use paig::kernels::Kernels;
+use paig::network::physics_models::ModelOptions;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
@@ -28,12 +30,22 @@ impl Noise {
     }
 }
 
+/// How a case is computed.
+#[derive(Debug)]
+pub struct Run {
+    pub kind: Kind,
+    pub kernels: Kernels,
+    pub noise: Option<Noise>,
+}
+
 /// A golden file while it is being compared.
 #[derive(Debug)]
 pub struct Case<'a> {
     pub golden: &'a Golden,
     /// The precision in which the port computes.
     pub kind: Kind,
+    /// What it computes by; its own kernels serve in single precision only.
+    pub kernels: Kernels,
     /// A checkpoint's file that whole models take their weights from, instead of the formula.
     pub weights: Option<&'a Path>,
     pub rows: Vec<Row>,
@@ -42,8 +54,14 @@ pub struct Case<'a> {
 
 impl<'a> Case<'a> {
     /// With `noise`, a probe.
-    pub fn new(golden: &'a Golden, kind: Kind, noise: Option<Noise>, weights: Option<&'a Path>) -> Self {
-        Case { golden, kind, weights, rows: Vec::new(), noise: noise.map(RefCell::new) }
+    pub fn new(golden: &'a Golden, run: Run, weights: Option<&'a Path>) -> Self {
+        let Run { kind, kernels, noise } = run;
+        Case { golden, kind, kernels, weights, rows: Vec::new(), noise: noise.map(RefCell::new) }
+    }
+
+    /// The original's model, computed as this case is.
+    pub fn options(&self) -> ModelOptions {
+        ModelOptions { kernels: self.kernels, ..ModelOptions::original() }
     }
 
     /// Values as the computation takes them in: in its precision, and moved where this is a probe.
@@ -71,6 +89,22 @@ impl<'a> Case<'a> {
     pub fn check(&mut self, name: &str, computed: &Tensor, tolerance: &'static Tolerance) -> Result<()> {
         let expected = self.golden.tensor(name, &computed.size())?;
         self.rows.push(Row::new(name, &expected, computed, tolerance));
+        Ok(())
+    }
+
+    /// The same of a tensor that is computed in another way, too.
+    ///
+    /// # Errors
+    /// As for [`Case::check`].
+    pub fn check_also(
+        &mut self,
+        name: &str,
+        how: &str,
+        computed: &Tensor,
+        tolerance: &'static Tolerance,
+    ) -> Result<()> {
+        let expected = self.golden.tensor(name, &computed.size())?;
+        self.rows.push(Row::new(&format!("{name}, {how}"), &expected, computed, tolerance));
         Ok(())
     }
 

@@ -19,7 +19,7 @@ pub fn task(rest: &str) -> Option<Task> {
 
 /// The model of a part's file, filled from its `weight_seed`, with its variables.
 pub fn model(case: &Case, task: &Task, alt_vel: bool) -> Result<(PhysicsNet, Vec<Variable>)> {
-    let options = ModelOptions { alt_vel, ..ModelOptions::original() };
+    let options = ModelOptions { alt_vel, ..case.options() };
     let mut model = PhysicsNet::new(&task.system, &options, Device::Cpu, 0)?;
     model.variables.set_kind(case.kind);
     let listing = Listing {

@@ -64,9 +64,18 @@ impl Row {
     }
 
     /// Takes in what rounding does to this tensor: `probe` is the same row of a run whose inputs were moved
-    /// (see [`Noise`](crate::harness::case::Noise)), or of the other precision.
+    /// (see [`Noise`](crate::harness::case::Noise)).
     pub fn allow_for(&mut self, probe: &Row) {
-        let moved = ((&probe.computed - &self.computed) / self.scale).abs();
+        self.allow(&probe.computed - &self.computed);
+    }
+
+    /// The same: how far the same computation is apart in two precisions.
+    pub fn allow_between(&mut self, single: &Row, double: &Row) {
+        self.allow(&single.computed - &double.computed);
+    }
+
+    fn allow(&mut self, difference: Tensor) {
+        let moved = (difference / self.scale).abs();
         self.moved = self.moved.maximum(&moved.nan_to_num(0.0, 0.0, 0.0));
     }
 

@@ -1,4 +1,4 @@
-"""TensorFlow's names and layouts of variables to PyTorch's and back; the table is that of src/variable_names.rs.
+"""TensorFlow's names and layouts of variables to PyTorch's and back; the table is that of src/network/variable_names.rs.
 
     net/encoder/conv2d_3/kernel [kh, kw, in, out]    encoder.conv2d_3.weight [out, in, kh, kw]
     net/encoder/dense/kernel    [in, out]            encoder.dense.weight    [out, in]

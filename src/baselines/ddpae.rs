@@ -25,6 +25,8 @@ const POSE: usize = 3;
 const HIDDEN: usize = 64;
 /// Channels of the convolutions, each followed by a pooling.
 const CHANNELS: [usize; 3] = [16, 32, 64];
+/// Of a frame: a window has half of it, and each convolution halves that.
+pub const LEAST_SIDE: usize = 2 << CHANNELS.len();
 /// Pixels are predicted no nearer to black and white than this: the cross-entropy of a certain mistake is infinite.
 const CERTAIN: f64 = 1e-3;
 /// Logit at which contents begin: a sum that is clipped at white has no gradient.

@@ -1,12 +1,12 @@
 //! What is compared, `configs/baselines.toml`.
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
 use super::training::WholeModel;
+use crate::support::storage;
 use crate::tasks::{self, Task};
 
 /// The whole list.
@@ -96,7 +96,7 @@ impl Comparison {
     /// A list that cannot be read, an unknown key, task or model, a name that stands twice.
     pub fn read(path: &Path) -> Result<Self> {
         let read = || -> Result<Self> {
-            let list: Comparison = toml::from_str(&fs::read_to_string(path)?)?;
+            let list: Comparison = toml::from_str(&storage::read_to_string(path)?)?;
             list.check()?;
             Ok(list)
         };

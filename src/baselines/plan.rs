@@ -144,14 +144,6 @@ impl Places {
         let of_task = self.runs_of(training.clips).join(&training.task).join(training.folder_name());
         Ok(of_task.join(format!("seed={}", training.seed)))
     }
-
-    /// Begun or finished: the run's folder is there.
-    ///
-    /// # Errors
-    /// As for [`Self::job`].
-    pub fn is_begun(&self, list: &Comparison, training: &Training) -> Result<bool> {
-        Ok(self.folder(list, training)?.exists())
-    }
 }
 
 impl Training<'_> {

@@ -35,6 +35,8 @@ const SEEN: usize = 100;
 const PATCH: i64 = 4;
 /// Channels of the encoder's convolutions, each followed by a pooling, and of the decoder's.
 const CHANNELS: [usize; 2] = [16, 32];
+/// Of a frame: its patches are halved by each convolution.
+pub const LEAST_SIDE: usize = (PATCH as usize) << CHANNELS.len();
 const DRAWN: usize = 16;
 /// Least standard deviation of z.
 const LEAST_DEVIATION: f64 = 0.1;

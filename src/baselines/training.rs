@@ -12,14 +12,15 @@ use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
-use super::ddpae::Ddpae;
+use super::ddpae::{self, Ddpae};
 use super::frame_model::{self, Batch, FrameModel, named_variables, prediction_error};
 use super::gaussian::normal_numbers;
-use super::planet::Planet;
+use super::planet::{self, Planet};
 use super::video_lstm::VideoLstm;
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::kernels::{Repeated, own_stream};
 use crate::network::System;
+use crate::runs::folder::lock;
 use crate::runs::metrics::{self, Record};
 use crate::runs::names::METRICS;
 use crate::runs::scores::Scores;
@@ -61,6 +62,15 @@ impl WholeModel {
         }
     }
 
+    /// Of the frames that it takes in, pixels: smaller ones leave nothing of themselves after its last layer.
+    fn least_side(self) -> usize {
+        match self {
+            WholeModel::VideoLstm => 1,
+            WholeModel::Ddpae => ddpae::LEAST_SIDE,
+            WholeModel::Planet => planet::LEAST_SIDE,
+        }
+    }
+
     /// Whether it learns what frames are worth.
     pub fn learns_rewards(self) -> bool {
         self == WholeModel::Planet
@@ -91,6 +101,7 @@ impl WholeConfig {
     pub fn check(&self) -> Result<()> {
         ensure!(self.learning_rate.is_finite() && self.learning_rate > 0.0, "the learning rate must be positive");
         ensure!(self.batch > 0 && self.steps > 0 && self.checkpoint_every > 0, "batch and steps must be at least 1");
+        ensure!(self.seed <= i64::MAX as u64, "seed {}: must be at most {}", self.seed, i64::MAX);
         Ok(())
     }
 }
@@ -180,7 +191,9 @@ pub fn train(
     tell: &mut dyn FnMut(&Record),
 ) -> Result<Outcome> {
     config.check()?;
-    open(config, folder)?;
+    let least = config.model.least_side();
+    ensure!(system.side >= least, "frames of {} pixels: this model needs frames of {least} or more", system.side);
+    let _lock = open(config, folder)?;
     if WholeScores::read(folder)?.is_some() {
         return Ok(Outcome::Finished);
     }
@@ -195,15 +208,18 @@ pub fn train(
     Ok(Outcome::Finished)
 }
 
-/// Takes a folder for this run, or finds it there.
-fn open(config: &WholeConfig, folder: &Path) -> Result<()> {
+/// Takes a folder for this run, or finds it there; for this program alone while the file is open.
+fn open(config: &WholeConfig, folder: &Path) -> Result<File> {
     let text = toml::to_string_pretty(config)?;
-    let Some(saved) = read_config(folder)? else {
-        fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        return atomic::write_file(&folder.join(MODEL), |file| Ok(std::io::Write::write_all(file, text.as_bytes())?));
-    };
-    ensure!(saved == *config, "{} was begun with other options; choose another folder", folder.display());
-    Ok(())
+    fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    let lock = lock(folder)?;
+    match read_config(folder)? {
+        Some(saved) => {
+            ensure!(saved == *config, "{} was begun with other options; choose another folder", folder.display());
+        }
+        None => atomic::write_file(&folder.join(MODEL), |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))?,
+    }
+    Ok(lock)
 }
 
 fn write_results(
@@ -336,6 +352,13 @@ impl<'a> Running<'a> {
 
     /// Replaces the checkpoint in one step, after the metrics that belong to it.
     fn save(&mut self) -> Result<()> {
+        for (name, variable) in &self.variables {
+            ensure!(
+                weights::is_finite(variable),
+                "variable {name} is not finite after step {}; begin again with a lower learning rate",
+                self.step
+            );
+        }
         self.metrics.sync_data().context("cannot write the metrics")?;
         let progress = Tensor::from_slice(&[self.step as f64, self.seconds()]);
         let slots = self.optimizer.slots().into_iter().map(|(name, slot)| (format!("{SLOT}{name}"), slot));

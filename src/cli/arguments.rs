@@ -1,5 +1,6 @@
 //! What programs are given: a run and clips to look at, seeds.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
@@ -88,7 +89,7 @@ impl ScoredRun {
 /// Most runs of a sweep, and so most seeds.
 pub const MOST_RUNS: usize = 100_000;
 
-/// Seeds as people write them: `0-9`, `1,4,7-8`.
+/// Seeds as people write them: `0-9`, `1,4,7-8`; each once.
 ///
 /// # Errors
 /// Anything else, a range that runs backwards, more than [`MOST_RUNS`].
@@ -98,10 +99,11 @@ pub fn parse_seeds(text: &str) -> Result<Vec<u64>> {
         number
             .with_context(|| format!("--seeds: {text:?} is not a number from 0 on; seeds are given as 0-9 or 1,4,7-8"))
     };
-    let mut seeds = Vec::new();
+    let (mut seeds, mut known) = (Vec::new(), HashSet::new());
+    let mut add = |seed: u64, seeds: &mut Vec<u64>| seeds.extend(known.insert(seed).then_some(seed));
     for part in text.split(',') {
         match part.split_once('-') {
-            None => seeds.push(number(part)?),
+            None => add(number(part)?, &mut seeds),
             Some((first, last)) => {
                 let (first, last) = (number(first)?, number(last)?);
                 ensure!(first <= last, "--seeds: {part:?} runs backwards");
@@ -110,7 +112,7 @@ pub fn parse_seeds(text: &str) -> Result<Vec<u64>> {
                     more < MOST_RUNS - seeds.len().min(MOST_RUNS),
                     "--seeds {text:?}: more than {MOST_RUNS} seeds; give a part of them"
                 );
-                seeds.extend(first..=last);
+                (first..=last).for_each(|seed| add(seed, &mut seeds));
             }
         }
     }

@@ -1,6 +1,8 @@
 //! What the programs share: arguments, lines on the screen, signals.
 
 pub mod arguments;
+pub mod comparison;
+pub mod control;
 pub mod ending;
 pub mod environment;
 pub mod generate_display;

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use tch::{Device, Tensor};
 
-use super::ending::exit_code;
+use super::ending::{begin_work, exit_code};
 use super::{environment, interrupt};
 use crate::baselines::training::{self, WholeConfig, WholeData, WholeModel, WholeScores};
 use crate::control::reward::{Goal, Reward};
@@ -97,6 +97,7 @@ pub fn train(config: &WholeConfig, folder: &Path, device: Device, stop: &dyn Fn(
     let test = scored.clips(Split::Test, device);
     let told = config.model.learns_rewards();
     let rewards = told.then(|| rewards(&task, &config.data.join(&task.train_file), &learned)).transpose()?;
+    begin_work();
     let data = WholeData { train: &train, rewards: rewards.as_ref(), valid: &valid, test: &test };
     training::train(config, &task.system, data, folder, stop, &mut |record| {
         let error = record.score.unwrap_or(f64::NAN);

@@ -1,10 +1,12 @@
 //! Where an agent acts: it sees frames and sends actions.
 
+use anyhow::{Result, ensure};
 use tch::{Kind, Tensor};
 
 use super::reward::Reward;
 use super::state::ControlState;
 use crate::generators::film::quantise;
+use crate::network::System;
 
 /// What an episode is.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,6 +29,28 @@ pub struct FrameFormat {
     pub channels: usize,
     /// Time units of one step, from frame to frame.
     pub dt: f64,
+}
+
+impl FrameFormat {
+    /// Whether a model of such a system can see these frames.
+    ///
+    /// # Errors
+    /// Frames of another side, with other channels, or at other times.
+    pub fn check(self, system: &System) -> Result<()> {
+        let FrameFormat { side, channels, dt } = self;
+        ensure!(
+            (system.side, system.channels) == (side, channels),
+            "the model sees frames of {0} x {0} with {1} channels; the environment draws {side} x {side} with {channels}",
+            system.side,
+            system.channels
+        );
+        ensure!(
+            (system.dt - dt).abs() < 1e-9,
+            "the model has {} time units from frame to frame, the environment {dt}: velocities would not agree",
+            system.dt
+        );
+        Ok(())
+    }
 }
 
 /// A world of which frames are seen.

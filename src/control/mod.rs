@@ -2,11 +2,12 @@
 //!
 //! Paper: section 4.3 (a pendulum is swung up); the authors' code for it was never released. In the order in which the
 //! data flow: an [`environment`] ([`pendulum`], or any [`scene`] on which something acts) draws what it does, a
-//! [`controller`] turns the frames into a state ([`vision`], [`eyes`]) and asks a planner ([`planner`], [`mppi`]) for an
+//! [`controller`] turns the frames into a state ([`vision`], [`eyes`]) and asks a [`planner`] ([`cross_entropy`], [`mppi`]) for an
 //! action, the planner tries plans on a [`model`] of the world and scores them by a [`reward`], and an [`episode`] sums the
 //! rewards; [`figures`] show it. Nothing but the controllers that are meant as bounds reads a true state.
 
 pub mod controller;
+pub mod cross_entropy;
 pub mod environment;
 pub mod episode;
 pub mod eyes;
@@ -23,6 +24,5 @@ pub mod relearning;
 pub mod results;
 pub mod reward;
 pub mod scene;
-pub mod search;
 pub mod state;
 pub mod vision;

@@ -1,7 +1,7 @@
 //! Model predictive path integral control: the next plan is the mean of all that were drawn, the better the heavier.
 
 use super::model::{Model, Outset};
-use super::search::{Planner, Search, SearchSettings};
+use super::planner::{Planner, Search, SearchSettings};
 
 /// By how much less a plan is worth that weighs a factor e less.
 const TEMPERATURE: f32 = 0.1;

@@ -1,6 +1,5 @@
 //! `results.json`: what each planner reached.
 
-use std::fs;
 use std::io::Write;
 use std::path::Path;
 
@@ -8,8 +7,8 @@ use anyhow::{Context, Result, ensure};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::support::atomic;
 use crate::support::random::named_generator;
+use crate::support::{atomic, storage};
 
 /// Number of the file's form.
 pub const FORMAT: u32 = 2;
@@ -78,7 +77,7 @@ impl Results {
     /// # Errors
     /// A file that is missing, damaged or of another form.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let text = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         let results: Self = serde_json::from_slice(&text).with_context(|| format!("{}", path.display()))?;
         ensure!(results.format == FORMAT, "{}: format {}, not {FORMAT}", path.display(), results.format);
         Ok(results)

@@ -39,18 +39,7 @@ impl<'a> Vision<'a> {
             "nothing acts on what equation {} moves; control needs a run of a task with actions (pendulum)",
             system.cell.name
         );
-        let FrameFormat { side, channels, dt } = format;
-        ensure!(
-            (system.side, system.channels) == (side, channels),
-            "the model sees frames of {0} x {0} with {1} channels; the environment draws {side} x {side} with {channels}",
-            system.side,
-            system.channels
-        );
-        ensure!(
-            (system.dt - dt).abs() < 1e-9,
-            "the model has {} time units from frame to frame, the environment {dt}: velocities would not agree",
-            system.dt
-        );
+        format.check(system)?;
         let mut vision = Vision { model, usual_masses: Vec::new() };
         vision.usual_masses = vision.masses_of_own_pictures();
         Ok(vision)

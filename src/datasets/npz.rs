@@ -52,7 +52,7 @@ impl Archive {
         if !self.has(name) {
             bail!("{:?} has no array {name:?}; its arrays are {:?}", self.path, self.names);
         }
-        self.check_size::<T>(name)?;
+        self.check_size(name)?;
         let array: ArrayD<T> = self.reader.by_name(name).map_err(|error| match error {
             ReadNpzError::Npy(ReadNpyError::WrongDescriptor(found)) => {
                 anyhow!(self.wrong_dtype(name, &found.to_string(), dtype))
@@ -66,8 +66,8 @@ impl Archive {
     }
 
     /// Room is made for as many numbers as an array's header claims, so the claim must fit into memory.
-    fn check_size<T>(&self, name: &str) -> Result<()> {
-        self.entry(name, size_of::<T>(), |header, _| {
+    fn check_size(&self, name: &str) -> Result<()> {
+        self.entry(name, |header, _| {
             // The array, and its copy in row-major order.
             memory::ensure_free(header.bytes.saturating_mul(2))
                 .with_context(|| format!("array {name:?} of {:?}", self.path))
@@ -76,12 +76,12 @@ impl Archive {
 
     /// What the header of an array of bytes says, checked against the archive.
     pub(crate) fn header(&self, name: &str) -> Result<Header> {
-        self.entry(name, 1, |header, _| Ok(header))
+        self.entry(name, |header, _| Ok(header))
     }
 
     /// Reads an array of bytes in row-major order piece by piece: `read` gets its header and what follows it.
     pub(crate) fn stream<T>(&self, name: &str, read: impl FnOnce(Header, &mut dyn Read) -> Result<T>) -> Result<T> {
-        self.entry(name, 1, |header, file| {
+        self.entry(name, |header, file| {
             ensure!(header.kind == "|u1", "{}", self.wrong_dtype(name, &header.kind, "uint8"));
             ensure!(
                 header.row_major,
@@ -93,14 +93,9 @@ impl Archive {
         })
     }
 
-    /// Opens an array of numbers of so many bytes. More numbers than the archive holds, or than its bytes can be unpacked to,
+    /// Opens an array. More numbers than the archive holds, or than its bytes can be unpacked to,
     /// are damage.
-    fn entry<T>(
-        &self,
-        name: &str,
-        bytes_each: usize,
-        read: impl FnOnce(Header, &mut dyn Read) -> Result<T>,
-    ) -> Result<T> {
+    fn entry<T>(&self, name: &str, read: impl FnOnce(Header, &mut dyn Read) -> Result<T>) -> Result<T> {
         let mut archive = zip::ZipArchive::new(BufReader::new(storage::open(&self.path)?))?;
         let named = [format!("{name}.npy"), name.to_string()];
         let entry = named.iter().find_map(|name| archive.index_for_name(name));
@@ -113,7 +108,7 @@ impl Archive {
             damaged()
         );
         let mut header = Header::read(&mut entry).with_context(damaged)?;
-        let claimed = header.shape.iter().try_fold(bytes_each as u64, |product, count| product.checked_mul(*count));
+        let claimed = header.shape.iter().try_fold(header.bytes_each(), |product, count| product.checked_mul(*count));
         let claimed = claimed.filter(|bytes| *bytes <= held);
         header.bytes =
             claimed.with_context(|| format!("{}: its header claims more numbers than it holds", damaged()))?;
@@ -170,6 +165,12 @@ impl Header {
         let row_major =
             !after("'fortran_order'").is_some_and(|rest| rest.trim_start_matches([':', ' ']).starts_with("True"));
         Ok(Header { kind, row_major, shape, bytes: 0 })
+    }
+
+    /// Of a number: what stands last in numpy's name of a kind. Text has so many letters of four bytes.
+    fn bytes_each(&self) -> u64 {
+        let letters = self.kind.find(|c: char| c.is_ascii_digit()).and_then(|at| self.kind[at..].parse::<u64>().ok());
+        letters.unwrap_or(1).saturating_mul(if self.kind.contains('U') { 4 } else { 1 })
     }
 }
 

@@ -6,8 +6,8 @@ use tch::{Device, Tensor};
 use crate::network::cells::{Actions, State};
 use crate::network::physics_models::PhysicsNet;
 
-/// Frames that fit into the memory of a laptop and into a picture.
-const MOST_FRAMES: usize = 10_000;
+/// Most frames that are predicted at once: each is drawn into a strip and an animation.
+pub const MOST_FRAMES: usize = 10_000;
 
 /// A clip and what the model makes of its beginning, on the CPU.
 #[derive(Debug)]

@@ -124,7 +124,7 @@ fn best_orders(
         let costs: Vec<f64> = costs.flatten(0, -1).try_into()?;
         Ok(costs.chunks(objects).map(<[f64]>::to_vec).collect())
     };
-    let order = best_assignment(&matrix(costs.mean_dim(0i64, false, None))?)?;
+    let order = best_assignment(&matrix(costs.mean_dim(0i64, false, None))?);
     let clips = costs.size()[0];
     let mut in_each_clip = Vec::with_capacity(objects * clips as usize);
     for clip in 0..clips {
@@ -133,7 +133,7 @@ fn best_orders(
             let others = (0..objects).filter(|&of_model| twins[of_model] != twins[usual]);
             others.for_each(|of_model| costs[of_model] = f64::INFINITY);
         }
-        in_each_clip.extend(best_assignment(&costs)?.into_iter().map(|object| object as i64));
+        in_each_clip.extend(best_assignment(&costs).into_iter().map(|object| object as i64));
     }
     Ok((order, Tensor::from_slice(&in_each_clip).reshape([clips, objects as i64])))
 }

@@ -16,6 +16,7 @@ use super::simulate::SceneState;
 use super::streams::{Purpose, Streams};
 use super::variant::Variant;
 use crate::datasets::settings::Forecast;
+use crate::network::cells::Coordinates;
 use crate::support::random::normal;
 use crate::tasks::camera::Camera;
 
@@ -93,6 +94,9 @@ pub fn errors(
     Ok(Forecast { prediction, extrapolation })
 }
 
+/// Deviation of a position that no frame tells anything of, pixels.
+const UNSEEN: f64 = 1e4;
+
 /// What each frame tells of the positions, the inverse of their covariance: `[frames, places, places]`.
 fn told_by_frames(
     variant: &Variant,
@@ -123,11 +127,13 @@ fn told_by_frames(
     let scaled = (slopes / variance.transpose(1, 2).unsqueeze(1).sqrt()).flatten(2, 3);
     let told = scaled.matmul(&scaled.transpose(1, 2));
     let shake = variant.scene.camera.shake as f64;
-    if shake == 0.0 {
+    if shake == 0.0 || variant.task.system.cell.coordinates == Coordinates::Angle {
         return Ok(told);
     }
     // A shaking camera moves all objects by the same whole pixels, from -shake to shake along each axis.
     let axes = Tensor::eye(2, (Kind::Double, tch::Device::Cpu)).repeat([places as i64 / 2, places as i64 / 2]);
+    // A hidden object is known to so many pixels, which is as good as not at all.
+    let told = told + Tensor::eye(places as i64, (Kind::Double, tch::Device::Cpu)) * UNSEEN.powi(-2);
     Ok((told.inverse() + axes * (shake * (shake + 1.0) / 3.0)).inverse())
 }
 

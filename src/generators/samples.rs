@@ -10,14 +10,17 @@ use ndarray::Array5;
 use crate::datasets::npz::write_whole;
 
 const CLIPS: usize = 6;
+/// Small frames are enlarged to this side, pixels, at most 4 times.
+const SIDE: usize = 128;
 const ENLARGEMENT: usize = 4;
 /// Grey lines between frames, pixels.
 const GAP: usize = 2;
 
-/// Writes a PNG with a row for each of the first clips, frames from left to right, enlarged 4 times.
+/// Writes a PNG with a row for each of the first clips, frames from left to right, small ones enlarged.
 pub(super) fn write_samples(path: &Path, clips: &Array5<u8>) -> Result<()> {
     let (count, frames, side, _, channels) = clips.dim();
-    let pitch = side * ENLARGEMENT + GAP;
+    let enlargement = (SIDE / side).clamp(1, ENLARGEMENT);
+    let pitch = side * enlargement + GAP;
     let (width, height) = (frames * pitch + GAP, count.min(CLIPS) * pitch + GAP);
     let picture = RgbImage::from_fn(width as u32, height as u32, |x, y| {
         let (column, row) = (x as usize / pitch, y as usize / pitch);
@@ -25,7 +28,7 @@ pub(super) fn write_samples(path: &Path, clips: &Array5<u8>) -> Result<()> {
         if within_x < GAP || within_y < GAP {
             return Rgb([128; 3]);
         }
-        let (px, py) = ((within_x - GAP) / ENLARGEMENT, (within_y - GAP) / ENLARGEMENT);
+        let (px, py) = ((within_x - GAP) / enlargement, (within_y - GAP) / enlargement);
         Rgb([0, 1, 2].map(|channel| clips[[row, column, py, px, channel.min(channels - 1)]]))
     });
     let mut bytes = Cursor::new(Vec::new());

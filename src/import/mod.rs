@@ -17,10 +17,10 @@ pub mod time_base;
 pub mod tracker;
 mod warnings;
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 
 use self::contact_sheet::write_contact_sheet;
 use self::crop::Square;
@@ -33,6 +33,7 @@ use crate::datasets::film::FILM;
 use crate::network::System;
 use crate::network::system::SystemTable;
 use crate::support::atomic;
+use crate::support::storage::storage;
 
 /// Most frames that are kept of all videos.
 const MOST_KEPT: usize = 50_000;
@@ -111,6 +112,11 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     if new_folder {
         atomic::write_folder(&request.out, fill)?
     } else {
+        // Until all is written the folder holds no task: the old one is of other clips.
+        storage().remove_file(&request.out.join("task.toml")).or_else(|error| match error.kind() {
+            ErrorKind::NotFound => Ok(()),
+            _ => Err(error).with_context(|| format!("cannot replace {}", request.out.display())),
+        })?;
         fill(&request.out)?
     }
     let used = reel.takes.iter().map(|Take { video, kept, .. }| ImportedTake {
@@ -151,7 +157,7 @@ fn check_system(request: &Request) -> Result<System> {
 /// How long clips are and how they overlap.
 fn cut(request: &Request, parts: &[Parts]) -> Result<Cut> {
     let least = request.least_frames();
-    let clip_bytes = request.frame_bytes() * request.clip_frames.unwrap_or(least);
+    let clip_bytes = request.frame_bytes() * request.clip_frames.unwrap_or(least).max(least);
     let most = MOST_TRAINING_CLIPS.min(MOST_TRAINING_BYTES / clip_bytes);
     Cut::choose(parts, least, request.clip_frames, request.overlap, most)
 }

@@ -14,9 +14,12 @@ using torch::autograd::variable_list;
 
 namespace {
 
+// Bytes of the text that says why a gradient failed.
+constexpr size_t REASON = 256;
+
 struct Calls {
-  // Fills `results`, one new tensor for each input; false if that failed.
-  bool (*backward)(void *state, const Tensor *gradient, Tensor **results);
+  // Fills `results`, one new tensor for each input; false if that failed, and then `reason`.
+  bool (*backward)(void *state, const Tensor *gradient, Tensor **results, char *reason);
   void (*release)(void *state);
 };
 
@@ -32,16 +35,18 @@ struct ForeignFunction : torch::autograd::Node {
     if (!gradients[0].defined()) return results;
     TORCH_CHECK(state != nullptr, "the gradient of this function was computed before, and what it needs is freed");
     std::vector<Tensor *> raw(inputs, nullptr);
-    bool done = calls.backward(state, &gradients[0], raw.data());
+    char reason[REASON] = {};
+    bool done = calls.backward(state, &gradients[0], raw.data(), reason);
     for (size_t i = 0; i < inputs; i++) {
       std::unique_ptr<Tensor> owned(raw[i]);
       if (owned) results[i] = *owned;
     }
-    TORCH_CHECK(done, "a kernel's gradient failed");
+    TORCH_CHECK(done, "a kernel's gradient failed: ", reason);
     return results;
   }
 
   void release_variables() override {
+    std::lock_guard<std::mutex> lock(mutex_);
     if (state != nullptr) calls.release(state);
     state = nullptr;
   }

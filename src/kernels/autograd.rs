@@ -1,20 +1,25 @@
 //! Functions with a gradient of their own in libtorch's autograd graph, which tch has no call for (`autograd.cpp`).
 
-use std::ffi::c_void;
+use std::ffi::{c_char, c_void};
 use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use tch::Tensor;
 use torch_sys::C_tensor;
 
+use super::panics;
+
 /// Gradients of the inputs, in their order, from that of the output.
 type Backward = Box<dyn FnMut(&Tensor) -> Vec<Tensor> + Send>;
 
 #[repr(C)]
 struct Calls {
-    backward: extern "C" fn(*mut c_void, *mut C_tensor, *mut *mut C_tensor) -> bool,
+    backward: extern "C" fn(*mut c_void, *mut C_tensor, *mut *mut C_tensor, *mut c_char) -> bool,
     release: extern "C" fn(*mut c_void),
 }
+
+/// Bytes of the text that says why a gradient failed, with the 0 at its end (`REASON` in `autograd.cpp`).
+const REASON: usize = 256;
 
 /// What a function keeps until its gradient is asked for.
 struct State {
@@ -41,10 +46,11 @@ pub fn records(inputs: &[&Tensor]) -> bool {
 }
 
 /// Tells autograd that `output`, which was computed without it, is a function of `inputs`. `backward` takes the gradient
-/// of the output to those of the inputs, one for each; it is called once, from any thread.
+/// of the output to those of the inputs, one for each, or an undefined tensor where nobody wants it; it is called from any
+/// thread, and once unless autograd is told to keep its graph.
 ///
 /// # Panics
-/// An output that autograd already has a history of.
+/// An output of whole numbers.
 pub fn attach(
     mut output: Tensor,
     inputs: &[&Tensor],
@@ -55,11 +61,16 @@ pub fn attach(
     let calls = Calls { backward: call_backward, release };
     // SAFETY: the tensors live as long as the call, and the state until `release`, which is called once.
     let done = unsafe { paig_attach(output.as_mut_ptr(), raw.as_ptr(), raw.len(), state.cast(), calls) };
-    assert!(done, "a tensor without a history can be given one");
+    assert!(done, "a tensor of floats can be given a history");
     output
 }
 
-extern "C" fn call_backward(state: *mut c_void, gradient: *mut C_tensor, results: *mut *mut C_tensor) -> bool {
+extern "C" fn call_backward(
+    state: *mut c_void,
+    gradient: *mut C_tensor,
+    results: *mut *mut C_tensor,
+    reason: *mut c_char,
+) -> bool {
     // A panic must not go through C++.
     let call = AssertUnwindSafe(|| {
         // SAFETY: `state` is the one that was attached, and not released yet; one call at a time, under the node's lock.
@@ -74,7 +85,12 @@ extern "C" fn call_backward(state: *mut c_void, gradient: *mut C_tensor, results
             mem::forget(gradient);
         }
     });
-    catch_unwind(call).is_ok()
+    let Err(panic) = catch_unwind(call) else { return true };
+    let said = panics::first_line(panic.as_ref()).as_bytes();
+    let length = said.len().min(REASON - 1);
+    // SAFETY: C++ gives room for `REASON` bytes, which it has set to 0.
+    unsafe { said.as_ptr().cast::<c_char>().copy_to_nonoverlapping(reason, length) };
+    false
 }
 
 extern "C" fn release(state: *mut c_void) {

@@ -7,7 +7,7 @@ use super::lanes::Instructions;
 use super::mix;
 use super::planes::{Picture, Workspace};
 use super::recycled::Recycled;
-use super::threads::{PARTS, in_parallel, workers_each};
+use super::threads::{in_parallel, part_of, workers_each};
 use super::weight_gradient::add_weight_gradient;
 use super::winograd::{self, Finish, Weights};
 
@@ -124,7 +124,7 @@ impl Pass {
         let by_pictures = by_pictures.chunks_mut(kernel.block(kernel.inputs, side));
         let blocks = self.seen.iter().zip(gradient.chunks(kernel.block(kernel.outputs, side)));
         let mut blocks: Vec<_> = blocks.zip(by_pictures).collect();
-        let part = blocks.len().div_ceil(PARTS).max(1);
+        let part = part_of(blocks.len());
         let parts: Vec<_> = blocks.chunks_mut(part).collect();
         let workers = workers_each(parts.len());
         let sums = in_parallel(parts, |part| {

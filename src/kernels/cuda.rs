@@ -8,10 +8,13 @@ use std::ffi::{CStr, c_char, c_int, c_void};
 use std::fmt::{self, Debug};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::NonNull;
-use std::sync::{Once, PoisonError, RwLock};
+use std::sync::{Mutex, PoisonError, RwLock};
 
-use anyhow::{Error, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use tch::{Device, Kind, Tensor};
+
+use super::panics;
+use super::threads::locked;
 
 /// Calls that are made one computation at a time before one is recorded: libraries choose their algorithms and take their
 /// memory in them, and gradients and the optimizer's slots come to be.
@@ -48,15 +51,21 @@ pub fn allow_tf32(allowed: bool) {
 /// A GPU that fails.
 pub fn own_stream(device: Device) -> Result<()> {
     let Device::Cuda(index) = device else { return Ok(()) };
-    // What was asked for so far is to be there.
-    tch::Cuda::synchronize(index as i64);
-    // libtorch loads its linear algebra for GPUs when it is first wanted, and fails where two threads want it at once.
-    static LOADED: Once = Once::new();
-    LOADED.call_once(|| {
-        let _guard = tch::no_grad_guard();
-        let one = Tensor::ones([2, 1, 1], (Kind::Double, device));
-        let _ = Tensor::linalg_solve_ex(&one, &one, true, false);
-    });
+    caught(|| {
+        // What was asked for so far is to be there.
+        tch::Cuda::synchronize(index as i64);
+        // libtorch loads its linear algebra for GPUs when it is first wanted, and fails where two threads want it at once.
+        static LOADED: Mutex<bool> = Mutex::new(false);
+        let mut loaded = locked(&LOADED);
+        if !*loaded {
+            let _guard = tch::no_grad_guard();
+            let one = Tensor::ones([2, 1, 1], (Kind::Double, device));
+            let _ = Tensor::linalg_solve_ex(&one, &one, true, false);
+            *loaded = true;
+        }
+        Ok(())
+    })
+    .context("the GPU fails")?;
     // SAFETY: sets the stream of this thread.
     if !unsafe { paig_cuda_stream(index as c_int) } {
         bail!("the GPU gives no stream: {}", failure());
@@ -64,10 +73,10 @@ pub fn own_stream(device: Device) -> Result<()> {
     Ok(())
 }
 
-/// What a panic said, its first line.
-fn reason(panic: &(dyn Any + Send)) -> Error {
-    let said = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
-    anyhow!("{}", said.unwrap_or("it panicked").lines().next().unwrap_or_default())
+/// The error in the place of a panic.
+fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    let failed = |panic: Box<dyn Any + Send>| Err(anyhow!("{}", panics::first_line(panic.as_ref())));
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(failed)
 }
 
 /// libtorch computes the gradients of all threads in one thread of its own. What that does for another thread in the midst of a
@@ -88,7 +97,7 @@ impl Recording {
         let Some(graph) = NonNull::new(unsafe { paig_graph_begin() }) else { bail!("{}", failure()) };
         let recording = Recording(graph);
         // tch panics where libtorch fails; a recording that was begun must end.
-        let made = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(reason(panic.as_ref())));
+        let made = caught(work);
         // SAFETY: it was begun above.
         let ended = unsafe { paig_graph_end(graph.as_ptr()) };
         let made = made?;
@@ -142,7 +151,7 @@ impl<T> Debug for Repeated<T> {
 }
 
 impl<T> Repeated<T> {
-    /// Of a function on tensors of this device.
+    /// Of a function on tensors of this device; a GPU records only for threads with a stream of their own ([`own_stream`]).
     pub fn on(device: Device) -> Self {
         Repeated { device, sizes: Vec::new(), calls: 0, recorded: None, refused: None, result: None }
     }
@@ -159,7 +168,12 @@ impl<T> Repeated<T> {
         self.calls += 1;
         if self.is_to_be_recorded() {
             let kept: Vec<_> = inputs.iter().map(|input| input.detach().copy()).collect();
-            match Recording::of(|| function(&kept)) {
+            // SAFETY: tells how this program was built.
+            let recording = match unsafe { paig_cuda_built() } {
+                true => Recording::of(|| function(&kept)),
+                false => Err(anyhow!("this program was built without CUDA's headers")),
+            };
+            match recording {
                 Ok((recording, result)) => {
                     (self.recorded, self.result) = (Some(Recorded { recording, inputs: kept }), Some(result));
                 }
@@ -178,9 +192,10 @@ impl<T> Repeated<T> {
     }
 
     fn is_to_be_recorded(&self) -> bool {
-        // SAFETY: tells how this program was built.
-        let possible = matches!(self.device, Device::Cuda(_)) && unsafe { paig_cuda_built() };
-        possible && self.recorded.is_none() && self.refused.is_none() && self.calls > WARM_UP
+        matches!(self.device, Device::Cuda(_))
+            && self.recorded.is_none()
+            && self.refused.is_none()
+            && self.calls > WARM_UP
     }
 
     /// Why the function could not be recorded, if it could not.

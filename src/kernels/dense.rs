@@ -25,13 +25,13 @@ const WIDEST: usize = 16;
 pub fn by_rows(instructions: Instructions, terms: usize, x: &[f32], weight: &[f32], to: &mut [f32]) {
     let (rows, outputs) = (x.len() / terms, weight.len() / terms);
     assert!([x.len(), weight.len(), to.len()] == [rows * terms, outputs * terms, rows * outputs]);
-    let part = part_of(rows, TILE_ROWS).min(ROWS);
+    let part = rows_of_each(rows, TILE_ROWS).min(ROWS);
     let parts = x.chunks(part * terms).zip(to.chunks_mut(part * outputs));
     in_parallel(parts.collect(), |(x, to)| sums_over_rows(instructions, terms, x, weight, to));
 }
 
 /// Rows that each thread has, in whole tiles.
-fn part_of(rows: usize, tile: usize) -> usize {
+fn rows_of_each(rows: usize, tile: usize) -> usize {
     rows.div_ceil(threads()).next_multiple_of(tile).max(tile)
 }
 
@@ -141,9 +141,12 @@ impl<'a> Factors<'a> {
 /// # Panics
 /// Matrices that do not fit.
 pub fn combined(instructions: Instructions, factors: Factors, matrix: &[f32], to: &mut [f32]) {
+    if factors.rows == 0 || factors.terms == 0 {
+        return to.fill(0.0);
+    }
     let columns = to.len() / factors.rows;
     assert!([matrix.len(), to.len()] == [factors.terms * columns, factors.rows * columns]);
-    let part = part_of(factors.rows, 2 * TILE_ROWS);
+    let part = rows_of_each(factors.rows, 2 * TILE_ROWS);
     let parts: Vec<_> = to.chunks_mut(part * columns).enumerate().collect();
     in_parallel(parts, |(number, to)| combine(instructions, factors, number * part, matrix, to));
 }
@@ -278,6 +281,16 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn no_rows_change_no_weight() {
+        for instructions in Instructions::all() {
+            let mut gradient = [f32::NAN; 6];
+            combined(instructions, Factors::new(&[], 3).transposed(), &[], &mut gradient);
+            assert_eq!(gradient, [0.0; 6]);
+            combined(instructions, Factors::new(&[], 3), &[1.0; 6], &mut []);
         }
     }
 }

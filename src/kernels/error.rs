@@ -1,7 +1,7 @@
 //! The sum of squared differences, and its gradient, in one pass each.
 
 use super::lanes::{Instructions, Lanes, dispatched};
-use super::threads::{PARTS, in_parallel};
+use super::threads::{in_parallel, part_of};
 
 /// Rows of floats `[.., width]` in memory, one at each of these places.
 #[derive(Debug, Clone)]
@@ -21,7 +21,7 @@ impl<'a> Rows<'a> {
 pub fn squared_error(instructions: Instructions, a: &Rows, b: &Rows) -> f64 {
     assert!(a.starts.len() == b.starts.len() && a.width == b.width);
     let rows: Vec<usize> = (0..a.starts.len()).collect();
-    let parts: Vec<_> = rows.chunks(rows.len().div_ceil(PARTS).max(1)).collect();
+    let parts: Vec<_> = rows.chunks(part_of(rows.len())).collect();
     let sums = in_parallel(parts, |rows| {
         let mut sum = 0.0;
         for &row in rows {
@@ -58,7 +58,7 @@ fn add_squared_error_lanes<L: Lanes>(a: &[f32], b: &[f32], sum: &mut f64) {
 /// `factor (a - b)` to `to`, `[rows, width]`.
 pub fn difference(a: &Rows, b: &Rows, factor: f32, to: &mut [f32]) {
     assert!(a.starts.len() == b.starts.len() && a.width == b.width && to.len() == a.starts.len() * a.width);
-    let part = a.starts.len().div_ceil(PARTS).max(1);
+    let part = part_of(a.starts.len());
     let parts: Vec<_> = to.chunks_mut(part * a.width).enumerate().collect();
     in_parallel(parts, |(number, to)| {
         for (i, to) in to.chunks_exact_mut(a.width).enumerate() {

@@ -22,6 +22,9 @@ const A: f32 = std::f32::consts::FRAC_1_SQRT_2;
 const B: f32 = std::f32::consts::SQRT_2;
 
 /// `x + c y`.
+///
+/// # Safety
+/// As of [`Lanes`].
 #[inline(always)]
 unsafe fn plus<L: Lanes>(x: L, c: f32, y: L) -> L {
     unsafe { x.add_product(L::splat(c), y) }
@@ -41,6 +44,9 @@ pub(super) fn of_taps<const N: usize>([w0, w1, w2]: [[f32; N]; 3]) -> [[f32; N];
 }
 
 /// `B^T d` of six pixels.
+///
+/// # Safety
+/// As of [`Lanes`].
 #[inline(always)]
 unsafe fn of_pixels<L: Lanes>([d0, d1, d2, d3, d4, d5]: [L; POINTS]) -> [L; POINTS] {
     unsafe {
@@ -58,6 +64,9 @@ unsafe fn of_pixels<L: Lanes>([d0, d1, d2, d3, d4, d5]: [L; POINTS]) -> [L; POIN
 }
 
 /// `A^T m`: four results.
+///
+/// # Safety
+/// As of [`Lanes`].
 #[inline(always)]
 pub(super) unsafe fn results<L: Lanes>([m0, m1, m2, m3, m4, m5]: [L; POINTS]) -> [L; PIXELS] {
     unsafe {
@@ -73,6 +82,9 @@ pub(super) unsafe fn results<L: Lanes>([m0, m1, m2, m3, m4, m5]: [L; POINTS]) ->
 }
 
 /// `G g` of four gradients.
+///
+/// # Safety
+/// As of [`Lanes`].
 #[inline(always)]
 unsafe fn of_gradients<L: Lanes>([g0, g1, g2, g3]: [L; PIXELS]) -> [L; POINTS] {
     unsafe {
@@ -91,6 +103,9 @@ unsafe fn of_gradients<L: Lanes>([g0, g1, g2, g3]: [L; PIXELS]) -> [L; POINTS] {
 }
 
 /// `A^T m`: the gradients of three taps.
+///
+/// # Safety
+/// As of [`Lanes`].
 #[inline(always)]
 unsafe fn of_sums<L: Lanes>([m0, m1, m2, m3, m4, m5]: [L; POINTS]) -> [L; 3] {
     unsafe {
@@ -101,6 +116,9 @@ unsafe fn of_sums<L: Lanes>([m0, m1, m2, m3, m4, m5]: [L; POINTS]) -> [L; 3] {
 }
 
 /// The gradients of a kernel's taps, `[y][x]`, from sums of products, whose points `[x][y]` stand `apart` floats.
+///
+/// # Safety
+/// As of [`Lanes`]; there are vectors at all those points.
 #[inline(always)]
 pub(super) unsafe fn taps<L: Lanes>(sums: *const f32, apart: usize) -> [[L; 3]; 3] {
     unsafe {
@@ -185,6 +203,9 @@ impl Tiles {
 }
 
 /// Asks for what a row of tiles sees that the row above it did not.
+///
+/// # Safety
+/// As of [`Lanes`]. What is asked for need not be there.
 #[inline(always)]
 unsafe fn fetch_row<L: Lanes>(planes: Planes, channel: usize, row: usize, columns: &Range<usize>) {
     unsafe {
@@ -198,6 +219,9 @@ unsafe fn fetch_row<L: Lanes>(planes: Planes, channel: usize, row: usize, column
 }
 
 /// `B^T d` along y, of the columns of pixels that some tiles see: `[column][y]`. Pixels beyond the border are 0.
+///
+/// # Safety
+/// As of [`Lanes`]; a channel of planes made for them, and room for the columns.
 #[inline(always)]
 unsafe fn transform_columns<L: Lanes>(
     input: Planes,
@@ -225,6 +249,9 @@ unsafe fn transform_columns<L: Lanes>(
 }
 
 /// `B^T d` along x, of so many tiles. Their points along x and y stand `apart`.
+///
+/// # Safety
+/// As of [`Lanes`]; there are the columns that the tiles see, and room for their points.
 #[inline(always)]
 unsafe fn transform_rows<L: Lanes>(columns: *const f32, tiles: usize, into: *mut f32, apart: [usize; 2]) {
     unsafe {
@@ -271,6 +298,9 @@ fn transform_gradient_lanes<L: Lanes>(gradient: Planes, tiles: &Tiles, between: 
 }
 
 /// Of the tile that begins with the first of some columns. Columns beyond the last are 0.
+///
+/// # Safety
+/// As of [`Lanes`]; the lines have the columns that are there, and there is room between and for the points.
 #[inline(always)]
 unsafe fn transform_gradient_tile<L: Lanes>(
     lines: [*const f32; PIXELS],

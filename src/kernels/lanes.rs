@@ -23,6 +23,7 @@ pub trait Lanes: Copy {
     unsafe fn mul(self, other: Self) -> Self;
     /// `self + a b`.
     unsafe fn add_product(self, a: Self, b: Self) -> Self;
+    /// The greater; `other` where one of them is not a number.
     unsafe fn max(self, other: Self) -> Self;
     /// `self` where `gate` is above 0, else 0.
     unsafe fn where_positive(self, gate: Self) -> Self;
@@ -162,7 +163,7 @@ impl Lanes for Avx512 {
 /// Neighbours of two vectors, added, in each quarter.
 ///
 /// # Safety
-/// As of [`Lanes`]. Not a closure: those are not compiled into their caller, and call each instruction.
+/// As of [`Lanes`]. As a closure it was not compiled into its caller.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 unsafe fn pairs(a: __m512, b: __m512) -> __m512 {

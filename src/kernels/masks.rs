@@ -1,6 +1,6 @@
 //! Frames seen through masks, written at once in the order in which a dense layer reads them.
 
-use super::threads::{PARTS, in_parallel};
+use super::threads::{in_parallel, part_of};
 
 /// The sizes of masked frames.
 #[derive(Debug, Clone, Copy)]
@@ -19,8 +19,8 @@ pub fn apply(sizes: Sizes, masks: &[f32], frames: &[f32], to: &mut [f32]) {
     let Sizes { channels, pixels, .. } = sizes;
     let size = pixels * channels;
     assert!(frames.len() == sizes.frames * size && to.len() == sizes.objects * frames.len());
-    assert_eq!(masks.len(), sizes.frames * sizes.masks * pixels);
-    let part = (sizes.objects * sizes.frames).div_ceil(PARTS).max(1);
+    assert!(sizes.objects <= sizes.masks && masks.len() == sizes.frames * sizes.masks * pixels);
+    let part = part_of(sizes.objects * sizes.frames);
     let parts: Vec<_> = to.chunks_mut(part * size).enumerate().collect();
     in_parallel(parts, |(number, to)| {
         for (i, to) in to.chunks_exact_mut(size).enumerate() {
@@ -41,8 +41,9 @@ pub fn apply_backward(sizes: Sizes, gradient: &[f32], frames: &[f32]) -> Vec<f32
     let Sizes { channels, pixels, .. } = sizes;
     let size = pixels * channels;
     assert!(frames.len() == sizes.frames * size && gradient.len() == sizes.objects * frames.len());
+    assert!(sizes.objects <= sizes.masks);
     let mut masks = vec![0.0; sizes.frames * sizes.masks * pixels];
-    let part = sizes.frames.div_ceil(PARTS).max(1);
+    let part = part_of(sizes.frames);
     let parts: Vec<_> = masks.chunks_mut(part * sizes.masks * pixels).enumerate().collect();
     in_parallel(parts, |(number, masks)| {
         for (i, masks) in masks.chunks_exact_mut(sizes.masks * pixels).enumerate() {

@@ -1,5 +1,6 @@
 //! A step of a long short-term memory after its gates' affine map, forward and backward, in one pass each.
 
+use super::exponential::reduced;
 use super::lanes::{Instructions, Lanes, dispatched};
 use super::threads::in_parallel;
 
@@ -105,22 +106,13 @@ fn step_backward_lanes<L: Lanes>(seen: [&[f32]; 5], by_gates: &mut [f32], by_bef
     }
 }
 
-/// Added to a number below 2^22 and taken away again, it leaves the nearest whole one, which then stands in the last bits.
-const WHOLE: f32 = 12_582_912.0;
-/// `ln 2` in two parts, the first of so few bits that its products with whole numbers are exact.
-const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4];
-
 /// `[2^n, e^r - 1]` with `e^x = 2^n e^r` and `|r| <= ln 2 / 2`; x from -87 to 88, beyond which it is taken as that. The
 /// seventh order of the series leaves 2e-8 of `e^r - 1`.
 #[inline(always)]
 fn parts_of_exponential(x: f32) -> [f32; 2] {
-    let x = x.clamp(-87.0, 88.0);
-    let shifted = x * std::f32::consts::LOG2_E + WHOLE;
-    let n = shifted - WHOLE;
-    let r = x - n * LN_2[0] - n * LN_2[1];
+    let [power, r] = reduced(x.clamp(-87.0, 88.0));
     let series = [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0];
     let series = series.iter().fold(1.0 / 5040.0, |sum, term| sum * r + term);
-    let power = f32::from_bits((shifted.to_bits() << 23).wrapping_add(1.0f32.to_bits()));
     [power, series * r]
 }
 

@@ -5,7 +5,7 @@
 //! libtorch's convolutions reach half of a core's speed or less at 3 to 64 channels, and every one of the passes between
 //! them goes through memory. Here the frames of a batch stand side by side in blocks, one in each lane of a vector, so
 //! that all operations are on whole vectors whatever the number of channels, and a block stays in the cache from layer
-//! to layer. The mathematics is that of libtorch, in float32; sums are in another order.
+//! to layer. The mathematics is that of libtorch, in float32; sums are in another order. What is not a number stays so.
 //!
 //! This is the only module with unsafe code: vectors of the processor's own width, chosen at run time; the tensors'
 //! memory; the processor's control register; the node in libtorch's autograd graph; work that is shared out among threads;
@@ -20,11 +20,13 @@ mod convolution;
 mod cuda;
 mod dense;
 mod error;
+mod exponential;
 mod filtering;
 mod lanes;
 mod masks;
 mod memory;
 mod mix;
+mod panics;
 mod planes;
 mod recycled;
 mod resample;
@@ -40,7 +42,7 @@ pub use adam::AdamStep;
 pub use cuda::{Repeated, allow_tf32, own_stream};
 pub use lanes::Instructions;
 pub use sprites::Scene;
-pub use subnormals::flush_subnormals;
+pub use subnormals::{Flushing, flush_subnormals};
 pub use tensors::{
     ConvolutionKernel, PreparedConvolution, UNetKernel, adam, draw, linear, masked, memory_step, serve, squared_error,
     taught_through,

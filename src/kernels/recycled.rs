@@ -1,6 +1,8 @@
 //! Memory that is used again by the next step.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
+
+use super::threads::locked;
 
 /// What was given back, in any order.
 #[derive(Debug)]
@@ -13,11 +15,11 @@ impl<T> Recycled<T> {
 
     /// What was given back last, or something new.
     pub fn take(&self, new: impl FnOnce() -> T) -> T {
-        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let kept = locked(&self.0).pop();
         kept.unwrap_or_else(new)
     }
 
     pub fn give(&self, used: T) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(used);
+        locked(&self.0).push(used);
     }
 }

@@ -1,5 +1,7 @@
-//! The kernels on tensors, within libtorch's autograd.
+//! The kernels on tensors, within libtorch's autograd. They keep the memory of what they were given until the gradient is asked
+//! for: nothing may be written to it in between, and libtorch does not check that.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use tch::{Device, Kind, Tensor};
@@ -117,8 +119,9 @@ pub fn serve(tensors: &[&Tensor]) -> bool {
     tensors.iter().all(|tensor| tensor.kind() == Kind::Float && tensor.device() == Device::Cpu)
 }
 
-/// Sprites moved and composed over a background: what [`Scene`] says, of tensors as in the drawing; frames
-/// `[frames, channels, side, side]`, differentiable by all of them.
+/// Sprites moved and composed over a background: what [`Scene`] says, of sprites `[objects, layers, height, width]` (logits of
+/// the mask, then colours), a background `[channels, side, side]`, and where each row and column of the frames `[objects, frames,
+/// side]` is taken from; frames `[frames, channels, side, side]`, differentiable by all of them.
 pub fn draw(scene: Scene, sprites: &Tensor, background: &Tensor, rows: &Tensor, columns: &Tensor) -> Tensor {
     let inputs = [sprites, background, rows, columns];
     let values = inputs.map(|input| input.detach().contiguous());
@@ -168,8 +171,11 @@ pub fn masked(objects: i64, masks: &Tensor, frames: &Tensor) -> Tensor {
 
 /// `x weight^T + bias`, differentiable by all three: `[rows, inputs]`, `[outputs, inputs]` and `[outputs]` to
 /// `[rows, outputs]`.
+///
+/// # Panics
+/// Tensors that do not fit, or that the kernels do not [`serve`]; so does each function here.
 pub fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Tensor {
-    let inputs = [x, weight, bias];
+    let (inputs, teaches_x) = ([x, weight, bias], x.requires_grad());
     let values = [x, weight].map(|tensor| tensor.detach().contiguous());
     let (rows, terms) = values[0].size2().expect("rows of inputs");
     let mut result = Tensor::empty([rows, bias.size()[0]], (Kind::Float, Device::Cpu));
@@ -182,8 +188,8 @@ pub fn linear(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Tensor {
     autograd::attach(result, &inputs, move |gradient| {
         let gradient = gradient.contiguous();
         let [x, weight] = values.each_ref();
-        let [by_x, by_weight] = [(factors(&gradient), weight), (factors(&gradient).transposed(), x)]
-            .map(|(factors, matrix)| combined(factors, matrix));
+        let by_x = if teaches_x { combined(factors(&gradient), weight) } else { Tensor::new() };
+        let by_weight = combined(factors(&gradient).transposed(), x);
         vec![by_x, by_weight, gradient.sum_dim_intlist([0i64].as_slice(), false, None)]
     })
 }
@@ -266,7 +272,13 @@ fn halves_mut(tensor: &mut Tensor) -> [&mut [f32]; 2] {
 
 /// A step of Adam: changes a variable and its means of gradients and of their squares, and clears the gradient. All of one
 /// shape, and contiguous in memory.
-pub fn adam(step: AdamStep, [variable, gradient, mean, square]: [&mut Tensor; 4]) {
+///
+/// # Panics
+/// Two of them in the same memory.
+pub fn adam(step: AdamStep, tensors: [&mut Tensor; 4]) {
+    let places = BTreeSet::from(tensors.each_ref().map(|tensor| tensor.data_ptr()));
+    assert!(places.len() == tensors.len() || tensors[0].numel() == 0, "each has memory of its own");
+    let [variable, gradient, mean, square] = tensors;
     let slices = Slices {
         variable: floats_mut(variable),
         gradient: floats_mut(gradient),
@@ -278,17 +290,21 @@ pub fn adam(step: AdamStep, [variable, gradient, mean, square]: [&mut Tensor; 4]
 
 /// The tensor itself where what follows the first two axes stands side by side in memory, else a copy.
 fn framewise(tensor: &Tensor) -> Tensor {
-    if tensor.select(0, 0).select(0, 0).is_contiguous() { tensor.shallow_clone() } else { tensor.contiguous() }
+    let side_by_side = tensor.numel() == 0 || tensor.select(0, 0).select(0, 0).is_contiguous();
+    if side_by_side { tensor.shallow_clone() } else { tensor.contiguous() }
 }
 
 /// The frames of a tensor `[batch, time, ..]` whose frames stand side by side.
 fn rows(tensor: &Tensor) -> Rows<'_> {
     let (size, stride) = (tensor.size(), tensor.stride());
     let width = size[2..].iter().product::<i64>() as usize;
+    assert!(tensor.kind() == Kind::Float && tensor.device() == Device::Cpu);
+    if tensor.numel() == 0 {
+        return Rows { data: &[], starts: Vec::new(), width };
+    }
     let starts = (0..size[0]).flat_map(|clip| (0..size[1]).map(move |time| (clip, time)));
     let starts: Vec<_> = starts.map(|(clip, time)| (clip * stride[0] + time * stride[1]) as usize).collect();
     let floats = starts.iter().max().map_or(0, |last| last + width);
-    assert!(tensor.kind() == Kind::Float && tensor.device() == Device::Cpu);
     // SAFETY: the memory from the first element of the first frame to the last one of the last.
     let data = unsafe { std::slice::from_raw_parts(tensor.data_ptr().cast(), floats) };
     Rows { data, starts, width }
@@ -301,15 +317,22 @@ fn numbers(tensor: &Tensor) -> Vec<f32> {
 /// The memory of a tensor.
 fn floats(tensor: &Tensor) -> &[f32] {
     check(tensor);
-    // SAFETY: as many floats as the tensor has, side by side, which live as long as it does.
-    unsafe { std::slice::from_raw_parts(tensor.data_ptr().cast(), tensor.numel()) }
+    match tensor.numel() {
+        // It has no address.
+        0 => &[],
+        // SAFETY: as many floats as the tensor has, side by side, which live as long as it does.
+        count => unsafe { std::slice::from_raw_parts(tensor.data_ptr().cast(), count) },
+    }
 }
 
-/// The memory of a tensor that nothing else has a view of.
+/// The memory of a tensor, which no other slice may be of meanwhile: it was made just now, or is compared with the others.
 fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
     check(tensor);
-    // SAFETY: as above, and the tensor is borrowed alone.
-    unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
+    match tensor.numel() {
+        0 => &mut [],
+        // SAFETY: as above; the tensor is borrowed alone, and its memory is in no other slice.
+        count => unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), count) },
+    }
 }
 
 /// # Panics

@@ -6,6 +6,7 @@
 use std::any::Any;
 use std::cell::Cell;
 use std::hint;
+use std::marker::PhantomData;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -15,7 +16,12 @@ use super::subnormals::Control;
 
 /// Sums over frames are made in at most so many parts, whatever the number of threads: their order, and with it their
 /// rounding, does not depend on it.
-pub const PARTS: usize = 16;
+const PARTS: usize = 16;
+
+/// Items in each part but the last.
+pub fn part_of(items: usize) -> usize {
+    items.div_ceil(PARTS).max(1)
+}
 
 thread_local! {
     /// Threads of the kernels where libtorch has fewer; 0 where it has as many.
@@ -31,30 +37,49 @@ pub fn threads() -> usize {
 }
 
 /// While it lives, what this thread asks of libtorch is computed by one thread, and the kernels keep theirs: on the small
-/// tensors between them more threads of libtorch only wait for each other.
+/// tensors between them more threads of libtorch only wait for each other. Threads of the program that begin meanwhile find
+/// libtorch with one thread, too.
 #[derive(Debug)]
+#[must_use = "libtorch has its threads again as soon as this is dropped"]
 pub struct KernelsAlone {
+    /// `WIDER` before.
     wider: usize,
+    /// Threads that libtorch gets back.
     of_libtorch: i32,
+    /// It belongs to the thread that began it.
+    _stays: PhantomData<*const ()>,
 }
 
+/// How many of them live, and the threads of libtorch before the first.
+static ALONE: Mutex<(usize, i32)> = Mutex::new((0, 0));
+
 impl KernelsAlone {
+    /// The kernels have as many threads from now on as libtorch had.
     pub fn begin() -> Self {
-        let (wider, of_libtorch) = (WIDER.get(), tch::get_num_threads());
-        WIDER.set(threads());
+        let mut alone = locked(&ALONE);
+        let (living, before) = *alone;
+        // A thread that is new to libtorch is told of one thread where another has begun to be alone.
+        let of_libtorch = tch::get_num_threads().max(if living > 0 { before } else { 1 });
+        *alone = (living + 1, if living > 0 { before } else { of_libtorch });
+        let wider = WIDER.get();
+        WIDER.set(if wider > 0 { wider } else { of_libtorch as usize });
         tch::set_num_threads(1);
-        KernelsAlone { wider, of_libtorch }
+        KernelsAlone { wider, of_libtorch, _stays: PhantomData }
     }
 }
 
 impl Drop for KernelsAlone {
     fn drop(&mut self) {
-        tch::set_num_threads(self.of_libtorch);
+        locked(&ALONE).0 -= 1;
+        // One within another leaves libtorch as the other has it.
+        if self.wider == 0 {
+            tch::set_num_threads(self.of_libtorch);
+        }
         WIDER.set(self.wider);
     }
 }
 
-/// Workers that each of `items` things done in parallel may have, so that no thread is idle.
+/// Workers that each of `items` things done in parallel may have.
 pub fn workers_each(items: usize) -> usize {
     (threads() / items.max(1)).max(1)
 }
@@ -68,7 +93,8 @@ pub fn side_by_side<W: Send, T: Send>(workspaces: &mut [W], items: Vec<T>, work:
     in_parallel(workspaces.iter_mut().zip(items).collect(), |(workspace, item)| work(workspace, item));
 }
 
-/// `work` of each of `items`, in their order.
+/// `work` of each of `items`, in their order. A panic within `work` is passed on once all others are done. Helpers compute with
+/// numbers, not with tensors: they know nothing of what this thread has told libtorch (`no_grad`, its number of threads).
 pub fn in_parallel<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync + Send) -> Vec<R> {
     let helpers = threads().min(items.len()).saturating_sub(1);
     if helpers == 0 {
@@ -84,7 +110,8 @@ pub fn in_parallel<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync
     items.into_iter().map(|item| result(item).expect("all were done")).collect()
 }
 
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+/// Also where a panic left it: what the kernels lock is whole between any two statements.
+pub fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -145,9 +172,10 @@ const LOOKS: usize = 1500;
 
 /// Does all items, with so many helpers at most, and waits for them.
 fn share_out(helpers: usize, count: usize, item: &(dyn Fn(usize) + Sync)) {
-    // One that cannot be begun is missed by nobody.
-    let there = CREW.helpers.fetch_max(helpers, Ordering::Relaxed);
-    (there..helpers).for_each(|_| drop(thread::Builder::new().name("kernels".into()).spawn(help)));
+    // Enough for work within this work, too. One that cannot be begun is missed by nobody.
+    let crew = threads() - 1;
+    let there = CREW.helpers.fetch_max(crew, Ordering::Relaxed);
+    (there..crew).for_each(|_| drop(thread::Builder::new().name("kernels".into()).spawn(help)));
     // SAFETY: the lifetime is forgotten; below, this waits until nobody can call it any more.
     let item = unsafe { std::mem::transmute::<&(dyn Fn(usize) + Sync), &'static (dyn Fn(usize) + Sync)>(item) };
     let job = Arc::new(Job {
@@ -214,7 +242,7 @@ fn join_some(jobs: &[Arc<Job>]) -> Option<Arc<Job>> {
 mod tests {
     use std::collections::HashSet;
     use std::panic::{AssertUnwindSafe, catch_unwind};
-    use std::sync::Mutex;
+    use std::sync::{Condvar, Mutex};
     use std::thread;
     use std::time::Duration;
 
@@ -245,18 +273,20 @@ mod tests {
         });
     }
 
-    /// Each item waits until as many threads work as there are.
+    /// Each item waits until as many threads work as there are: ten seconds, where one is missing.
     #[test]
     fn as_many_threads_work_as_are_asked_for() {
-        on_threads(3, || {
-            let seen = Mutex::new(HashSet::new());
+        let all_came = on_threads(3, || {
+            let (seen, news) = (Mutex::new(HashSet::new()), Condvar::new());
             in_parallel((0..3).collect(), |_: i32| {
-                seen.lock().unwrap().insert(thread::current().id());
-                while seen.lock().unwrap().len() < 3 {
-                    thread::sleep(Duration::from_millis(1));
-                }
-            });
+                let mut seen = seen.lock().unwrap();
+                seen.insert(thread::current().id());
+                news.notify_all();
+                let (seen, _) = news.wait_timeout_while(seen, Duration::from_secs(10), |seen| seen.len() < 3).unwrap();
+                seen.len() == 3
+            })
         });
+        assert_eq!(all_came, [true; 3]);
     }
 
     #[test]

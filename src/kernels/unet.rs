@@ -12,7 +12,7 @@ use super::mix;
 use super::planes::{Picture, Planes, PlanesMut, Workspace};
 use super::recycled::Recycled;
 use super::resample::{self, Pooled};
-use super::threads::{PARTS, in_parallel, workers_each};
+use super::threads::{in_parallel, part_of, workers_each};
 use super::weight_gradient::add_weight_gradient;
 use super::winograd::{self, Finish, Weights};
 
@@ -206,8 +206,8 @@ impl Kernel {
     fn gradients(&self) -> Gradients {
         let Activations { inputs, firsts, joined, outputs, .. } = self.activations();
         let numbers: usize = self.places().last().map_or(0, |place| place.end);
-        let sums = vec![0.0; numbers];
-        Gradients { inputs, firsts, joined, doubled: self.doubled(), outputs, logits: self.scratch().logits, sums }
+        let (logits, sums) = (self.picture(self.shape.objects, 0), vec![0.0; numbers]);
+        Gradients { inputs, firsts, joined, doubled: self.doubled(), outputs, logits, sums }
     }
 
     /// Where each layer's weights and biases stand among all numbers of the network: weights, then biases.
@@ -322,7 +322,7 @@ impl Pass {
         let kernel = &self.kernel;
         let block = kernel.floats(kernel.shape.objects) * kernel.lanes();
         let blocks: Vec<_> = self.blocks.iter().flatten().zip(logits.chunks(block)).collect();
-        let parts: Vec<_> = blocks.chunks(blocks.len().div_ceil(PARTS).max(1)).collect();
+        let parts: Vec<_> = blocks.chunks(part_of(blocks.len())).collect();
         let places = kernel.places();
         let numbers = places.last().map_or(0, |place| place.end);
         let workers = workers_each(parts.len());

@@ -286,6 +286,9 @@ struct Layer<'a> {
 
 impl Layer<'_> {
     /// `O` output channels of `P` tiles.
+    ///
+    /// # Safety
+    /// As of [`Lanes`]; weights, tiles and products are there, as many as the layer says.
     #[inline(always)]
     unsafe fn multiply<L: Lanes, const O: usize, const P: usize>(&self) {
         unsafe {
@@ -334,6 +337,7 @@ fn write_lanes<L: Lanes>(products: &[f32], bias: &[f32], finish: Finish, output:
     }
     assert!(products.len() >= PRODUCTS * bias.len() * tiles * L::LANES);
     assert!(strip.channel + bias.len() <= output.channels && strip.columns.end <= side.div_ceil(PIXELS));
+    assert!(strip.row < side.div_ceil(PIXELS));
     for (o, bias) in bias.iter().enumerate() {
         for (tile, column) in strip.columns.clone().enumerate() {
             // SAFETY: products and tiles as was checked.
@@ -346,6 +350,9 @@ fn write_lanes<L: Lanes>(products: &[f32], bias: &[f32], finish: Finish, output:
 }
 
 /// Of a tile, as far as it lies within the picture.
+///
+/// # Safety
+/// As of [`Lanes`]; a tile of the output, its products, and a gate of the same shape.
 #[inline(always)]
 unsafe fn write_tile<L: Lanes>(
     products: *const f32,
@@ -373,7 +380,7 @@ unsafe fn write_tile<L: Lanes>(
                 let (result, place) = (result.add(L::splat(bias)), place + i * L::LANES);
                 let result = match finish {
                     Finish::Linear => result,
-                    Finish::Relu => result.max(L::splat(0.0)),
+                    Finish::Relu => L::splat(0.0).max(result),
                     Finish::WherePositive(gate) => result.where_positive(L::load(gate.data.as_ptr().add(place))),
                 };
                 result.store(output.data.as_mut_ptr().add(place));

@@ -41,8 +41,6 @@ pub struct Uncertainty {
     pub frames_in_one: f64,
     /// Frames of a block.
     pub block: usize,
-    /// By how much the draws were widened.
-    pub widened: f64,
     /// Second derivatives of the cost by the raw numbers that are learned, all states following.
     pub curvature: Tensor,
     /// What might have been found.
@@ -103,7 +101,7 @@ pub fn bootstrap(
         .map(|change| draw(&problem, fitted, &(change * widened), [normal(&mut random), normal(&mut random)]));
     let draws = draws.collect();
     let curvature = curvature(&normal_matrix, count);
-    Ok(Uncertainty { autocorrelation, frames_in_one, block, widened, curvature, draws })
+    Ok(Uncertainty { autocorrelation, frames_in_one, block, curvature, draws })
 }
 
 /// Frames that together hold as much as one independent one.

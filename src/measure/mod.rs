@@ -43,6 +43,7 @@ use self::subject::Subject;
 use crate::network::cells::CellKind;
 use crate::runs::checkpoint::SavedWeights;
 use crate::runs::summary::Summary;
+use crate::support::atomic;
 use crate::tasks::equation_file::EquationFile;
 use crate::training::saved::load_model;
 
@@ -99,6 +100,8 @@ struct Seen {
 pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement> {
     let _guard = tch::no_grad_guard();
     let begun = Instant::now();
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    atomic::check_place(&out.join("measurement.html"))?;
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;
     let mut subject = Subject::read(&config, &model, device)?;
     let sights = subject.look()?;
@@ -147,7 +150,6 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     };
     measurement.alternatives = subject.alternatives(&main, &explained, &against, &tracks, &uncertainty)?;
     measurement.seconds = begun.elapsed().as_secs_f64();
-    std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let measured = Measured { measurement, scale: subject.scale.clone(), videos, explained, frames: &passes };
     positions_file::write(&out.join("positions.csv"), &measured)?;
     overlay::write(&out.join("overlay.gif"), &measured)?;

@@ -1,13 +1,12 @@
 //! measurement.json: what was measured. The one writer and the one reader of that file.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
-use crate::support::atomic;
+use crate::support::{atomic, storage};
 
 /// Version of the file's form.
 pub const FORMAT: u32 = 1;
@@ -145,7 +144,7 @@ impl Measurement {
     /// A missing or damaged file, or one of a newer form.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(MEASUREMENT);
-        let text = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let text = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
         let measurement: Self =
             serde_json::from_slice(&text).with_context(|| format!("{} is damaged", path.display()))?;
         ensure!(measurement.format <= FORMAT, "{} is of a newer form; use a newer program", path.display());

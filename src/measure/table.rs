@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use super::results::Measurement;
-use crate::support::atomic;
+use crate::support::{atomic, storage};
 
 /// What is known, by the video's name without its ending and the quantity.
 pub type References = BTreeMap<String, BTreeMap<String, f64>>;
@@ -35,7 +35,7 @@ pub struct Row {
 /// # Errors
 /// A file that is not one of references.
 pub fn read_references(path: &Path) -> Result<References> {
-    let read = || Ok::<_, anyhow::Error>(toml::from_str(&std::fs::read_to_string(path)?)?);
+    let read = || Ok::<_, anyhow::Error>(toml::from_str(&storage::read_to_string(path)?)?);
     read().with_context(|| format!("references {}", path.display()))
 }
 

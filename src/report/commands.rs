@@ -2,9 +2,7 @@
 
 use anyhow::Result;
 
-use toml::Value;
-
-use super::groups::{DATA_FOLDER, Group, choices_of, without_place};
+use super::groups::{Group, choices_of, without_place};
 use crate::generators::{Counts, plain_test_settings};
 use crate::runs::run::{Run, RunData};
 use crate::support::command_line::CommandOptions;
@@ -105,8 +103,7 @@ fn said_by_changes(run: &Run, group: &Group) -> bool {
 
 /// Where the data of a run lie, if not in the usual place.
 fn data_folder(run: &Run) -> Option<String> {
-    let folder = run.config.choices.get(DATA_FOLDER)?.parse::<Value>().ok()?;
-    folder.as_str().filter(|folder| *folder != USUAL_DATA).map(String::from)
+    run.config.data_folder().filter(|folder| folder != USUAL_DATA)
 }
 
 fn task_and_recipe(group: &Group) -> CommandOptions {

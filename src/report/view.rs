@@ -13,7 +13,7 @@ use super::pictures::GroupPictures;
 use super::times::TimeToAnswer;
 use crate::network::cells::PhysicalParameter;
 use crate::network::physics_models::losses::Loss;
-use crate::runs::run::Run;
+use crate::runs::run::{Run, RunData};
 use crate::runs::summary::Summary;
 use crate::support::statistics::Spread;
 use crate::tasks::Task;
@@ -173,7 +173,8 @@ fn movement(run: &Run, parameter: &PhysicalParameter) -> Option<Value> {
 /// same numbers says less than from the same objects.
 fn pairs(groups: &[Group]) -> Value {
     let of = |role: Role| groups.iter().filter(move |group| group.role() == role).flat_map(|group| group.finished());
-    let same_seed = |run: &Run| of(Role::Plain).find(|(other, _)| other.config.seed == run.config.seed);
+    let seeds = |run: &Run| (run.config.seed, run.data.as_ref().and_then(RunData::seed));
+    let same_seed = |run: &Run| of(Role::Plain).find(|(other, _)| seeds(other) == seeds(run));
     let pairs: Vec<_> = of(Role::Start).filter_map(|(run, start)| Some((start, same_seed(run)?.1))).collect();
     let farthest = groups[0].learned().filter_map(|parameter| {
         let learned = |summary: &Summary| Some(summary.parameters.get(parameter.name)?.learned);

@@ -3,6 +3,8 @@
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 
@@ -30,6 +32,11 @@ impl RunFolder {
         Self::ensure_free(path)?;
         storage().create_folder(path).with_context(|| format!("cannot create the run folder {}", path.display()))?;
         let folder = Self::open(path)?;
+        // Of a run that was deleted: this one is not finished.
+        storage().remove_file(&path.join(DONE)).or_else(|error| match error.kind() {
+            ErrorKind::NotFound => Ok(()),
+            _ => Err(error).with_context(|| format!("cannot begin a run in {}", path.display())),
+        })?;
         atomic::write_file(&path.join(CONFIG), |file| Ok(file.write_all(config.as_bytes())?))?;
         Ok(folder)
     }
@@ -75,16 +82,7 @@ impl RunFolder {
     }
 
     fn open(path: &Path) -> Result<Self> {
-        let place = path.join(LOCK);
-        let lock = OpenOptions::new().create(true).append(true).open(&place);
-        let lock = lock.with_context(|| format!("cannot open {}", place.display()))?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => bail!("another run is using {}", path.display()),
-            Err(TryLockError::Error(error)) => {
-                return Err(error).with_context(|| format!("cannot lock {}", path.display()));
-            }
-        }
+        let lock = lock(path)?;
         // Nobody else writes here now.
         [path.to_path_buf(), path.join(CHECKPOINTS)].iter().for_each(|folder| atomic::remove_partials(folder));
         Ok(RunFolder { path: path.to_path_buf(), _lock: lock })
@@ -118,6 +116,30 @@ impl RunFolder {
         let path = self.path.join(TENSORBOARD);
         storage().create(&path).with_context(|| format!("cannot make {}", path.display()))
     }
+}
+
+/// How often a folder's lock is asked for, and how long apart: whoever looks whether it is in use holds it for a moment.
+const ATTEMPTS: usize = 5;
+const BETWEEN: Duration = Duration::from_millis(20);
+
+/// Takes a folder for this program alone, as long as the file is open.
+///
+/// # Errors
+/// A folder that another program uses, or that cannot be written.
+pub fn lock(path: &Path) -> Result<File> {
+    let place = path.join(LOCK);
+    let lock = OpenOptions::new().create(true).append(true).open(&place);
+    let lock = lock.with_context(|| format!("cannot open {}", place.display()))?;
+    for _ in 0..ATTEMPTS {
+        match lock.try_lock() {
+            Ok(()) => return Ok(lock),
+            Err(TryLockError::WouldBlock) => thread::sleep(BETWEEN),
+            Err(TryLockError::Error(error)) => {
+                return Err(error).with_context(|| format!("cannot lock {}", path.display()));
+            }
+        }
+    }
+    bail!("another run is using {}", path.display())
 }
 
 /// A file of the folder, made if it is not there, to be appended to.

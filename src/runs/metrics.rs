@@ -86,6 +86,26 @@ fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String
     Ok(all.into_iter().filter_map(|(name, value)| Some((name, value.as_f64()?))).collect())
 }
 
+/// What a record has beside the parameters: none may be called like that, or the line could not be read again.
+pub const KEYS: [&str; 16] = [
+    "kind",
+    "phase",
+    "step",
+    "format",
+    "epoch",
+    "train_loss",
+    "score",
+    "recons_loss",
+    "pred_loss",
+    "extrap_loss",
+    "residual",
+    "iterations",
+    "offsets",
+    "recentred",
+    "velocity_residual",
+    "seconds",
+];
+
 impl Record {
     /// A record that says only where it stands.
     pub fn new(kind: Kind, phase: &str, step: u64) -> Self {
@@ -198,6 +218,32 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn the_keys_of_a_record_are_known() {
+        let full = Record {
+            format: Some(1),
+            epoch: Some(1),
+            iterations: Some(1),
+            offsets: Some(Vec::new()),
+            recentred: Some(true),
+            train_loss: Some(1.0),
+            score: Some(1.0),
+            recons_loss: Some(1.0),
+            pred_loss: Some(1.0),
+            extrap_loss: Some(1.0),
+            residual: Some(1.0),
+            velocity_residual: Some(1.0),
+            seconds: Some(1.0),
+            ..Record::new(Kind::Train, "join", 1)
+        };
+        let written = serde_json::to_value(full).unwrap();
+        let mut keys: Vec<_> = written.as_object().unwrap().keys().map(String::as_str).collect();
+        let mut known = KEYS;
+        keys.sort_unstable();
+        known.sort_unstable();
+        assert_eq!(keys, known);
+    }
 
     #[test]
     fn records_of_any_version_are_read() {

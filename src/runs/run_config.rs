@@ -69,6 +69,12 @@ impl RunConfig {
         }
     }
 
+    /// The folder of the datasets that a run learned from.
+    pub fn data_folder(&self) -> Option<String> {
+        let folder = self.choices.get("data.folder")?.parse::<Value>().ok()?;
+        folder.as_str().map(String::from)
+    }
+
     /// Where the files are that a run learned from and was scored on, in TOML's notation.
     pub fn data_files(&self) -> [Option<&String>; 3] {
         ["data.folder", "data.train_file", "data.test_file"].map(|key| self.choices.get(key))

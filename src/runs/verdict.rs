@@ -29,6 +29,8 @@ pub struct Check {
 /// From the least to the largest estimate of a parameter on held-out clips, two standard deviations to either side.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
+    /// Minus infinity where they set no lower one.
+    #[serde(deserialize_with = "minus_infinite_if_null")]
     pub low: f64,
     /// Infinite where the clips set no upper bound.
     #[serde(deserialize_with = "infinite_if_null")]
@@ -38,6 +40,10 @@ pub struct Interval {
 /// JSON has no infinity: `null` stands for it.
 fn infinite_if_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
+}
+
+fn minus_infinite_if_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::NEG_INFINITY))
 }
 
 impl Verdict {

@@ -1,7 +1,6 @@
 //! The scenes of the suite, `configs/stress.toml`, and the runs that are made of them.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -14,6 +13,7 @@ use crate::generators::source_images::SourceImages;
 use crate::generators::variant::Variant;
 use crate::runs::find::find_runs;
 use crate::runs::run::Run;
+use crate::support::storage;
 use crate::sweep::SweepPlan;
 use crate::tasks::{self, Task};
 
@@ -77,7 +77,7 @@ impl StressList {
     /// A list that cannot be read, an unknown key or task.
     pub fn read(path: &Path) -> Result<Self> {
         let read = || -> Result<Self> {
-            let File { clips, scenes } = toml::from_str(&fs::read_to_string(path)?)?;
+            let File { clips, scenes } = toml::from_str(&storage::read_to_string(path)?)?;
             let scene = |(name, entry): (String, toml::Value)| -> Result<Scene> {
                 let Entry { plain, train, valid, nine } = entry.try_into().with_context(|| name.clone())?;
                 let file = path.with_extension("").join(format!("{name}.toml"));

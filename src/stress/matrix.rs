@@ -1,8 +1,9 @@
 //! What became of the runs of the suite.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use super::list::Scene;
@@ -85,8 +86,9 @@ pub fn outcome(scene: &Scene, data_seed: u64, run: &Run) -> Result<Option<Outcom
 
 /// The floor that was measured when the run's test file was made.
 fn noise_floor(run: &Run) -> Result<Option<NoiseFloor>> {
-    let text = |key: &str| run.config.choices.get(key).map(|value| value.trim_matches('"').to_string());
-    let (folder, file) = (text("data.folder").unwrap_or_default(), &run.config.task.test_file);
-    let settings = States::settings_beside(&std::path::Path::new(&folder).join(file))?;
-    Ok(settings.and_then(|settings| settings.noise_floor()))
+    let file = Path::new(&run.config.data_folder().unwrap_or_default()).join(&run.config.task.test_file);
+    let settings = States::settings_beside(&file)?.with_context(|| {
+        format!("{} has lost its dataset {}, which says what noise leaves", run.folder.display(), file.display())
+    })?;
+    Ok(settings.noise_floor())
 }

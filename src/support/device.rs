@@ -34,12 +34,17 @@ pub fn parse(text: &str) -> Result<Device> {
 const MOST_PER_CORE: usize = 8;
 const MOST_ON_FEW_CORES: usize = 64;
 
+/// Threads that may be asked for on this machine.
+pub fn most_threads() -> usize {
+    (MOST_PER_CORE * cores()).max(MOST_ON_FEW_CORES)
+}
+
 /// The number of threads that is meant: 0 is one for each core.
 ///
 /// # Errors
 /// Many more than there are cores: such a run would stand for minutes before its first step.
 pub fn threads(asked: usize) -> Result<usize> {
-    let most = (MOST_PER_CORE * cores()).max(MOST_ON_FEW_CORES);
+    let most = most_threads();
     ensure!(asked <= most, "{asked} threads: at most {most} on the {} cores of this machine", cores());
     Ok(if asked == 0 { cores() } else { asked })
 }

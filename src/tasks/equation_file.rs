@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use serde::Deserialize;
 
 use crate::network::system::EquationEntry;
+use crate::support::storage;
 
 /// An equation that was read from a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,7 +37,7 @@ impl EquationFile {
     /// A file that cannot be read or holds no such table; the message names the key.
     pub fn read(path: &Path) -> Result<Self> {
         let read = || -> Result<Self> {
-            let Contents { system: Part { objects, equation } } = toml::from_str(&std::fs::read_to_string(path)?)?;
+            let Contents { system: Part { objects, equation } } = toml::from_str(&storage::read_to_string(path)?)?;
             Ok(EquationFile { name: path.display().to_string(), equation, objects })
         };
         read().with_context(|| format!("equation file {}", path.display()))

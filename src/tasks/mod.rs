@@ -28,6 +28,7 @@ use self::video::Video;
 use crate::network::System;
 use crate::network::cells::{CellKind, PhysicalParameter};
 use crate::network::system::SystemTable;
+use crate::support::storage;
 
 pub use builtin::{all, builtin, names};
 pub use success::Success;
@@ -351,7 +352,7 @@ pub fn find(name_or_file: &str) -> Result<Task> {
         });
     }
     let read = || {
-        let task = Task::from_toml(&std::fs::read_to_string(name_or_file)?)?;
+        let task = Task::from_toml(&storage::read_to_string(Path::new(name_or_file))?)?;
         let taken = builtin(&task.name).is_some_and(|other| other != task);
         ensure!(!taken, "task name {:?} is that of a built-in task; choose another", task.name);
         Ok(task)

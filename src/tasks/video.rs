@@ -96,6 +96,7 @@ impl Video {
     /// # Errors
     /// Numbers that cannot be.
     pub(super) fn check(&self) -> Result<()> {
+        ensure!(!self.sources.is_empty(), "video.sources is empty: there must be at least one");
         ensure!(self.crop[2] > 0, "video.crop = {:?}: the third number, its side, must be positive", self.crop);
         ensure!(self.step > 0, "video.step = 0: every frame is 1");
         if let Some(film_step) = self.film_step {

@@ -3,13 +3,16 @@
 //! Original: `nn/network/base.py`, class `BaseNet` (`train`). A [`Session`] descends the loss of a phase, tells its
 //! observers what happens, and can stop and go on between any two steps.
 
+use std::cell::OnceCell;
 use std::fmt::{self, Debug};
+use std::rc::Rc;
 use std::time::Instant;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, bail};
 use tch::{Device, Tensor};
 
 use super::objective::{Objective, StepLoss, Validated};
+use super::objects::motion::Motion;
 use super::observer::{Event, Observer};
 use super::optimizers::{Optimizer, OptimizerKind};
 use crate::datasets::iterators::Clips;
@@ -59,6 +62,8 @@ pub struct Session<'a> {
     pub(super) last_phase: bool,
     /// Those weights, where no store holds them.
     pub(super) best: Option<Named>,
+    /// What stands behind the objects of the training clips, once it was measured.
+    pub(super) motion: OnceCell<Rc<Motion>>,
     pub state: RunState,
     /// Where checkpoints go; without one nothing is saved.
     pub(super) store: Option<Store>,
@@ -88,6 +93,11 @@ impl Session<'_> {
         self.slots = (!loaded.slots.is_empty()).then_some(loaded.slots);
         let damaged = loaded.damaged.as_deref();
         self.tell(&Event::Resumed { steps: self.state.steps, checkpoint: &loaded.name, damaged })
+    }
+
+    /// What stands behind the objects of the training clips.
+    pub(super) fn motion(&self) -> Rc<Motion> {
+        Rc::clone(self.motion.get_or_init(|| Rc::new(Motion::measure(self.train, self.seed))))
     }
 
     /// Tells all observers.
@@ -124,14 +134,16 @@ impl Session<'_> {
         }
         self.tell(&Event::PhaseBegins { phase, done: self.state.step, of: objective.timetable().max_steps() })?;
         // As in the original, a validation stands before the first step and after every so many.
-        if self.state.step == 0 {
-            self.validate(phase, objective)?;
+        if self.state.step == 0
+            && let Some(culprit) = self.validate(phase, objective)?
+        {
+            bail!("{phase}: {culprit} before the first step");
         }
         let device = self.model.variables.device();
         let on_gpu = device != Device::Cpu;
         let mut steps = Repeated::on(device);
         let mut outcome = Outcome::Finished;
-        let mut diverged = None;
+        let mut diverged: Option<String> = None;
         while !objective.timetable().finished(self.state.step, &self.state.validations) {
             let step = self.state.step;
             let inputs = objective.inputs(self.model, step, &self.state.validations)?;
@@ -149,13 +161,8 @@ impl Session<'_> {
             })?;
             let value = loss.total.double_value(&[]);
             if !value.is_finite() {
-                let culprit = self.not_finite(loss, &variables);
-                // What the phases before have found is not lost for it.
-                if self.last_phase && objective.ends_at_best() {
-                    diverged = Some(culprit);
-                    break;
-                }
-                bail!("{phase}: {culprit}; begin again in another folder (--out) with a lower learning rate");
+                diverged = Some(format!("{} at step {}", not_finite(loss, &variables), self.state.steps + 1));
+                break;
             }
             self.state.step += 1;
             self.state.steps += 1;
@@ -163,17 +170,26 @@ impl Session<'_> {
             if self.state.step.is_multiple_of(self.intervals.print) {
                 self.record_step(phase, value, loss)?;
             }
-            if self.state.step.is_multiple_of(objective.timetable().validate_every()) {
-                self.validate(phase, objective)?;
+            let (stop, timetable) = ((self.stop)(), objective.timetable());
+            let validates = self.state.step.is_multiple_of(timetable.validate_every());
+            let saves = stop || self.state.step.is_multiple_of(self.intervals.checkpoint);
+            if validates || saves || self.state.step == timetable.max_steps() {
+                diverged = self.look_at(&variables, phase, validates.then_some(&mut *objective))?;
+                if diverged.is_some() {
+                    break;
+                }
             }
-            let stop = (self.stop)();
-            if stop || self.state.step.is_multiple_of(self.intervals.checkpoint) {
+            if saves {
                 self.save(&optimizer.slots())?;
             }
             if stop {
                 outcome = Outcome::Interrupted;
                 break;
             }
+        }
+        // What the phases before have found is not lost where the last one diverges.
+        if let Some(culprit) = diverged.as_ref().filter(|_| !(self.last_phase && objective.ends_at_best())) {
+            bail!("{phase}: {culprit}; begin again in another folder (--out) with a lower learning rate");
         }
         if outcome == Outcome::Finished && objective.ends_at_best() {
             self.return_to_best(phase, objective, diverged)?;
@@ -187,16 +203,33 @@ impl Session<'_> {
         Ok(outcome)
     }
 
+    /// Looks at the weights, and validates by an objective if it is given. Says what is not a number: a gradient that is none shows
+    /// in the weights, after a loss that was one.
+    fn look_at(
+        &mut self,
+        variables: &[(String, Tensor)],
+        phase: &str,
+        objective: Option<&mut dyn Objective>,
+    ) -> Result<Option<String>> {
+        let wrong = variables.iter().find(|(_, variable)| !is_finite(variable));
+        let culprit = match (wrong, objective) {
+            (Some((name, _)), _) => Some(format!("variable {name} is not finite")),
+            (None, Some(objective)) => self.validate(phase, objective)?,
+            (None, None) => None,
+        };
+        Ok(culprit.map(|culprit| format!("{culprit} after step {}", self.state.steps)))
+    }
+
     /// Gives the model the weights of the phase's best validation, if the last is not the best; in any case where it
     /// `diverged`, for a reason.
     fn return_to_best(
         &mut self,
         phase: &'static str,
         objective: &mut dyn Objective,
-        diverged: Option<String>,
+        mut diverged: Option<String>,
     ) -> Result<()> {
         if diverged.is_none() && !self.state.step.is_multiple_of(objective.timetable().validate_every()) {
-            self.validate(phase, objective)?;
+            diverged = self.validate(phase, objective)?;
         }
         let first = objective.timetable().first_counted(&self.state.validations);
         let scores = &self.state.validations[first..];
@@ -245,12 +278,15 @@ impl Session<'_> {
         self.tell(&Event::Recorded(&record))
     }
 
-    /// Scores the model on the validation split; keeps the weights of the last phase's best score.
-    fn validate(&mut self, phase: &str, objective: &mut dyn Objective) -> Result<()> {
+    /// Scores the model on the validation split; keeps the weights of the last phase's best score. Where the score is not a
+    /// number, says so and records nothing.
+    fn validate(&mut self, phase: &str, objective: &mut dyn Objective) -> Result<Option<String>> {
         let Validation { clips, pass, batch } = self.validation;
         let losses = || evaluation::mean_losses(self.model, self.valid, clips, pass);
         let Validated { score, recons_loss, pred_loss, extrap_loss } = objective.validate(self.model, &losses)?;
-        ensure!(score.is_finite(), "{phase}: the validation score is not finite after step {}", self.state.steps);
+        if !score.is_finite() {
+            return Ok(Some("the validation score is not finite".into()));
+        }
         let steps_per_epoch = (self.train.len() / batch).max(1) as u64;
         let record = Record {
             epoch: Some(self.state.steps / steps_per_epoch),
@@ -278,19 +314,19 @@ impl Session<'_> {
                 }
             }
         }
-        Ok(())
+        Ok(None)
     }
+}
 
-    /// Says which tensor first went wrong.
-    fn not_finite(&self, loss: &StepLoss, variables: &[(String, Tensor)]) -> String {
-        let variable = variables.iter().find(|(_, variable)| !is_finite(variable));
-        let parts = [("recons_loss", loss.reconstruction.as_ref()), ("pred_loss", loss.prediction.as_ref())];
-        let part = parts.into_iter().find(|(_, part)| part.is_some_and(|part| !is_finite(part)));
-        let culprit = match (variable, part) {
-            (Some((name, _)), _) => format!("variable {name}"),
-            (None, Some((name, _))) => name.to_string(),
-            (None, None) => "the total loss".to_string(),
-        };
-        format!("{culprit} is not finite at step {}", self.state.steps + 1)
-    }
+/// Says which tensor first went wrong.
+fn not_finite(loss: &StepLoss, variables: &[(String, Tensor)]) -> String {
+    let variable = variables.iter().find(|(_, variable)| !is_finite(variable));
+    let parts = [("recons_loss", loss.reconstruction.as_ref()), ("pred_loss", loss.prediction.as_ref())];
+    let part = parts.into_iter().find(|(_, part)| part.is_some_and(|part| !is_finite(part)));
+    let culprit = match (variable, part) {
+        (Some((name, _)), _) => format!("variable {name}"),
+        (None, Some((name, _))) => name.to_string(),
+        (None, None) => "the total loss".to_string(),
+    };
+    format!("{culprit} is not finite")
 }

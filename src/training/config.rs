@@ -19,7 +19,7 @@ use super::ranges::at_least_one;
 use crate::datasets::iterators::Clips;
 use crate::network::dynamics::DynamicsKind;
 use crate::network::physics_models::ModelOptions;
-use crate::runs::config_file;
+use crate::runs::{config_file, metrics};
 use crate::support::storage;
 use crate::support::toml_values::leaves;
 use crate::tasks::{self, Task};
@@ -222,9 +222,17 @@ impl Config {
         }
     }
 
-    /// The parameters that are fixed or start elsewhere.
+    /// The parameters, and those of them that are fixed or start elsewhere.
     fn check_parameters(&self) -> Result<()> {
         let parameters = self.task.system.cell.parameters;
+        for parameter in parameters {
+            ensure!(
+                !metrics::KEYS.contains(&parameter.name),
+                "task {}: the files of a run have another number called {}; give the parameter another name",
+                self.task.name,
+                parameter.name
+            );
+        }
         let known: Vec<_> = parameters.iter().map(|p| p.name).collect();
         for (section, symbols) in [("start", &self.start), ("model.fixed", &self.model.fixed)] {
             for (symbol, value) in symbols {

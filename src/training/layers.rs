@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use toml::{Table, Value};
 
 use crate::runs::config_file;
+use crate::support::storage;
 use crate::tasks::{self, Task};
 
 /// The recipes that come with the program, by name.
@@ -68,7 +69,7 @@ fn folder_of(file: &str) -> Option<&str> {
 
 fn file_layer(file: Option<&Path>) -> Result<Table> {
     let Some(path) = file else { return Ok(Table::new()) };
-    let read = || config_file::parse(&std::fs::read_to_string(path)?);
+    let read = || config_file::parse(&storage::read_to_string(path)?);
     read().with_context(|| format!("config {}", path.display()))
 }
 

@@ -134,8 +134,7 @@ impl Optimizer {
             if let Some(limit) = self.clip {
                 let _ = gradient.clamp_(-limit, limit);
             }
-            self.update(place, name, variable.shallow_clone(), gradient.shallow_clone());
-            let _ = gradient.zero_();
+            self.update(place, name, variable.shallow_clone(), gradient);
         }
     }
 
@@ -148,7 +147,7 @@ impl Optimizer {
         }
     }
 
-    /// Changes a variable and its slots. The arithmetic is done in place as far as it goes, the gradient's memory used up:
+    /// Changes a variable and its slots, and clears the gradient. The arithmetic is done in place as far as it goes, the gradient's memory used up:
     /// half of the parameters are background and templates, and every pass over them costs.
     fn update(&self, place: usize, name: &str, mut variable: Tensor, mut g: Tensor) {
         let slot = |slot: &str| {
@@ -190,6 +189,7 @@ impl Optimizer {
                 let _ = variable.addcdiv_(&self.rates.descent(place, &mut g), &root);
             }
         }
+        let _ = g.zero_();
     }
 
     /// What is kept of every variable between steps, sorted by name.
@@ -224,6 +224,32 @@ impl Optimizer {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// TensorFlow 1's RMSProp as the original has it, after gradients that were 0 for so long that nothing but epsilon is left
+    /// under the root, then tiny, clipped and plain ones, at a rate that falls. Rounding of double precision.
+    #[test]
+    fn rmsprop_has_its_epsilon_under_the_root_and_begins_at_one() {
+        let gradients = [vec![0.0; 300], vec![1e-7; 5], vec![5.0, -5.0, 0.3, -0.01]].concat();
+        for clip in [None, Some(1.0)] {
+            let weights = Tensor::zeros([1], (Kind::Double, Device::Cpu)).set_requires_grad(true);
+            let variables = [("weights".to_string(), weights.shallow_clone())];
+            let mut optimizer = Optimizer::new(OptimizerKind::RmsProp, clip, &variables);
+            let (mut mean_square, mut expected) = (1.0f64, 0.0f64);
+            for (step, gradient) in gradients.iter().enumerate() {
+                let rate = if step < 305 { 0.01 } else { 0.002 };
+                (&weights * *gradient).sum(Kind::Double).backward();
+                optimizer.step(&variables, |_| rate);
+                let gradient = clip.map_or(*gradient, |clip| gradient.clamp(-clip, clip));
+                mean_square = 0.9 * mean_square + 0.1 * gradient * gradient;
+                expected -= rate * gradient / (mean_square + 1e-10).sqrt();
+                let found = weights.double_value(&[0]);
+                assert!(
+                    (found - expected).abs() <= 1e-12 * expected.abs(),
+                    "{clip:?}, step {step}: {found}, {expected}"
+                );
+            }
+        }
+    }
 
     /// A step whose rates are read from a tensor, as on a GPU, is the same as one that is told numbers; so what is recorded once
     /// follows rates that fall and moments that are corrected.

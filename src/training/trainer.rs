@@ -1,5 +1,6 @@
 //! Takes a model through the phases of a config.
 
+use std::cell::OnceCell;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
@@ -10,7 +11,7 @@ use super::config::Config;
 use super::observer::Observer;
 use crate::datasets::iterators::Clips;
 use crate::evaluation;
-use crate::kernels::{Kernels, KernelsAlone, flush_subnormals, own_stream};
+use crate::kernels::{Flushing, Kernels, KernelsAlone, own_stream};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{RunState, Store};
 use crate::support::device::COMMIT;
@@ -49,6 +50,7 @@ impl<'a> Trainer<'a> {
             intervals: Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every },
             last_phase: false,
             best: None,
+            motion: OnceCell::new(),
             state: RunState::new(&config.task.name),
             store: None,
             observers: Vec::new(),
@@ -94,15 +96,12 @@ impl<'a> Trainer<'a> {
     /// What `start` or `model.fixed` say is too large for the equation.
     pub fn check_start(&self) -> Result<()> {
         let given: Vec<_> = self.config.start.iter().chain(&self.config.model.fixed).collect();
-        if given.is_empty() {
-            return Ok(());
-        }
         let losses = evaluation::mean_losses(self.session.model, self.session.valid, 1, 1)?;
         let given: Vec<_> = given.iter().map(|(name, value)| format!("{name} = {value:?}")).collect();
+        let given = if given.is_empty() { "the equation as it begins".into() } else { given.join(", ") };
         ensure!(
             losses.pred_loss.is_finite(),
-            "with {} the prediction is not finite before the first step; choose others (start, model.fixed)",
-            given.join(", ")
+            "with {given} the prediction is not finite before the first step; choose other values (start, model.fixed)"
         );
         Ok(())
     }
@@ -112,7 +111,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// A loss that is not a number, a full disk, a damaged checkpoint, or one of a training on other clips.
     pub fn run(&mut self) -> Result<Outcome> {
-        flush_subnormals();
+        let _flushing = Flushing::begin();
         let model = self.session.model;
         own_stream(model.variables.device())?;
         let own = model.options.kernels == Kernels::Own && model.variables.device() == Device::Cpu;

@@ -17,8 +17,8 @@ use super::{arrays, gif};
 use crate::evaluation::rollout::Rollout;
 use crate::network::System;
 use crate::network::cells::Coordinates;
-use crate::support::atomic;
 use crate::support::storage::storage;
+use crate::support::{atomic, memory};
 
 /// Frames in one line of the strip.
 const PER_LINE: usize = 12;
@@ -85,6 +85,9 @@ impl Moments {
     /// Pixels `times` as large as in the other pictures.
     fn new(system: &System, rollout: &Rollout, times: u32) -> Result<Self> {
         let pixel = times * enlargement(system);
+        let moments = system.input_steps as u64 + rollout.frames.size()[0] as u64 + rollout.clip.size()[0] as u64;
+        let of_picture = 3 * (u64::from(pixel) * system.side as u64).pow(2);
+        memory::ensure_free(moments * of_picture).context("pictures of so many frames (--frames)")?;
         let input = rollout.clip.narrow(0, 0, system.input_steps as i64);
         let model = pictures(&Tensor::cat(&[&input, &rollout.frames], 0), pixel)?;
         let sections = sections(system, model.len().max(system.input_steps + system.pred_steps));

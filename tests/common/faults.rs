@@ -233,6 +233,7 @@ pub fn at_every_operation<T>(
 ) -> Tried {
     let tried = RefCell::new(Tried::default());
     for fault in FAULTS {
+        let before = tried.borrow().faults;
         let mut at = 1;
         loop {
             let place = prepare();
@@ -246,6 +247,7 @@ pub fn at_every_operation<T>(
             check(&place, fault, at);
             at += stride;
         }
+        assert!(tried.borrow().faults > before, "{fault:?} struck nothing");
     }
     tried.into_inner()
 }

@@ -23,7 +23,7 @@ pub fn compare(case: &mut Case) -> Result<()> {
     let rest = case.golden.stem.strip_prefix("black_box_").unwrap_or_default().to_string();
     let told = KINDS.iter().find_map(|(name, kind)| Some((rest.strip_prefix(name)?, *kind)));
     let (task, dynamics) = told.with_context(|| format!("{rest}: its name says no dynamics"))?;
-    let options = ModelOptions { dynamics, ..ModelOptions::original() };
+    let options = ModelOptions { dynamics, ..case.options() };
     let mut model = PhysicsNet::new(&tasks::find(task)?.system, &options, Device::Cpu, 0)?;
     model.variables.set_kind(case.kind);
     let variables = model.named_variables().into_iter();

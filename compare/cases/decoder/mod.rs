@@ -21,9 +21,12 @@ pub fn compare(case: &mut Case, task: &Task) -> Result<()> {
 
     let (model, variables) = model(case, task, false)?;
     let rendering = model.decoder.forward(&pos);
-    let y = channels_last(&rendering.frames);
+    // As a training draws, by the port's own kernels; the gradients are of that.
+    let [drawn] = model.decoder.draw([&pos]);
+    let y = channels_last(&drawn);
     let weight = case.taken_in(&formula::loss_weights(golden.seed("out_weight_seed")?, &y.size()));
     case.check("out/y", &y, &FORWARD)?;
+    case.check_also("out/y", "with its masks", &channels_last(&rendering.frames), &FORWARD)?;
     if task.system.side < MASKS_BELOW_SIDE || golden.has("out/masks") {
         case.check("out/masks", &rendering.masks, &FORWARD)?;
     }

@@ -29,7 +29,7 @@ pub fn compare(case: &mut Case) -> Result<()> {
     let meta = read_meta(case)?;
     let task = &meta.task;
     ensure_sizes(case, &meta)?;
-    let options = ModelOptions { alt_vel: meta.alt_vel, ..ModelOptions::original() };
+    let options = ModelOptions { alt_vel: meta.alt_vel, ..case.options() };
     let mut model = PhysicsNet::new(&task.system, &options, Device::Cpu, 0)?;
     model.variables.set_kind(case.kind);
     let variables = fill_variables(case, &meta, &model)?;
@@ -150,7 +150,8 @@ fn check_from_golden_states(case: &mut Case, model: &PhysicsNet) -> Result<()> {
     let stepped = model.cell.step(&State::from_joined(&before), None, model.system.dt).joined();
     case.check_single_step("out/pos_vel_seq", "step by step", &after, &stepped);
     let positions = State::from_joined(&case.taken_in(&after)).pos;
-    let drawn = channels_last(&model.decoder.forward(&positions).frames);
+    let [drawn] = model.decoder.draw([&positions]);
+    let drawn = channels_last(&drawn);
     let shape = drawn.size();
     let output = case.golden.tensor("out/output", &[batch, steps, shape[1], shape[2], shape[3]])?;
     case.check_single_step("out/output", "at golden positions", &output.flatten(0, 1), &drawn);

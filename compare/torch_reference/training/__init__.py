@@ -1,4 +1,4 @@
 """The fast recipe in PyTorch, short: it trains the reference network, with any of the known defects switched on.
 
-Written after src/recipe and src/physics_models/refinement.rs; its numbers come from configs/fast.toml.
+Written after the port's src/training and refinement, as they stood on 2026-11-21; its numbers come from recipe.toml.
 """

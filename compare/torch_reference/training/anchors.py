@@ -1,4 +1,4 @@
-"""What moves, clustered by colour into as many groups as there are objects (src/recipe/anchors.rs)."""
+"""What moves, clustered by colour into as many groups as there are objects (the port's `discover`)."""
 import torch
 
 from .data import generator

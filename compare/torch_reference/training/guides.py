@@ -1,4 +1,4 @@
-"""Guides for the encoder's masks while objects are being found; they fade out (src/recipe/guide.rs)."""
+"""Guides for the encoder's masks while objects are being found; they fade out (`discover.guide`)."""
 import math
 
 import torch

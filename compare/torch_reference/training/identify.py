@@ -1,4 +1,4 @@
-"""Fits the physical parameters to encoded trajectories, without images (src/recipe/identify.rs).
+"""Fits the physical parameters to encoded trajectories, without images (the port's `identify`).
 
 From poor parameters the image loss leads to free motion (k to 0); trajectories of growing length have no such trap.
 Levenberg-Marquardt in double precision with a Huber loss; unknown are the log-parameters, one offset of each object's

@@ -1,4 +1,4 @@
-"""The two phases that descend a loss (src/recipe/discover.rs, join.rs): loss, score, rates, timetable."""
+"""The two phases that descend a loss (`discover`, `join`): loss, score, rates, timetable."""
 import torch
 
 from .anchors import claims, find_anchors

@@ -1,4 +1,4 @@
-"""Moves each template and its positions together, so that separations are true (src/recipe/recentre.rs)."""
+"""Moves each template and its positions together, so that separations are true (`identify`)."""
 import torch
 
 RIDGE, LARGEST_TANH = 1e-6, 0.999

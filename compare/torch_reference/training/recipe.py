@@ -1,4 +1,4 @@
-"""What is trained: the numbers of configs/fast.toml under those of overrides.toml, and the kinds of trainings."""
+"""What is trained: the numbers of recipe.toml under those of overrides.toml, and the kinds of trainings."""
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,7 +9,7 @@ from ..optimizers import OPTIMIZERS, TorchRMSProp
 from ..switches import Defects
 
 HERE = Path(__file__).resolve().parent
-FAST, OVERRIDES = HERE.parents[2] / "configs/fast.toml", HERE / "overrides.toml"
+FAST, OVERRIDES = HERE / "recipe.toml", HERE / "overrides.toml"
 
 
 def fast_recipe(task_key):

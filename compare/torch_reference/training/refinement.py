@@ -1,7 +1,6 @@
 """The estimated state, improved by Gauss-Newton steps on all input positions under the present physics.
 
-The velocity estimator sees one object at a time and cannot know the forces between them (src/physics_models/
-refinement.rs). States are [batch, 4 N], positions then velocities, at the first input frame.
+The velocity estimator sees one object at a time and cannot know the forces between them. States are [batch, 4 N], positions then velocities, at the first input frame.
 """
 import torch
 

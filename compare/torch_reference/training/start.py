@@ -1,4 +1,4 @@
-"""Initial values from which every object is found (src/recipe/discover.rs, DiscoverStart)."""
+"""Initial values from which every object is found (the port's `discover`)."""
 import torch
 
 from .. import blocks

@@ -1,4 +1,4 @@
-"""When the rates of a phase fall and when it ends (src/recipe/schedule.rs)."""
+"""When the rates of a phase fall and when it ends (`schedule`)."""
 
 
 class Timetable:

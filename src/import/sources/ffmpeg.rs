@@ -36,7 +36,12 @@ pub(super) fn facts(path: &Path) -> Result<Facts> {
         !said.contains("fps_mode"),
         "it needs ffmpeg 5.1 or newer (the one on the PATH knows no -fps_mode); or convert it to H.264 in mp4"
     );
-    ensure!(output.status.success(), "ffmpeg cannot read it: {}", said.trim());
+    // What it says last is the reason.
+    ensure!(
+        output.status.success(),
+        "ffmpeg cannot read it: {}",
+        said.trim().lines().last().unwrap_or("it says no more")
+    );
     let list = String::from_utf8_lossy(&output.stdout);
     let (mut tick, mut size, mut stamps) = (None, None, Vec::new());
     for line in list.lines() {

@@ -1,7 +1,5 @@
 //! An array of frames in an npz: uint8 `[frames, height, width, channels]` or `[frames, height, width]`, 0 to 255.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -31,7 +29,11 @@ impl Film {
                 format!("it has the arrays {names:?}; save the frames as the only one, or name them \"frames\"")
             })?,
         };
-        check_length(path, &name)?;
+        let bytes = archive.header(&name)?.bytes;
+        ensure!(
+            bytes <= MOST_BYTES,
+            "array {name:?} takes {bytes} bytes; at most {MOST_BYTES} are read: cut the video up"
+        );
         let array = archive.array::<u8>(&name, "uint8")?;
         let array = if array.ndim() == 3 { array.insert_axis(Axis(3)) } else { array };
         let shape = array.shape().to_vec();
@@ -61,30 +63,4 @@ impl Frames for &Film {
             Rgb([0, 1, 2].map(|channel| frame[[y as usize, x as usize, channel.min(channels - 1)]]))
         }))
     }
-}
-
-/// Room is made for as many numbers as the array's header claims, so the claim must be that of the archive, too, and
-/// within reason.
-fn check_length(path: &Path, name: &str) -> Result<()> {
-    let mut archive = zip::ZipArchive::new(File::open(path)?)?;
-    let named = [format!("{name}.npy"), name.to_string()];
-    let entry = named.iter().find_map(|name| archive.index_for_name(name)).context("the array is not there")?;
-    let mut entry = archive.by_index(entry)?;
-    let stored = entry.size();
-    ensure!(
-        stored <= MOST_BYTES,
-        "array {name:?} takes {stored} bytes; at most {MOST_BYTES} are read: cut the video up"
-    );
-    let mut header = Vec::new();
-    (&mut entry).take(1024).read_to_end(&mut header)?;
-    let text = String::from_utf8_lossy(&header);
-    let shape = text.split_once('(').and_then(|(_, rest)| rest.split_once(')')).map(|(shape, _)| shape);
-    let numbers = shape.context("the array's header has no shape")?.split(',').map(str::trim).filter(|n| !n.is_empty());
-    let mut claimed = numbers.map(|n| n.trim_end_matches('L').parse::<u64>().ok());
-    let claimed = claimed.try_fold(1_u64, |product, n| product.checked_mul(n?));
-    ensure!(
-        claimed.is_some_and(|claimed| claimed <= stored),
-        "array {name:?} claims more numbers than its {stored} bytes hold; is the file damaged?"
-    );
-    Ok(())
 }

@@ -59,6 +59,9 @@ struct Strip {
 
 impl Strip {
     /// Of `O` outputs and `I` inputs, in registers over all tiles; gives `I`.
+    ///
+    /// # Safety
+    /// As of [`Lanes`]; there are the tiles that the strip names, and `O` times `I` totals.
     #[inline(always)]
     unsafe fn add<L: Lanes, const O: usize, const I: usize>(&self, totals: *mut f32) -> usize {
         unsafe {

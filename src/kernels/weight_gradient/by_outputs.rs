@@ -71,6 +71,9 @@ struct Strip {
 
 impl Strip {
     /// Of `I` inputs, in registers; gives `I`.
+    ///
+    /// # Safety
+    /// As of [`Lanes`]; there are the frames that the strip names, and `I` totals.
     #[inline(always)]
     unsafe fn add<L: Lanes, const I: usize>(&self, totals: *mut f32) -> usize {
         unsafe {

@@ -27,6 +27,8 @@ pub static SPRING: CellKind = CellKind {
 
 /// Keeps the direction finite when the bodies meet.
 const SOFTENING: f64 = 1e-4;
+/// Of a distance: that of 0 has a root without a gradient.
+const LEAST_SQUARE: f64 = 1e-36;
 
 #[derive(Debug)]
 pub(super) struct Spring {
@@ -44,7 +46,7 @@ impl Spring {
     /// Accelerations of the two bodies, `[batch, 4]`.
     pub(super) fn acceleration(&self, state: &State) -> Tensor {
         let d = state.position(0) - state.position(1);
-        let n = d.square().sum_dim_intlist([1i64].as_slice(), true, None).sqrt();
+        let n = d.square().sum_dim_intlist([1i64].as_slice(), true, None).clamp_min(LEAST_SQUARE).sqrt();
         let force = self.log_k.exp() * (&n - self.log_l.exp() * 2.0) * d / (n + SOFTENING);
         Tensor::cat(&[-&force, force], 1)
     }

@@ -4,6 +4,8 @@
 //! The U-Net's kernels are the same on frames of either size; the localisation network of a large frame sees it halved
 //! anyway; sprites are enlarged. Nothing of it is saved: a run that is stopped before its first checkpoint begins anew.
 
+use std::cell::OnceCell;
+use std::rc::Rc;
 use std::time::Instant;
 
 use anyhow::Result;
@@ -14,6 +16,7 @@ use crate::network::blocks::{side_multiple, uses_deep_unet};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::RunState;
 use crate::training::base::{Outcome, Session};
+use crate::training::objects::motion::Motion;
 
 /// The name under which it stands in a run's logs.
 const NAME: &str = "coarse";
@@ -40,7 +43,8 @@ pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome>
     }
     let max_steps = config.coarse_steps.min(config.max_steps);
     let config = Discover { max_steps, ..config.clone() };
-    let mut discovery = Discovery::new(&config, &UNDRAWN_AT_FIT, &model, &train, &valid, session.seed)?;
+    let motion = Rc::new(Motion::measure(&train, session.seed));
+    let mut discovery = Discovery::new(&config, &UNDRAWN_AT_FIT, &model, [&train, &valid], motion, session.seed)?;
     discovery.set_start(&model)?;
     let mut progress = RunState::new(&session.state.task);
     progress.seconds = session.elapsed();
@@ -54,6 +58,7 @@ pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome>
         intervals: *intervals,
         last_phase: false,
         best: None,
+        motion: OnceCell::new(),
         state: progress,
         store: None,
         observers: observers.iter_mut().map(|observer| &mut **observer as _).collect(),

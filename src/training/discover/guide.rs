@@ -108,29 +108,28 @@ pub fn loss(
     let centroid = |along: &Tensor| sum(&(along * pixel_centres), &[2]) / (&mass + EMPTY);
     let (x, y) = (centroid(&by_column), centroid(&by_row));
 
-    // Compactness: variance of what an object owns around its centroid, in units of the frame's side.
-    let spread = |along: &Tensor, centre: &Tensor| {
-        sum(&(along * (pixel_centres - centre.unsqueeze(-1)).square()), &[1, 2]) / &moving_in_all
-    };
-    let extent = pixel_centres.diff(1, 0, None::<Tensor>, None::<Tensor>).mean(Kind::Float) * side as f64;
-    let compactness = (spread(&by_column, &x) + spread(&by_row, &y)).mean(Kind::Float) / extent.square();
-
-    // Balance: divergence of the objects' shares from equal ones. Unlike the shares' entropy it has a gradient for an
-    // object that owns nothing.
-    let total_share = &mass / moving_in_all.unsqueeze(1);
-    let share = total_share.mean_dim([0i64].as_slice(), false, None);
-    let share = &share / share.sum(Kind::Float);
-    let balance = -(share + 1e-8).log().mean(Kind::Float) - (objects as f64).ln();
-
     // Tie: the encoded position at the centroid, counted as far as the object owns anything.
-    let centroids = Tensor::stack(&[x, y], 2).detach();
-    let owns = (total_share * objects as f64).clamp_max(1.0).detach();
+    let total_share = &mass / moving_in_all.unsqueeze(1);
+    let centroids = Tensor::stack(&[&x, &y], 2).detach();
+    let owns = (&total_share * objects as f64).clamp_max(1.0).detach();
     let positions = positions.reshape([-1, objects, 2]);
     let distance = positions.smooth_l1_loss(&centroids, tch::Reduction::None, 1.0);
     let tie = sum(&(sum(&distance, &[2]) * owns), &[1]).mean(Kind::Float);
 
     let guides = coverage * guide.coverage + tie * guide.tie;
     let Some(responsibilities) = responsibilities else {
+        // Compactness: variance of what an object owns around its centroid, in units of the frame's side.
+        let spread = |along: &Tensor, centre: &Tensor| {
+            sum(&(along * (pixel_centres - centre.unsqueeze(-1)).square()), &[1, 2]) / &moving_in_all
+        };
+        let extent = pixel_centres.diff(1, 0, None::<Tensor>, None::<Tensor>).mean(Kind::Float) * side as f64;
+        let compactness = (spread(&by_column, &x) + spread(&by_row, &y)).mean(Kind::Float) / extent.square();
+
+        // Balance: divergence of the objects' shares from equal ones. Unlike the shares' entropy it has a gradient for an
+        // object that owns nothing.
+        let share = total_share.mean_dim([0i64].as_slice(), false, None);
+        let share = &share / share.sum(Kind::Float);
+        let balance = -(share + 1e-8).log().mean(Kind::Float) - (objects as f64).ln();
         return guides + compactness * guide.compactness + balance * guide.balance;
     };
 

@@ -7,6 +7,7 @@ mod coarse;
 mod guide;
 
 use std::path::PathBuf;
+use std::rc::Rc;
 
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
@@ -156,7 +157,8 @@ impl Phase for Discover {
             // A fit to halved frames stands already.
             (config, fits) = (coarse::after(self), &UNDRAWN_AT_FIT[..1]);
         }
-        let mut discovery = Discovery::new(&config, fits, model, session.train, session.valid, seed)?;
+        let mut discovery =
+            Discovery::new(&config, fits, model, [session.train, session.valid], session.motion(), seed)?;
         if session.state.step == 0 {
             discovery.set_start(model)?;
         }
@@ -173,7 +175,7 @@ struct Discovery<'a> {
     fitted_at: Vec<f64>,
     train: &'a Clips,
     seed: u64,
-    motion: Motion,
+    motion: Rc<Motion>,
     names: Option<Names>,
     /// What the learning rate is divided by.
     smaller_steps: f64,
@@ -189,15 +191,14 @@ impl<'a> Discovery<'a> {
         config: &'a Discover,
         fits: &[f64],
         model: &PhysicsNet,
-        train: &'a Clips,
-        valid: &Clips,
+        [train, valid]: [&'a Clips; 2],
+        motion: Rc<Motion>,
         seed: u64,
     ) -> Result<Self> {
-        let motion = Motion::measure(train, seed);
         let names = if config.guide.identity > 0.0 {
             let places = train.random_places(NAMED_FRAMES, seed, u64::MAX);
             let moving = motion.of(train, &places, &train.frames(&places));
-            Names::learn(&blobs::find(&moving, model.system.objects), seed)?
+            Names::learn(&blobs::find(&moving, model.system.objects), seed)
         } else {
             None
         };
@@ -273,7 +274,7 @@ impl<'a> Discovery<'a> {
         let places = self.train.random_places(NAMED_FRAMES, self.seed, u64::MAX);
         let moving = self.motion.of(self.train, &places, &self.train.frames(&places));
         let found = blobs::find(&moving, model.system.objects);
-        if let Some(seen) = sprites::learn(&moving, &found, names, model.system.given_side() as i64 / 2)? {
+        if let Some(seen) = sprites::learn(&moving, &found, names, model.system.given_side() as i64 / 2) {
             let behind = self.motion.median.mean_dim([1i64, 2].as_slice(), true, None);
             let reach = seen.reach * model.system.given_pixel();
             model.decoder.start_sprites(&seen.visible, &(seen.colours + behind), reach, SPRITE_KERNEL);
@@ -351,7 +352,7 @@ impl Discovery<'_> {
     /// Which pixels are whose in these frames; none without names.
     fn responsibilities(&self, model: &PhysicsNet, moving: &Moving) -> Result<Option<Tensor>> {
         let Some(names) = &self.names else { return Ok(None) };
-        let shares = names.responsibilities(&blobs::find(moving, model.system.objects))?;
+        let shares = names.responsibilities(&blobs::find(moving, model.system.objects));
         Ok(Some(shares.to_device(moving.share.device())))
     }
 }

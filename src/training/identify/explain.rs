@@ -40,7 +40,7 @@ const KEEPING_ROUNDS: usize = 3;
 /// At the end residuals beyond so many usual ones count linearly: 95 % as exact as least squares where the noise is normal
 /// (Huber 1964), and the few that are not cannot pull the parameters. At least so many pixels or radians.
 const HUBER_OF_USUAL: f64 = 1.345;
-const LEAST_HUBER: f64 = 0.02;
+pub(super) const LEAST_HUBER: f64 = 0.02;
 
 /// The largest residual of a motion that is explained, pixels or radians.
 const LARGEST_RESIDUAL: f64 = 0.5;
@@ -297,7 +297,7 @@ fn rename_by_motion(order: &mut Tensor, seen: &Tensor, rolled_out: &Tensor) -> R
         };
         let costs: Vec<Vec<f64>> =
             (0..objects).map(|name| (0..objects).map(|object| cost(name, object)).collect()).collect();
-        let best = best_assignment(&costs)?;
+        let best = best_assignment(&costs);
         if best.iter().zip(names.iter()).any(|(new, old)| *new as i64 != *old) {
             changed += 1;
             names.iter_mut().zip(best).for_each(|(name, object)| *name = object as i64);
@@ -328,7 +328,9 @@ fn weights(residuals: &Tensor) -> Option<Weights> {
     let covariance = flat.transpose(0, 1).matmul(&flat) / flat.size()[0] as f64;
     let deviations = covariance.diagonal(0, 0, 1).sqrt();
     let together = (&covariance / (deviations.unsqueeze(0) * deviations.unsqueeze(1))).triu(1).abs();
-    if covariance.size()[0] < 2 || together.max().double_value(&[]) < TOGETHER {
+    let together = if covariance.size()[0] < 2 { 0.0 } else { together.max().double_value(&[]) };
+    // Nor where one of them is not a number.
+    if together.is_nan() || together < TOGETHER {
         return None;
     }
     let least = Tensor::eye(covariance.size()[0], (Kind::Double, covariance.device())) * LEAST_DEVIATION.powi(2);

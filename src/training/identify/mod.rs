@@ -14,7 +14,7 @@ pub mod velocity_fit;
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
-use self::explain::Explanation;
+use self::explain::{Explanation, LEAST_HUBER};
 use self::fit::Start;
 use self::seen::Seen;
 use super::base::{Outcome, Session};
@@ -75,8 +75,14 @@ impl Identify {
 
     pub(super) fn check(&self, clip_frames: usize) -> Result<()> {
         at_least_one("identify.clips", self.clips as u64)?;
-        for (key, number) in [("huber", self.huber), ("velocity_learning_rate", self.velocity_rate())] {
-            ensure!(number > 0.0, "config: identify.{key} = {number}: must be positive");
+        for (key, number, least) in
+            [("huber", self.huber, LEAST_HUBER), ("velocity_learning_rate", self.velocity_rate(), 0.0)]
+        {
+            ensure!(
+                number.is_finite() && number > 0.0 && number >= least,
+                "config: identify.{key} = {number}: must be a positive number{}",
+                if least > 0.0 { format!(", at least {least}") } else { String::new() }
+            );
         }
         ensure!(
             !self.horizons.is_empty() && self.horizons.iter().all(|&h| h >= 3 && h <= clip_frames),
@@ -141,7 +147,7 @@ impl Phase for Identify {
     fn run(&self, session: &mut Session) -> Result<Outcome> {
         let model = session.model;
         session.tell(&Event::PhaseBegins { phase: self.name(), done: 0, of: 0 })?;
-        let motion = Motion::measure(session.train, session.seed);
+        let motion = session.motion();
         let fits = self.max_iterations > 0;
         if let Some(order) = fits.then(|| order::find(model, session.train, &motion)).transpose()?.flatten() {
             let numbers: Vec<_> = order.iter().map(|number| number + 1).collect();

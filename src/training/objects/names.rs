@@ -1,6 +1,5 @@
 //! Names: which blob of one frame is which of another, by how they look; by their place where they look alike.
 
-use anyhow::Result;
 use rand::seq::SliceRandom;
 use tch::Tensor;
 
@@ -47,58 +46,58 @@ fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// The blob of each look.
-fn named(frame: &[Blob], looks: &[Vec<f64>]) -> Result<Vec<usize>> {
+fn named(frame: &[Blob], looks: &[Vec<f64>]) -> Vec<usize> {
     let cost = |look: &Vec<f64>| frame.iter().map(|blob| squared_distance(&blob.look, look)).collect();
     best_assignment(&looks.iter().map(cost).collect::<Vec<_>>())
 }
 
+/// How the objects look, by the cheapest of some rounds of k-means in which each frame has a blob of each object.
+fn cluster(frames: &[&[Blob]], seed: u64) -> Vec<Vec<f64>> {
+    let mut starts: Vec<usize> = (0..frames.len()).collect();
+    starts.shuffle(&mut named_generator(seed, "looks"));
+    let mut best: Option<(f64, Vec<Vec<f64>>)> = None;
+    for &start in starts.iter().take(STARTS) {
+        let mut looks: Vec<_> = frames[start].iter().map(|blob| blob.look.clone()).collect();
+        for _ in 0..UPDATES {
+            looks = mean_looks(frames, &looks);
+        }
+        let mut cost = 0.0;
+        for frame in frames {
+            let blobs = named(frame, &looks);
+            cost += blobs.iter().zip(&looks).map(|(&b, look)| squared_distance(&frame[b].look, look)).sum::<f64>();
+        }
+        if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+            best = Some((cost, looks));
+        }
+    }
+    best.expect("at least one start").1
+}
+
+/// Whether two objects are told apart by their looks in too few frames: by how much dearer it is to exchange them.
+fn are_alike(frames: &[Vec<Blob>], looks: &[Vec<f64>], [a, b]: [usize; 2]) -> bool {
+    let margin = |frame: &Vec<Blob>| {
+        let cost = |blob: usize, look: usize| squared_distance(&frame[blob].look, &looks[look]);
+        cost(a, b) + cost(b, a) - cost(a, a) - cost(b, b)
+    };
+    let margins: Vec<f64> = frames.iter().map(margin).collect();
+    let half = 0.5 * median(margins.iter().copied()).unwrap_or(0.0);
+    margins.iter().filter(|margin| **margin < half).count() as f64 > UNSURE * margins.len() as f64
+}
+
 impl Names {
     /// Learns how the objects look from the blobs of some frames. None where too few frames show them apart.
-    ///
-    /// # Errors
-    /// None that is expected.
-    pub fn learn(frames: &[FrameBlobs], seed: u64) -> Result<Option<Self>> {
+    pub fn learn(frames: &[FrameBlobs], seed: u64) -> Option<Self> {
         let frames: Vec<&[Blob]> =
             frames.iter().map(|frame| &frame.blobs[..]).filter(|frame| is_clean(frame)).collect();
         if frames.len() < LEAST_FRAMES {
-            return Ok(None);
+            return None;
         }
-        let mut random = named_generator(seed, "looks");
-        let mut best: Option<(f64, Vec<Vec<f64>>)> = None;
-        let mut starts: Vec<usize> = (0..frames.len()).collect();
-        starts.shuffle(&mut random);
-        for &start in starts.iter().take(STARTS) {
-            let mut looks: Vec<_> = frames[start].iter().map(|blob| blob.look.clone()).collect();
-            for _ in 0..UPDATES {
-                looks = mean_looks(&frames, &looks)?;
-            }
-            let mut cost = 0.0;
-            for frame in &frames {
-                let blobs = named(frame, &looks)?;
-                cost += blobs.iter().zip(&looks).map(|(&b, look)| squared_distance(&frame[b].look, look)).sum::<f64>();
-            }
-            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                best = Some((cost, looks));
-            }
-        }
-        let (_, looks) = best.expect("at least one start");
-        let frames: Vec<Vec<Blob>> = frames
-            .iter()
-            .map(|frame| Ok(named(frame, &looks)?.into_iter().map(|b| frame[b].clone()).collect()))
-            .collect::<Result<_>>()?;
+        let looks = cluster(&frames, seed);
+        let by_name = |frame: &&[Blob]| named(frame, &looks).into_iter().map(|blob| frame[blob].clone()).collect();
+        let frames: Vec<Vec<Blob>> = frames.iter().map(by_name).collect();
         let objects = looks.len();
-        let alike = |a: usize, b: usize| {
-            let margins: Vec<f64> = frames
-                .iter()
-                .map(|frame| {
-                    let cost = |blob: usize, look: usize| squared_distance(&frame[blob].look, &looks[look]);
-                    cost(a, b) + cost(b, a) - cost(a, a) - cost(b, b)
-                })
-                .collect();
-            let half = 0.5 * median(margins.iter().copied()).unwrap_or(0.0);
-            margins.iter().filter(|margin| **margin < half).count() as f64 > UNSURE * margins.len() as f64
-        };
-        let class: Vec<usize> = (0..objects).map(|b| (0..b).find(|&a| alike(a, b)).unwrap_or(b)).collect();
+        let first_alike = |b: usize| (0..b).find(|&a| are_alike(&frames, &looks, [a, b])).unwrap_or(b);
+        let class: Vec<usize> = (0..objects).map(first_alike).collect();
         let of_object = |number: fn(&Blob) -> f64, object: usize| {
             // Objects that look alike share their numbers.
             let same = (0..objects).filter(|&other| class[other] == class[object]);
@@ -114,7 +113,7 @@ impl Names {
             })
             .collect();
         let axis = order_axis(&frames, &class);
-        Ok(Some(Names { looks, class, axis }))
+        Some(Names { looks, class, axis })
     }
 
     /// How many objects look like one before them.
@@ -129,13 +128,10 @@ impl Names {
     }
 
     /// The blob of each object in a frame; none where it cannot be told.
-    ///
-    /// # Errors
-    /// None that is expected.
-    pub fn of(&self, frame: &[Blob]) -> Result<Vec<Option<usize>>> {
+    pub fn of(&self, frame: &[Blob]) -> Vec<Option<usize>> {
         let objects = self.looks.len();
         let looks: Vec<_> = self.looks.iter().map(|look| look.moments.clone()).collect();
-        let mut blob_of = named(frame, &looks)?;
+        let mut blob_of = named(frame, &looks);
         let mut apart = vec![true; objects];
         let along = |blob: usize| frame[blob].centre[self.axis as usize];
         for class in 0..objects {
@@ -156,23 +152,20 @@ impl Names {
                 && blob.radius < RADIUS * look.radius;
             (usual && apart[object]).then_some(blob_of[object])
         };
-        Ok((0..objects).map(sure).collect())
+        (0..objects).map(sure).collect()
     }
 
     /// Which pixels are whose, `[frames, objects, S, S]` on the CPU: 1 in the blob that is the object, all 0 for an object
     /// whose blob cannot be told.
-    ///
-    /// # Errors
-    /// None that is expected.
-    pub fn responsibilities(&self, frames: &[FrameBlobs]) -> Result<Tensor> {
+    pub fn responsibilities(&self, frames: &[FrameBlobs]) -> Tensor {
         let mut shares = Vec::new();
         for FrameBlobs { blobs, nearest } in frames {
-            for blob in self.of(blobs)? {
+            for blob in self.of(blobs) {
                 shares.extend(nearest.iter().map(|&near| f32::from(blob == Some(near as usize))));
             }
         }
         let side = frames.first().map_or(0, |frame| frame.nearest.len().isqrt()) as i64;
-        Ok(Tensor::from_slice(&shares).reshape([frames.len() as i64, self.looks.len() as i64, side, side]))
+        Tensor::from_slice(&shares).reshape([frames.len() as i64, self.looks.len() as i64, side, side])
     }
 
     /// The largest usual radius of an object's blob, pixels.
@@ -192,15 +185,15 @@ fn is_clean(frame: &[Blob]) -> bool {
 }
 
 /// The mean descriptor of the blobs that are nearest to each look, one of each frame.
-fn mean_looks(frames: &[&[Blob]], looks: &[Vec<f64>]) -> Result<Vec<Vec<f64>>> {
+fn mean_looks(frames: &[&[Blob]], looks: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut sums = vec![vec![0.0; looks[0].len()]; looks.len()];
     for frame in frames {
-        for (sum, blob) in sums.iter_mut().zip(named(frame, looks)?) {
+        for (sum, blob) in sums.iter_mut().zip(named(frame, looks)) {
             sum.iter_mut().zip(&frame[blob].look).for_each(|(sum, number)| *sum += number);
         }
     }
     sums.iter_mut().flatten().for_each(|sum| *sum /= frames.len() as f64);
-    Ok(sums)
+    sums
 }
 
 /// The axis along which objects that look alike are farther apart: of all such pairs the one whose median is larger.

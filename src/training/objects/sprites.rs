@@ -1,6 +1,5 @@
 //! How each object looks, from its blobs: the median over frames of what lies around their centroids.
 
-use anyhow::Result;
 use tch::{Kind, Tensor};
 
 use super::blobs::FrameBlobs;
@@ -28,16 +27,13 @@ pub struct Seen {
 }
 
 /// The objects' looks on a grid of `window` pixels. None where too few frames show one of them.
-///
-/// # Errors
-/// None that is expected.
-pub fn learn(moving: &Moving, frames: &[FrameBlobs], names: &Names, window: i64) -> Result<Option<Seen>> {
+pub fn learn(moving: &Moving, frames: &[FrameBlobs], names: &Names, window: i64) -> Option<Seen> {
     let _guard = tch::no_grad_guard();
     let side = moving.share.size()[1] as f64;
     let reach = (REACH * names.largest_radius()).min(0.5 * (side - 1.0));
     let mut places: Vec<Vec<(i64, [f64; 2])>> = Vec::new();
     for (index, frame) in frames.iter().enumerate() {
-        for (object, blob) in names.of(&frame.blobs)?.into_iter().enumerate() {
+        for (object, blob) in names.of(&frame.blobs).into_iter().enumerate() {
             places.resize_with(places.len().max(object + 1), Vec::new);
             if let Some(blob) = blob {
                 places[object].push((index as i64, frame.blobs[blob].centre));
@@ -45,7 +41,7 @@ pub fn learn(moving: &Moving, frames: &[FrameBlobs], names: &Names, window: i64)
         }
     }
     if places.is_empty() || places.iter().any(|places| places.len() < LEAST_FRAMES) {
-        return Ok(None);
+        return None;
     }
     let colours: Vec<Tensor> = places.iter().map(|places| around(&moving.sharp, places, reach, window)).collect();
     let colours = Tensor::stack(&colours, 0);
@@ -53,11 +49,11 @@ pub fn learn(moving: &Moving, frames: &[FrameBlobs], names: &Names, window: i64)
     let largest = size.amax([1i64, 2].as_slice(), true);
     // Where something else is taken for an object now and then, the median shows nothing.
     if largest.min().double_value(&[]) < LEAST_SEEN {
-        return Ok(None);
+        return None;
     }
     let visible = (size / (largest * SOLID)).clamp_max(1.0);
     let colours = colours / visible.clamp_min(0.1).unsqueeze(1);
-    Ok(Some(Seen { visible, colours, reach }))
+    Some(Seen { visible, colours, reach })
 }
 
 /// The median of the squares of `reach` pixels around these places in these frames, `[channels, window, window]`.

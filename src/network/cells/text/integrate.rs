@@ -122,8 +122,10 @@ impl Run<'_> {
 
     fn go_on(&self, mut grid: Grid, held: Option<&Tensor>, h: f64, substeps: usize) -> Grid {
         let held = held.map(|held| held.unsqueeze(-1));
+        // Backwards a frame begins at its end.
+        let begin = if h < 0.0 { -(substeps as f64) * h } else { 0.0 };
         for substep in 0..substeps {
-            let moved = self.moved(&grid, held.as_ref(), substep as f64 * h, h);
+            let moved = self.moved(&grid, held.as_ref(), begin + substep as f64 * h, h);
             grid = self.turned_back(&grid, moved, h);
         }
         grid

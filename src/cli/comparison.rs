@@ -1,0 +1,223 @@
+//! The paper's comparison, from its list to its report: what `baselines` goes through.
+
+use std::panic::resume_unwind;
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, ensure};
+use tch::Device;
+
+use super::generate_display::Display;
+use super::sweep_display::SweepDisplay;
+use super::{interrupt, whole};
+use crate::baselines::earlier::Earlier;
+use crate::baselines::list::{Comparison, Entry};
+use crate::baselines::page::Report;
+use crate::baselines::plan::{self, Places, Training};
+use crate::baselines::results::{Row, Searched, searched};
+use crate::generators::generate;
+use crate::say;
+use crate::support::device;
+use crate::sweep::{self, Job};
+
+/// What is asked for.
+#[derive(Debug)]
+pub struct Comparing {
+    pub list: Comparison,
+    pub places: Places,
+    pub earlier: Earlier,
+    /// Training clips of each dataset.
+    pub clips: usize,
+    /// Runs at a time.
+    pub jobs: usize,
+    pub device: Device,
+    pub began: Instant,
+    /// After which what runs is saved and stopped.
+    pub budget: Option<Duration>,
+}
+
+impl Comparing {
+    /// Those of these names, or all, in the order of the list.
+    ///
+    /// # Errors
+    /// A name that is not in the list.
+    pub fn models(&self, names: &[String]) -> Result<Vec<&Entry>> {
+        let chosen = names.iter().map(|name| self.list.model(name)).collect::<Result<Vec<_>>>()?;
+        let is_chosen = |entry: &&Entry| names.is_empty() || chosen.iter().any(|chosen| chosen.name == entry.name);
+        Ok(self.list.models.iter().filter(is_chosen).collect())
+    }
+
+    /// The same of tasks.
+    ///
+    /// # Errors
+    /// A name that is not in the list.
+    pub fn tasks(&self, names: &[String]) -> Result<Vec<String>> {
+        let known = &self.list.tasks;
+        for name in names {
+            ensure!(known.contains(name), "no task {name:?} in the comparison; its tasks are {}", known.join(", "));
+        }
+        Ok(known.iter().filter(|task| names.is_empty() || names.contains(task)).cloned().collect())
+    }
+
+    fn stop(&self) -> bool {
+        interrupt::asked() || self.budget.is_some_and(|budget| self.began.elapsed() > budget)
+    }
+
+    /// Searches learning rates, then trains, also on fewer clips where `efficiency` asks for it. What is there is not made again.
+    ///
+    /// # Errors
+    /// Data or programs that are missing; a training that fails is said, and the others go on.
+    pub fn train_all(
+        &self,
+        models: &[&Entry],
+        tasks: &[String],
+        seeds: &[u64],
+        search: bool,
+        efficiency: bool,
+    ) -> Result<ExitCode> {
+        let mut failed = false;
+        if search {
+            let mut trainings = plan::search(&self.list, models, self.clips);
+            trainings.retain(|training| !self.earlier.has_searched(training));
+            failed |= self.train(&trainings)?;
+        }
+        let mut trainings = self.trainings(models, tasks, seeds, self.clips)?;
+        if efficiency {
+            let efficiency = &self.list.efficiency;
+            let models: Vec<&Entry> =
+                models.iter().copied().filter(|entry| efficiency.models.contains(&entry.name)).collect();
+            for &clips in &efficiency.train {
+                trainings.extend(self.trainings(&models, std::slice::from_ref(&efficiency.task), seeds, clips)?);
+            }
+        }
+        trainings.retain(|training| self.earlier.row(training).is_none());
+        failed |= self.train(&trainings)?;
+        if self.stop() {
+            say!("stopped; the same command goes on");
+            return Ok(interrupt::exit_code());
+        }
+        Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    }
+
+    /// What the search has found, here and earlier.
+    fn searched(&self) -> Result<Vec<Searched>> {
+        let here = searched(&self.places, &self.list, self.clips)?;
+        Ok(here.into_iter().map(|searched| self.earlier.completed(searched)).collect())
+    }
+
+    /// The trainings on so many clips, with the rates that the search has found.
+    fn trainings<'a>(
+        &self,
+        models: &[&'a Entry],
+        tasks: &[String],
+        seeds: &[u64],
+        clips: usize,
+    ) -> Result<Vec<Training<'a>>> {
+        let found = self.searched()?;
+        let rate = |entry: &Entry| found.iter().find(|search| search.model == entry.name)?.chosen;
+        let mut trainings = Vec::new();
+        for task in tasks {
+            for &seed in seeds {
+                trainings.extend(models.iter().map(|&entry| Training {
+                    entry,
+                    task: task.clone(),
+                    clips,
+                    seed,
+                    rate: rate(entry),
+                    searched: false,
+                }));
+            }
+        }
+        Ok(trainings)
+    }
+
+    /// Makes the data, finds the objects, trains. Whether anything failed.
+    fn train(&self, trainings: &[Training]) -> Result<bool> {
+        let mut objects: Vec<Job> = Vec::new();
+        for training in trainings {
+            let display = Display::default();
+            let dataset = self.places.dataset(&training.task, self.list.clips, training.clips)?;
+            generate(&dataset, &|event| display.show(event))?;
+            let job = self.places.objects(&self.list, training)?;
+            objects.extend(job.filter(|job| !objects.contains(job)));
+        }
+        let mut failed = self.sweep(&objects)?;
+        let (whole, own): (Vec<&Training>, Vec<_>) =
+            trainings.iter().partition(|training| training.entry.whole.is_some());
+        let jobs = own.iter().map(|training| self.places.job(&self.list, training)).collect::<Result<Vec<_>>>()?;
+        failed |= self.sweep(&jobs)?;
+        failed |= self.train_whole(&whole)?;
+        Ok(failed)
+    }
+
+    /// Trains whole other models: in turn on the CPU, each with all threads; side by side on a GPU, of which each needs little.
+    /// Whether one failed, which stops no other one.
+    fn train_whole(&self, trainings: &[&Training]) -> Result<bool> {
+        if trainings.is_empty() {
+            return Ok(false);
+        }
+        let Comparing { jobs, places: Places { threads, .. }, .. } = self;
+        let (at_once, threads) = if self.device == Device::Cpu { (1, jobs * threads) } else { (*jobs, *threads) };
+        device::set_threads(threads)?;
+        let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
+        let work = || {
+            while let Some(training) = trainings.get(next.fetch_add(1, Ordering::Relaxed)).filter(|_| !self.stop()) {
+                let (config, folder) =
+                    (self.places.whole(&self.list, training)?, self.places.folder(&self.list, training)?);
+                if let Err(error) = whole::train(&config, &folder, self.device, &|| self.stop()) {
+                    say!("FAILED {}: {error:#}", folder.display());
+                    failed.store(true, Ordering::Relaxed);
+                }
+            }
+            Ok::<_, anyhow::Error>(())
+        };
+        std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..at_once).map(|_| scope.spawn(work)).collect();
+            threads.into_iter().try_for_each(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
+        })?;
+        Ok(failed.into_inner())
+    }
+
+    fn sweep(&self, jobs: &[Job]) -> Result<bool> {
+        if jobs.is_empty() || self.stop() {
+            return Ok(false);
+        }
+        let this = std::env::current_exe().context("cannot find this program's own place")?;
+        let program = this.with_file_name("run_physics");
+        ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
+        let mut display = SweepDisplay::new(jobs.len());
+        let ended = sweep::run(&program, jobs, self.jobs, &|| self.stop(), &mut |event| display.show(event))?;
+        display.close();
+        Ok(!ended.failed.is_empty())
+    }
+
+    /// Writes the report of all trainings that are there.
+    ///
+    /// # Errors
+    /// None that has finished, a folder that cannot be written.
+    pub fn report(&self, out: &Path) -> Result<()> {
+        let models = self.models(&[])?;
+        let mut trainings = self.trainings(&models, &self.list.tasks, &self.list.seeds, self.clips)?;
+        for &clips in self.list.efficiency.train.iter().filter(|clips| **clips != self.clips) {
+            trainings.extend(self.trainings(
+                &models,
+                std::slice::from_ref(&self.list.efficiency.task),
+                &self.list.seeds,
+                clips,
+            )?);
+        }
+        let mut rows = Vec::new();
+        for training in &trainings {
+            let here = Row::read(&self.places, &self.list, training)?;
+            rows.extend(here.or_else(|| self.earlier.row(training).cloned()));
+        }
+        ensure!(!rows.is_empty(), "{} holds no finished training of the comparison", self.places.runs.display());
+        let searched = self.searched()?;
+        let count = rows.len();
+        Report { list: &self.list, rows, searched, clips: self.clips }.write(out)?;
+        say!("{count} trainings; {}", out.join("report.md").display());
+        Ok(())
+    }
+}

@@ -9,9 +9,9 @@ from .verdicts import APART, BREAKS, COSTS, NONE, OBJECTS_FOUND, PARAMETER_SHARE
 
 HEADER = """# What the known defects of earlier ports do
 
-Each defect was switched on alone in the PyTorch reference, which was then trained by the fast recipe, its last phase
-longer and at larger rates (`torch_reference/training/overrides.toml`) so that a defect has time to show. The losses are
-those of the 500 test clips, squared error summed over a frame: a blank frame costs 18.5 with two balls and 27.7 with
+Each defect was switched on alone in the PyTorch reference, which was then trained by the fast recipe of 2026-11-21
+(`torch_reference/training/recipe.toml`), its last phase longer and at larger rates (`overrides.toml` beside it) so that a
+defect has time to show. The losses are those of the 500 test clips, squared error summed over a frame: a blank frame costs 18.5 with two balls and 27.7 with
 three, one missing ball 9.25. Truth: k 4, l 6 px; g 60. Departure: the first tensor, in the order of the data flow, that
 departs from its golden of the original code, and by how much of its largest element, before any training.
 

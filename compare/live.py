@@ -83,7 +83,7 @@ def table(case_of, tolerances, rows):
 
 
 def conversion(folder, binaries, log):
-    """Lines on a TensorFlow checkpoint that goes through `convert`, and whether all was as it should be."""
+    """Lines on a TensorFlow checkpoint that goes through `convert` and on the timed reference, and whether all was as it should be."""
     read, weights, back = folder / "read.npz", folder / "weights.safetensors", folder / "back.npz"
     convert = [binaries / "convert", "--task", "spring_color"]
     call([sys.executable, "-m", "tf_reference.check_checkpoint", folder / f"given/{CONVERTED}.npz", read], log)
@@ -99,6 +99,8 @@ def conversion(folder, binaries, log):
         "the converted model in Rust gives TensorFlow's outputs": call(
             [binaries / "compare", "--goldens", folder / "tf", "--file-filter", CONVERTED, "--f64",
              "--weights", weights], log, may_differ=True),
+        "the PyTorch that is timed computes what the one that is read does": call(
+            [sys.executable, "-m", "torch_reference.check_fast"], log, may_differ=True),
     }
     return [f"- {text}: {'pass' if passed else 'FAIL'}" for text, passed in results.items()], all(results.values())
 

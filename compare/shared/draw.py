@@ -31,12 +31,13 @@ def unet(random, key):
             "var_names": names, "var_shapes": shapes, "weight_seed": np.int64(weight_seed(random))}
 
 
-def cell(random, key, speed, **parameters):
-    """Bodies well apart: nothing chaotic in the first frames."""
+def cell(random, key, speed, radius=(0.2, 0.35), **parameters):
+    """Bodies on a circle whose radius is a share of a frame's side: by default well apart, so that nothing is chaotic in the first
+    frames."""
     task, batch, frames = TASKS[key], 16, 10
     n, s = task.objects, task.side
     angle = random.uniform(0, 2 * np.pi, (batch, 1)) + np.arange(n) * 2 * np.pi / n
-    radius = random.uniform(0.2, 0.35, (batch, 1)) * s
+    radius = random.uniform(*radius, (batch, 1)) * s
     pos = s / 2 + np.stack([radius * np.cos(angle), radius * np.sin(angle)], 2).reshape(batch, 2 * n)
     return {"in/pos": pos.astype(np.float32), "in/vel": speed * normal(random, batch, 2 * n),
             "in/pos_weight": normal(random, frames, batch, 2 * n),

@@ -2,7 +2,8 @@
 //! with a disk that is full, a write that is torn and a power cut at its first operation, its second, and so on.
 //!
 //! By default trainings are tried at every 97th operation and the rest at every fifth, for the time it takes; with
-//! `PAIG_FAULTS_STRIDE=1`, as `make torture` has it, each is tried. Each file is run by itself in one thread: the faults are those of a thread.
+//! `PAIG_FAULTS_STRIDE=1`, as `make torture` has it, each is tried. Each file is run by itself in one thread: the faults are
+//! those of a thread.
 
 #[path = "common/faults.rs"]
 mod faults;

@@ -530,8 +530,8 @@ fn a_codec_without_a_decoder_is_named_with_the_way_out() {
     }
 }
 
-/// What only ffmpeg decodes comes from it: a program of that name lists 60 frames at 20 a second, then gives their pixels; of another
-/// file it complains in two lines, of which the last is the reason.
+/// What only ffmpeg decodes comes from it: a program of that name lists 60 frames at 20 a second, then gives their pixels; of
+/// another file it complains in two lines, of which the last is the reason.
 #[test]
 fn other_films_are_decoded_by_ffmpeg() {
     let folder = tempfile::tempdir().unwrap();

@@ -13,7 +13,6 @@ use tch::{Device, Kind, Tensor};
 
 use self::frame_scores::FrameScores;
 use crate::datasets::iterators::Clips;
-use crate::network::cells::State;
 use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::losses::{LossAccumulator, Losses, MeanLosses};
 use crate::runs::scores::Scores;
@@ -50,8 +49,7 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
         let truth = frames.narrow(1, system.input_steps as i64, predicted);
         predicted_frames.add(&pass.predictions, &truth)?;
         if states.is_some() {
-            let rolled_out: Vec<_> = std::iter::once(&pass.initial).chain(&pass.states).map(State::joined).collect();
-            let rolled_out = Tensor::stack(&rolled_out, 1).chunk(2, 2);
+            let rolled_out = pass.sequence().chunk(2, 2);
             let parts = [&pass.positions, &rolled_out[0], &rolled_out[1]];
             for (part, states) in seen.iter_mut().zip(parts) {
                 part.push((states * model.length_per_unit()).to_device(Device::Cpu).to_kind(Kind::Double));

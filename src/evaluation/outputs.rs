@@ -5,7 +5,6 @@ use tch::{Device, Tensor};
 
 use super::passes::{batch, each_pass};
 use crate::datasets::iterators::Clips;
-use crate::network::cells::State;
 use crate::network::physics_models::PhysicsNet;
 
 /// The model's view of clips, on the CPU.
@@ -31,8 +30,7 @@ impl Outputs {
     pub fn of(model: &PhysicsNet, clips: &Clips, count: usize) -> Result<Self> {
         let mut parts: [Vec<Tensor>; 5] = Default::default();
         each_pass(model, clips, count, batch(clips), |_, frames, pass| {
-            let states: Vec<_> = std::iter::once(&pass.initial).chain(&pass.states).map(State::joined).collect();
-            let states = Tensor::stack(&states, 1);
+            let states = pass.sequence();
             let results = [frames.shallow_clone(), pass.predictions, pass.reconstructions, pass.positions, states];
             for (part, result) in parts.iter_mut().zip(results) {
                 part.push(result.to_device(Device::Cpu));

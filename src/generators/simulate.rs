@@ -111,8 +111,9 @@ impl World {
     /// Draws until a clip obeys the rules: springs, three bodies, the ball in free fall and what follows an
     /// equation without walls never touch a wall, at no
     /// substep; three bodies never come within the radius plus 1 px of each other; with `half_pane` both balls lie wholly
-    /// in the left half until frame `pane_frames`; a pendulum never exceeds [`PENDULUM_MAX_SPEED`]. The rules also hold for one interval past the last frame, as in the original, and,
-    /// unlike there, for the initial state itself (so no first frame shows a ball cut by the border).
+    /// in the left half until frame `pane_frames`; a pendulum never exceeds [`PENDULUM_MAX_SPEED`]. The rules also hold for
+    /// one interval past the last frame, as in the original, and, unlike there, for the initial state itself (so no first
+    /// frame shows a ball cut by the border).
     ///
     /// # Errors
     /// No such clip in a million draws: the settings all but rule one out.

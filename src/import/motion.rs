@@ -6,7 +6,7 @@ use image::RgbImage;
 
 use super::crop::Rectangle;
 use super::scaling::scaled;
-use crate::support::statistics::median;
+use crate::support::statistics::upper_median;
 
 /// Frames from which what stands still is measured.
 const COMPARED_FRAMES: usize = 200;
@@ -111,7 +111,7 @@ impl Moving {
 
     /// Share of the pixels that move in a typical frame in which any does.
     pub fn typical_share(&self) -> f64 {
-        median(self.frames.iter().map(|frame| frame.share).filter(|share| *share > 0.0)).unwrap_or(0.0)
+        upper_median(self.frames.iter().map(|frame| frame.share).filter(|share| *share > 0.0)).unwrap_or(0.0)
     }
 
     /// A rectangle around what moves with a margin, in pixels of frames of `width` x `height`; none if nothing moves.

@@ -5,7 +5,7 @@ use std::ops::Range;
 use anyhow::{Result, bail, ensure};
 
 use super::sources::MOST_FRAMES;
-use crate::support::statistics::median;
+use crate::support::statistics::upper_median;
 
 /// Frames that stand further from a regular clock than this part of its interval are put onto one: the nearest frame for
 /// each tick.
@@ -75,7 +75,7 @@ impl Kept {
             let frames = range.step_by(step).collect();
             return Ok(Kept { frames, interval: mean * step as f64, first_seconds: first, clock: Clock::Regular });
         }
-        let tick = median(times.windows(2).map(|pair| pair[1] - pair[0])).unwrap_or(0.0);
+        let tick = upper_median(times.windows(2).map(|pair| pair[1] - pair[0])).unwrap_or(0.0);
         ensure!(
             tick > 0.0,
             "most of its frames have the time of the one before; say with --fps how many it has a second"

@@ -8,7 +8,7 @@ use super::motion::{Moving, Patch};
 use super::reel::{Reel, Take};
 use super::request::Request;
 use super::time_base::Clock;
-use crate::support::statistics::median;
+use crate::support::statistics::upper_median;
 
 /// Share of the moving pixels from which on it is rather the camera that moves.
 const ALMOST_ALL: f64 = 0.5;
@@ -128,7 +128,7 @@ pub(super) fn of(
 /// where too little moves.
 fn way(moving: &Moving, frames: usize) -> Option<f64> {
     let between = moving.frames.windows(frames.max(2)).map(|seen| (&seen[0].patches, &seen[seen.len() - 1].patches));
-    median(between.flat_map(|(first, last)| {
+    upper_median(between.flat_map(|(first, last)| {
         // The small ones are rather flicker, which stays where it is.
         let largest = first.iter().map(|patch| patch.pixels).max().unwrap_or(0);
         let large = first.iter().filter(move |patch| patch.pixels as f64 >= LARGE * largest as f64);
@@ -138,5 +138,5 @@ fn way(moving: &Moving, frames: usize) -> Option<f64> {
 
 /// Width of the largest thing that moves in a typical frame, pixels; none where nothing moves.
 fn width(moving: &Moving) -> Option<f64> {
-    median(moving.frames.iter().filter_map(|frame| frame.patches.iter().map(Patch::width).max_by(f64::total_cmp)))
+    upper_median(moving.frames.iter().filter_map(|frame| frame.patches.iter().map(Patch::width).max_by(f64::total_cmp)))
 }

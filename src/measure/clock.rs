@@ -4,7 +4,7 @@
 //! at all. One lost frame in twenty seconds puts a fitted swing off by a frame for the rest of the video. Only positions
 //! are looked at, no equation: what was held out may be looked at in the same way.
 
-use crate::support::statistics::median;
+use crate::support::statistics::upper_median;
 
 /// Steps before and after that are compared with.
 const NEIGHBOURS: usize = 5;
@@ -82,7 +82,7 @@ fn whole_steps(steps: &[Vec<f64>], place: usize) -> Option<usize> {
     }
     let off = |step: &[f64]| step.iter().zip(&usual).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
     let neighbours = (place - NEIGHBOURS..=place + NEIGHBOURS).filter(|it| *it != place);
-    let usual_scatter = median(neighbours.map(|it| off(&steps[it])))?;
+    let usual_scatter = upper_median(neighbours.map(|it| off(&steps[it])))?;
     let step = &steps[place];
     let count = dot(step, &usual) / (length * length);
     let across: Vec<f64> = step.iter().zip(&usual).map(|(step, usual)| step - count * usual).collect();
@@ -94,7 +94,7 @@ fn whole_steps(steps: &[Vec<f64>], place: usize) -> Option<usize> {
 
 /// Of each coordinate.
 fn median_step(steps: &[Vec<f64>]) -> Option<Vec<f64>> {
-    (0..steps[0].len()).map(|coordinate| median(steps.iter().map(|step| step[coordinate]))).collect()
+    (0..steps[0].len()).map(|coordinate| upper_median(steps.iter().map(|step| step[coordinate]))).collect()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

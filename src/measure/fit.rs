@@ -9,7 +9,8 @@ use anyhow::{Result, ensure};
 use nalgebra::{DMatrix, DVector};
 
 use super::dynamics::Dynamics;
-use crate::support::statistics::{MEDIAN_TO_DEVIATION, median};
+use crate::support::least_squares;
+use crate::support::statistics::{MEDIAN_TO_DEVIATION, upper_median};
 
 /// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or of a raw number.
 const PROBE: f64 = 1e-5;
@@ -21,11 +22,6 @@ const NEAR_ENOUGH: f64 = 1e-4;
 /// While pieces are short they may say next to nothing of a parameter, which must not run away meanwhile: it is held at its
 /// start as by one residual for every so much of its raw number.
 const HELD: f64 = 1.0;
-/// Damping at the start, its change after a failed or a good iteration, and where it gives up.
-const DAMPING: f64 = 1e-2;
-const DAMPING_UP: f64 = 8.0;
-const DAMPING_DOWN: f64 = 0.3;
-const DAMPING_LIMIT: f64 = 1e8;
 /// Largest change of a raw number in one iteration.
 const LARGEST_STEP: f64 = 0.5;
 /// Residuals beyond so many usual ones count linearly.
@@ -336,34 +332,18 @@ impl<'a> Problem<'a> {
             let seen = self.seen(piece).iter().map(|seen| !seen.is_nan()).collect::<Vec<_>>();
             residual.iter().zip(seen).filter(|(_, seen)| *seen).map(|(x, _)| x.abs()).collect::<Vec<_>>()
         };
-        let size = median(unknowns.pieces.iter().flat_map(of_piece)).unwrap_or(0.0);
+        let size = upper_median(unknowns.pieces.iter().flat_map(of_piece)).unwrap_or(0.0);
         (size * MEDIAN_TO_DEVIATION).max(LEAST_DEVIATION)
     }
 
     /// Iterates until the cost stands still.
     fn minimise(&self, unknowns: &mut Unknowns, goal: &Goal, converged: f64) {
-        let mut cost = self.cost(unknowns, goal);
-        let mut damping = DAMPING;
-        for _ in 0..ITERATIONS {
-            let at: Vec<_> = unknowns.pieces.iter().map(|piece| self.linearise(piece, &unknowns.raw)).collect();
-            loop {
-                let next = self.stepped(unknowns, &at, goal, damping);
-                let next_cost = next.as_ref().map_or(f64::INFINITY, |next| self.cost(next, goal));
-                if next_cost < cost {
-                    let fall = (cost - next_cost) / cost;
-                    (*unknowns, cost) = (next.expect("a step was made"), next_cost);
-                    damping *= DAMPING_DOWN;
-                    if fall < converged {
-                        return;
-                    }
-                    break;
-                }
-                damping *= DAMPING_UP;
-                if damping > DAMPING_LIMIT {
-                    return;
-                }
-            }
-        }
+        let cost = |unknowns: &Unknowns| self.cost(unknowns, goal);
+        let linearise = |unknowns: &Unknowns| {
+            unknowns.pieces.iter().map(|piece| self.linearise(piece, &unknowns.raw)).collect::<Vec<_>>()
+        };
+        let step = |unknowns: &Unknowns, at: &Vec<Linearised>, damping: f64| self.stepped(unknowns, at, goal, damping);
+        least_squares::minimise(unknowns, (ITERATIONS, converged), cost, linearise, step);
     }
 
     /// The unknowns after a damped Gauss-Newton step; none where there is none.

@@ -12,7 +12,7 @@ use super::sight::Sight;
 use super::source::Passed;
 use super::subject::Subject;
 use crate::network::cells::{CellKind, Coordinates};
-use crate::support::statistics::median;
+use crate::support::statistics::upper_median;
 
 /// Difference of the Bayesian criterion from which on it is believed that something is seen beside the state.
 const CLEARLY_BETTER: f64 = 10.0;
@@ -31,7 +31,7 @@ impl Subject<'_> {
                 encoded.pixels.iter().zip(&centroids.pixels).map(|(encoded, centroid)| (encoded - centroid).abs());
             let apart: Vec<f64> = apart.collect();
             let (learned, held_out) = apart.split_at(2 * self.model.system.objects * self.trained(video));
-            let usual = |apart: &[f64]| median(apart.iter().copied()).unwrap_or(0.0);
+            let usual = |apart: &[f64]| upper_median(apart.iter().copied()).unwrap_or(0.0);
             usual(held_out) > LEAST_STRAY.max(STRAYS * usual(learned))
         })
     }

@@ -8,7 +8,7 @@ use anyhow::Result;
 use super::{Measured, Seen};
 use crate::network::cells::Coordinates;
 use crate::support::atomic;
-use crate::support::statistics::median;
+use crate::support::statistics::upper_median;
 
 /// Where the equation has an object in one frame: pixels of a frame, and those per unit of `dt`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,7 +65,7 @@ impl Measured<'_> {
         (0..objects)
             .map(|object| {
                 let places = seen.pixels.chunks(2).skip(object).step_by(objects);
-                median(places.map(|at| (at[0] - middle).hypot(at[1] - middle))).unwrap_or(0.0)
+                upper_median(places.map(|at| (at[0] - middle).hypot(at[1] - middle))).unwrap_or(0.0)
             })
             .collect()
     }

@@ -4,7 +4,7 @@
 use image::RgbImage;
 
 use crate::import::motion::median_frame;
-use crate::support::statistics::median;
+use crate::support::statistics::upper_median;
 
 /// Difference from the background, summed over the colours, from which on a pixel moves.
 const MOVES: i32 = 60;
@@ -53,7 +53,7 @@ impl ColourTracker {
             distance(pixel.0, behind.0) >= MOVES && distance(pixel.0, self.colour) < ALIKE
         });
         let mut own: Vec<[f64; 2]> = own.map(|((x, y, _), _)| [f64::from(x) + 0.5, f64::from(y) + 0.5]).collect();
-        let mut middle = [0, 1].map(|axis| median(own.iter().map(|place| place[axis])).unwrap_or(f64::NAN));
+        let mut middle = [0, 1].map(|axis| upper_median(own.iter().map(|place| place[axis])).unwrap_or(f64::NAN));
         for _ in 0..ROUNDS {
             let reach = FAR * (own.len() as f64 / std::f64::consts::PI).sqrt();
             own.retain(|[x, y]| (x - middle[0]).hypot(y - middle[1]) <= reach);

@@ -56,7 +56,8 @@ mod tests {
         }
     }
 
-    /// All but the kernels, and but for the decoder's width of a mask's edge and its templates, which the original begins elsewhere.
+    /// All but the kernels, and but for the decoder's width of a mask's edge and its templates, which the original begins
+    /// elsewhere.
     #[test]
     fn biases_and_logarithms_of_parameters_begin_at_zero() {
         let system = tasks::find("spring_color").unwrap().system;

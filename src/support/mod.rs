@@ -6,6 +6,7 @@ pub mod atomic;
 pub mod command_line;
 pub mod device;
 pub mod fast_math;
+pub mod least_squares;
 pub mod memory;
 pub mod random;
 pub mod statistics;

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 pub const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 
 /// The middle one of some numbers, of an even count the upper of the two; none without numbers.
-pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+pub fn upper_median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
@@ -51,8 +51,8 @@ mod tests {
 
     #[test]
     fn medians_of_odd_and_even_counts() {
-        assert_eq!((Spread::of([]), median([])), (None, None));
-        assert_eq!((median([3.0, 1.0, 2.0]), median([4.0, 1.0, 2.0, 3.0])), (Some(2.0), Some(3.0)));
+        assert_eq!((Spread::of([]), upper_median([])), (None, None));
+        assert_eq!((upper_median([3.0, 1.0, 2.0]), upper_median([4.0, 1.0, 2.0, 3.0])), (Some(2.0), Some(3.0)));
         assert_eq!(Spread::of([3.0, 1.0, 2.0]), Some(Spread { median: 2.0, min: 1.0, max: 3.0 }));
         assert_eq!(Spread::of([4.0, 1.0, 2.0, 3.0]), Some(Spread { median: 2.5, min: 1.0, max: 4.0 }));
     }

@@ -1,8 +1,8 @@
 //! Phase 3, join: encoder, physics and decoder trained together, `L_pred + alpha L_rec`.
 //!
-//! With `position_consistency` and `velocity_consistency` at 0 and no refinement this is the original's whole training (paper: section 3.4). The
-//! two extra terms pull the roll-out to the encoded (detached) positions and the velocity estimator to the refined
-//! velocities.
+//! With `position_consistency` and `velocity_consistency` at 0 and no refinement this is the original's whole training
+//! (paper: section 3.4). The two extra terms pull the roll-out to the encoded (detached) positions and the velocity estimator
+//! to the refined velocities.
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ use super::ranges::{at_least_one, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::network::System;
-use crate::network::cells::Actions;
+use crate::network::cells::{Actions, State};
 use crate::network::physics_models::losses::{Losses, MeanLosses, latent_error};
 use crate::network::physics_models::{ForwardPass, Gradients, PhysicsNet, VariableGroup};
 
@@ -124,9 +124,8 @@ impl<'a> Joint<'a> {
         let input = model.system.input_steps as i64;
         let mut terms = Vec::new();
         if self.config.position_consistency > 0.0 {
-            let rolled: Vec<_> = pass.states.iter().map(|state| state.pos.shallow_clone()).collect();
             let encoded = pass.positions.narrow(1, input, model.system.pred_steps as i64);
-            terms.push(latent_error(&Tensor::stack(&rolled, 1), &encoded) * self.config.position_consistency);
+            terms.push(latent_error(&State::positions(&pass.states), &encoded) * self.config.position_consistency);
         }
         let refined = model.options.refinement_steps > 0 && model.black_box.is_none();
         if self.config.velocity_consistency > 0.0 && refined {

@@ -147,8 +147,8 @@ impl Optimizer {
         }
     }
 
-    /// Changes a variable and its slots, and clears the gradient. The arithmetic is done in place as far as it goes, the gradient's memory used up:
-    /// half of the parameters are background and templates, and every pass over them costs.
+    /// Changes a variable and its slots, and clears the gradient. The arithmetic is done in place as far as it goes, the
+    /// gradient's memory used up: half of the parameters are background and templates, and every pass over them costs.
     fn update(&self, place: usize, name: &str, mut variable: Tensor, mut g: Tensor) {
         let slot = |slot: &str| {
             let key = format!("{name}/{slot}");

@@ -14,7 +14,7 @@ use super::phase::Phase;
 use super::ranges::{at_least_one, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::{Clips, ShuffledBatches};
-use crate::network::cells::Actions;
+use crate::network::cells::{Actions, State};
 use crate::network::physics_models::losses::{MeanLosses, latent_error};
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
 
@@ -91,8 +91,7 @@ impl Paths {
         let seen = positions.slice(1, input, None, 1);
         let frames = seen.size()[1] as usize;
         let (_, states) = model.roll_out(&positions.narrow(1, 0, input), &self.actions.since(start), frames);
-        let rolled: Vec<_> = states.into_iter().map(|state| state.pos).collect();
-        (Tensor::stack(&rolled, 1), seen)
+        (State::positions(&states), seen)
     }
 }
 

@@ -115,8 +115,7 @@ fn check_given(case: &mut Case, clips: &Tensor, variables: &[Variable]) -> Resul
 
 fn check_forward(case: &mut Case, model: &PhysicsNet, pass: &ForwardPass) -> Result<()> {
     let sprites = model.decoder.sprites().context("a decoder with sprites")?;
-    let states: Vec<Tensor> = std::iter::once(&pass.initial).chain(&pass.states).map(State::joined).collect();
-    let states = Tensor::stack(&states, 1);
+    let states = pass.sequence();
     let last = pass.states.last().context("at least one predicted frame")?;
     let rendering = model.decoder.forward(&last.pos);
     let last_masks = rendering.masks.unsqueeze(-1);

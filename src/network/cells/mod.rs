@@ -88,6 +88,16 @@ impl State {
         Tensor::cat(&[&self.pos, &self.vel], 1)
     }
 
+    /// States after each other, `[batch, time, 2 * coordinates * objects]`.
+    pub fn sequence<'s>(states: impl IntoIterator<Item = &'s State>) -> Tensor {
+        Tensor::stack(&states.into_iter().map(State::joined).collect::<Vec<_>>(), 1)
+    }
+
+    /// Their positions alone, `[batch, time, coordinates * objects]`.
+    pub fn positions(states: &[State]) -> Tensor {
+        Tensor::stack(&states.iter().map(|state| &state.pos).collect::<Vec<_>>(), 1)
+    }
+
     pub fn detach(&self) -> Self {
         State { pos: self.pos.detach(), vel: self.vel.detach() }
     }

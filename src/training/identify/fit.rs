@@ -1,7 +1,8 @@
 //! The fit of the physical parameters to encoded trajectories.
 //!
-//! Unknown are the log-parameters (of a parameter that has other bounds than 0 the raw number that stands for it), one offset of each object's template (the encoder may put an object beside its centre,
-//! always by as much), and the initial state of each clip.
+//! Unknown are the log-parameters (of a parameter that has other bounds than 0 the raw number that stands for it), one offset
+//! of each object's template (the encoder may put an object beside its centre, always by as much), and the initial state of
+//! each clip.
 //!
 //! The fit is Levenberg-Marquardt in float64 with a Huber loss. The normal equations have an arrow's shape (states of
 //! one clip touch only the shared unknowns), so each clip's states are eliminated first. Derivatives are central
@@ -15,20 +16,16 @@ use crate::kernels::KernelsAlone;
 use crate::network::System;
 use crate::network::cells::{Actions, State, plain};
 use crate::network::physics_models::PhysicsNet;
+use crate::support::least_squares;
 use crate::support::statistics::MEDIAN_TO_DEVIATION;
 
-/// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or natural logarithm. In float64 roll-outs
-/// of positions up to 64 px it leaves nine digits.
+/// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or natural logarithm. In float64
+/// roll-outs of positions up to 64 px it leaves nine digits.
 const PROBE: f64 = 1e-4;
 /// Weight of a squared offset, clip by clip: holds those in place that the physics does not see (a common shift).
 const OFFSET_RIDGE: f64 = 1e-3;
 /// Largest change of a log-parameter in one iteration.
 const LARGEST_LOG_STEP: f64 = 0.5;
-/// Damping at the start, its change after a failed or a good iteration, and where it gives up.
-const DAMPING: f64 = 1e-2;
-const DAMPING_UP: f64 = 8.0;
-const DAMPING_DOWN: f64 = 0.3;
-const DAMPING_LIMIT: f64 = 1e8;
 /// Added to the diagonal of normal equations, of their largest number.
 const LEAST_HELD: f64 = 1e-12;
 /// Relative fall of the cost at which a horizon is done.
@@ -377,34 +374,16 @@ impl Problem<'_> {
     fn minimise(&self, unknowns: &mut Unknowns, max_iterations: usize) -> usize {
         let parameters = unknowns.logs.size()[0];
         let coordinates = unknowns.offsets.size()[0];
-        let mut damping = DAMPING;
-        let mut cost = self.cost(unknowns);
-        for iteration in 0..max_iterations {
-            let at = self.linearise(unknowns);
-            loop {
-                let (shared, states) = self.step(&at, unknowns, damping);
-                let next = Unknowns {
-                    logs: &unknowns.logs + shared.narrow(0, 0, parameters),
-                    offsets: &unknowns.offsets + shared.narrow(0, parameters, coordinates),
-                    states: &unknowns.states + states,
-                };
-                let next_cost = self.cost(&next);
-                // A cost that is not a number is no better either.
-                if next_cost < cost {
-                    let fall = (cost - next_cost) / cost;
-                    (*unknowns, cost) = (next, next_cost);
-                    damping *= DAMPING_DOWN;
-                    if fall < CONVERGED {
-                        return iteration + 1;
-                    }
-                    break;
-                }
-                damping *= DAMPING_UP;
-                if damping > DAMPING_LIMIT {
-                    return iteration + 1;
-                }
-            }
-        }
-        max_iterations
+        let cost = |unknowns: &Unknowns| self.cost(unknowns);
+        let linearise = |unknowns: &Unknowns| self.linearise(unknowns);
+        let step = |unknowns: &Unknowns, at: &Linearised, damping: f64| {
+            let (shared, states) = self.step(at, unknowns, damping);
+            Some(Unknowns {
+                logs: &unknowns.logs + shared.narrow(0, 0, parameters),
+                offsets: &unknowns.offsets + shared.narrow(0, parameters, coordinates),
+                states: &unknowns.states + states,
+            })
+        };
+        least_squares::minimise(unknowns, (max_iterations, CONVERGED), cost, linearise, step)
     }
 }

@@ -6,7 +6,7 @@ use tch::Tensor;
 use super::blobs::{Blob, FrameBlobs};
 use crate::support::assignment::best_assignment;
 use crate::support::random::named_generator;
-use crate::support::statistics::median;
+use crate::support::statistics::upper_median;
 
 /// Blobs that are farther apart than this many of their radii are taken for one object each.
 const APART: f64 = 2.5;
@@ -80,7 +80,7 @@ fn are_alike(frames: &[Vec<Blob>], looks: &[Vec<f64>], [a, b]: [usize; 2]) -> bo
         cost(a, b) + cost(b, a) - cost(a, a) - cost(b, b)
     };
     let margins: Vec<f64> = frames.iter().map(margin).collect();
-    let half = 0.5 * median(margins.iter().copied()).unwrap_or(0.0);
+    let half = 0.5 * upper_median(margins.iter().copied()).unwrap_or(0.0);
     margins.iter().filter(|margin| **margin < half).count() as f64 > UNSURE * margins.len() as f64
 }
 
@@ -101,7 +101,7 @@ impl Names {
         let of_object = |number: fn(&Blob) -> f64, object: usize| {
             // Objects that look alike share their numbers.
             let same = (0..objects).filter(|&other| class[other] == class[object]);
-            median(same.flat_map(|other| frames.iter().map(move |frame| number(&frame[other])))).unwrap_or(0.0)
+            upper_median(same.flat_map(|other| frames.iter().map(move |frame| number(&frame[other])))).unwrap_or(0.0)
         };
         let looks = looks
             .into_iter()
@@ -201,7 +201,7 @@ fn order_axis(frames: &[Vec<Blob>], class: &[usize]) -> i64 {
     let apart = |axis: usize| {
         let pairs = (0..class.len()).flat_map(|b| (0..b).filter(move |&a| class[a] == class[b]).map(move |a| (a, b)));
         let gaps = pairs.flat_map(|(a, b)| frames.iter().map(move |f| (f[a].centre[axis] - f[b].centre[axis]).abs()));
-        median(gaps).unwrap_or(0.0)
+        upper_median(gaps).unwrap_or(0.0)
     };
     i64::from(apart(1) > apart(0))
 }

@@ -3,13 +3,20 @@
 //! Original: `nn/network/blocks.py`. Tensors are `[batch, channels, height, width]`, weights are in PyTorch's layouts
 //! (`[out, in, kh, kw]` and `[out, in]`); names follow the original's scopes, with `weight` for its `kernel`.
 
+mod unet;
+mod variable_from_network;
+
 use anyhow::Result;
 use serde::{Deserialize, Serialize};
 use tch::nn::Path;
 use tch::{Kind, Tensor};
 
-use crate::kernels::{self, ConvolutionKernel, Instructions, Kernels, PreparedConvolution, Shape, UNetKernel};
+use crate::kernels::{self, ConvolutionKernel, Kernels, PreparedConvolution};
 use crate::network::stn::hat_matrix;
+
+pub use unet::{UNet, side_multiple, uses_deep_unet};
+pub use variable_from_network::VariableFromNetwork;
+pub(super) use variable_from_network::{CONSTANT_INPUTS, HIDDEN};
 
 /// What follows a layer's affine map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -250,204 +257,4 @@ pub fn resize_bilinear_x2(x: &Tensor) -> Tensor {
 fn doubling_matrix(n: i64, like: &Tensor) -> Tensor {
     let halves = Tensor::arange(2 * n, (like.kind(), like.device())) * 0.5;
     hat_matrix(&halves.clamp_max((n - 1) as f64), n)
-}
-
-/// A U-Net: `levels` times two convolutions and a 2x2 max pooling with the width doubling, and the way back up with
-/// skip connections. Gives one mask logit per object and pixel.
-#[derive(Debug)]
-pub struct UNet {
-    /// Two convolutions for each level, the lowest (not pooled) last.
-    down: Vec<[Conv2d; 2]>,
-    /// From the lowest level up: the linear convolution after the up-sampling, and the two after the concatenation.
-    up: Vec<(Conv2d, [Conv2d; 2])>,
-    logits: Conv2d,
-    /// Computes it where libtorch need not.
-    kernel: Option<UNetKernel>,
-}
-
-/// Base width and poolings of the two networks (original: `shallow_unet`, `unet`).
-const SHALLOW: (usize, usize) = (8, 2);
-const DEEP: (usize, usize) = (16, 3);
-/// Frames smaller than this go through the shallow network.
-const DEEP_FROM_SIDE: usize = 40;
-
-/// Whether frames of this side go through the deep U-Net (and its masked frames are halved before the dense layers).
-pub fn uses_deep_unet(side: usize) -> bool {
-    side >= DEEP_FROM_SIDE
-}
-
-/// What the side of a frame must be a multiple of, so that every pooling halves it: 4, or 8 in the deep U-Net.
-pub fn side_multiple(side: usize) -> usize {
-    let (_, poolings) = if uses_deep_unet(side) { DEEP } else { SHALLOW };
-    1 << poolings
-}
-
-impl UNet {
-    /// The shape of the U-Net the original uses for frames of this side.
-    pub fn shape(side: usize, channels: usize, objects: usize) -> Shape {
-        let (base, poolings) = if uses_deep_unet(side) { DEEP } else { SHALLOW };
-        Shape { side, channels, objects, base, poolings }
-    }
-
-    /// The U-Net the original uses for frames of this side.
-    pub fn for_side(layers: &mut Layers, side: usize, channels: usize, objects: usize, kernels: Kernels) -> Self {
-        Self::of_shape(layers, Self::shape(side, channels, objects), kernels)
-    }
-
-    pub fn of_shape(layers: &mut Layers, shape: Shape, kernels: Kernels) -> Self {
-        let Shape { channels, objects, base, poolings, .. } = shape;
-        let mut down = Vec::new();
-        let (mut inputs, mut width) = (channels, base);
-        for _ in 0..=poolings {
-            down.push([
-                layers.conv2d(inputs, width, 3, Activation::Relu),
-                layers.conv2d(width, width, 3, Activation::Relu),
-            ]);
-            inputs = width;
-            width *= 2;
-        }
-        let mut up = Vec::new();
-        for level in (0..poolings).rev() {
-            let skip = base << level;
-            let upsampled = layers.conv2d(inputs, 2 * base, 3, Activation::None);
-            up.push((
-                upsampled,
-                [
-                    layers.conv2d(2 * base + skip, skip, 3, Activation::Relu),
-                    layers.conv2d(skip, skip, 3, Activation::Relu),
-                ],
-            ));
-            inputs = skip;
-        }
-        let kernel = (kernels == Kernels::Own).then(|| UNetKernel::new(Instructions::best(), shape));
-        UNet { down, up, logits: layers.conv2d(base, objects, 1, Activation::None), kernel }
-    }
-
-    /// Weights and biases of all layers, in their order.
-    fn layers(&self) -> Vec<(&Tensor, &Tensor)> {
-        let down = self.down.iter().flatten();
-        let up = self.up.iter().flat_map(|(upsampled, after)| std::iter::once(upsampled).chain(after));
-        down.chain(up).chain([&self.logits]).map(|layer| (&layer.weight, &layer.bias)).collect()
-    }
-
-    /// `[frames, channels, S, S]` in \[0, 1\] to logits `[frames, objects, S, S]`.
-    pub fn forward(&self, frames: &Tensor) -> Tensor {
-        match &self.kernel {
-            Some(kernel) if kernel.serves(frames, &self.logits.weight) => kernel.forward(&self.layers(), frames),
-            _ => self.forward_by_libtorch(frames),
-        }
-    }
-
-    fn forward_by_libtorch(&self, frames: &Tensor) -> Tensor {
-        let mut skips: Vec<Tensor> = Vec::new();
-        let mut h = frames.shallow_clone();
-        for [first, second] in &self.down {
-            if !skips.is_empty() {
-                h = h.max_pool2d(2, 2, 0, 1, false);
-            }
-            h = second.forward(&first.forward(&h));
-            skips.push(h.shallow_clone());
-        }
-        skips.pop();
-        for (upsampled, [first, second]) in &self.up {
-            let skip = skips.pop().expect("one skip connection for each level");
-            h = Tensor::cat(&[upsampled.forward(&resize_bilinear_x2(&h)), skip], 1);
-            h = second.forward(&first.forward(&h));
-        }
-        self.logits.forward(&h)
-    }
-
-    /// Gives the logits another order: the one that was `order[i]` (`[objects]`) is i from now on.
-    pub fn reorder_logits(&self, order: &Tensor) {
-        let _guard = tch::no_grad_guard();
-        let Conv2d { weight, bias, .. } = &self.logits;
-        for values in [weight, bias] {
-            values.shallow_clone().copy_(&values.index_select(0, order));
-        }
-    }
-
-    /// Replaces each logit y by `scale (y - mean) + centre`; `mean` is `[objects]`.
-    pub fn rescale_logits(&self, scale: &Tensor, mean: &Tensor, centre: f64) {
-        let _guard = tch::no_grad_guard();
-        let Conv2d { weight, bias, .. } = &self.logits;
-        bias.shallow_clone().copy_(&((bias - mean) * scale + centre));
-        let _ = weight.shallow_clone().g_mul_(scale);
-    }
-}
-
-/// A learned array written as the output of a small network on a constant input, which conditions its training better
-/// than a bare variable (original: `variable_from_network`).
-#[derive(Debug)]
-pub struct VariableFromNetwork {
-    hidden: Dense,
-    output: Dense,
-    shape: Vec<i64>,
-}
-
-/// Of a learned array's network: its constant inputs and its hidden units.
-pub(super) const CONSTANT_INPUTS: usize = 10;
-pub(super) const HIDDEN: usize = 200;
-
-impl VariableFromNetwork {
-    pub fn new(layers: &mut Layers, shape: &[i64]) -> Self {
-        let values: i64 = shape.iter().product();
-        VariableFromNetwork {
-            hidden: layers.dense(CONSTANT_INPUTS, HIDDEN, Activation::Tanh),
-            output: layers.dense(HIDDEN, values as usize, Activation::None),
-            shape: shape.to_vec(),
-        }
-    }
-
-    /// The array, of the shape given at construction.
-    pub fn value(&self) -> Tensor {
-        let weight = &self.hidden.weight;
-        let ones = Tensor::ones([1, CONSTANT_INPUTS as i64], (weight.kind(), weight.device()));
-        self.output.forward(&self.hidden.forward(&ones)).reshape(&self.shape)
-    }
-
-    /// Begins the array at `values` (as many as it has, in its order), with the output kernel scaled by `kernel`.
-    pub fn start_at(&self, values: &Tensor, kernel: f64) {
-        self.output.start_at(values, kernel);
-    }
-
-    /// The same array as a constant; see [`Dense::detached`].
-    pub fn detached(&self) -> Self {
-        VariableFromNetwork {
-            hidden: self.hidden.detached(),
-            output: self.output.detached(),
-            shape: self.shape.clone(),
-        }
-    }
-
-    /// Begins the array as another one of the same hidden layer; `map`, a linear map, makes this array's shape of that
-    /// one's; it takes and gives `[shape.., columns]`.
-    pub fn begin_as(&self, other: &Self, map: impl Fn(&Tensor) -> Tensor) {
-        let _guard = tch::no_grad_guard();
-        for (mine, others) in [(&self.hidden.weight, &other.hidden.weight), (&self.hidden.bias, &other.hidden.bias)] {
-            mine.shallow_clone().copy_(others);
-        }
-        self.set_columns(&map(&other.columns()));
-    }
-
-    /// Applies a linear map to the array by applying it to the output layer; `map` takes and gives
-    /// `[shape.., columns]`.
-    pub fn map(&self, map: impl Fn(&Tensor) -> Tensor) {
-        let _guard = tch::no_grad_guard();
-        self.set_columns(&map(&self.columns()));
-    }
-
-    /// The output layer's kernel and bias, `[shape.., columns]`.
-    fn columns(&self) -> Tensor {
-        let Dense { weight, bias, .. } = &self.output;
-        let shape: Vec<i64> = self.shape.iter().copied().chain([-1]).collect();
-        Tensor::cat(&[weight, &bias.unsqueeze(1)], 1).reshape(shape)
-    }
-
-    fn set_columns(&self, columns: &Tensor) {
-        let Dense { weight, bias, .. } = &self.output;
-        let (values, inputs) = weight.size2().expect("a kernel [values, inputs]");
-        let flat = columns.reshape([values, inputs + 1]);
-        weight.shallow_clone().copy_(&flat.narrow(1, 0, inputs));
-        bias.shallow_clone().copy_(&flat.select(1, inputs));
-    }
 }

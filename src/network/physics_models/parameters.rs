@@ -1,0 +1,62 @@
+//! The physical parameters of a model.
+
+use anyhow::{Result, ensure};
+use tch::Tensor;
+
+use super::PhysicsNet;
+use crate::network::cells::PhysicalParameter;
+
+/// A parameter of a model's equation.
+#[derive(Debug)]
+pub struct Parameter {
+    pub kind: &'static PhysicalParameter,
+    /// The number without bounds that stands for the value, a scalar: the logarithm of a positive one. Lengths are in the
+    /// model's unit of position.
+    pub raw: Tensor,
+    /// Otherwise it is fixed.
+    pub learned: bool,
+}
+
+/// The raw number of a value in the model's unit.
+pub(super) fn raw_within(kind: &PhysicalParameter, value: f64) -> Result<f64> {
+    let PhysicalParameter { name, bounds, .. } = kind;
+    ensure!(bounds.contain(value), "parameter {name} = {value} in the model's unit: must be {bounds}");
+    Ok(bounds.raw(value))
+}
+
+impl PhysicsNet {
+    /// The parameters that are learned.
+    pub fn learned(&self) -> impl Iterator<Item = &Parameter> {
+        self.parameters.iter().filter(|parameter| parameter.learned)
+    }
+
+    /// Sets the raw number of a parameter that is learned: of a positive one the logarithm.
+    pub fn set_raw(&self, parameter: &Parameter, raw: f64) {
+        let _guard = tch::no_grad_guard();
+        let _ = parameter.raw.shallow_clone().fill_(raw);
+    }
+
+    /// Sets a parameter that is learned, lengths in true pixels.
+    ///
+    /// # Errors
+    /// A value that is not within the parameter's bounds.
+    pub fn set_value(&self, parameter: &Parameter, value: f64) -> Result<()> {
+        self.set_raw(parameter, raw_within(parameter.kind, value / self.true_unit(parameter.kind))?);
+        Ok(())
+    }
+
+    /// The value that a raw number of a parameter stands for, lengths in true pixels.
+    pub fn true_value(&self, kind: &PhysicalParameter, raw: f64) -> f64 {
+        kind.bounds.value(raw) * self.true_unit(kind)
+    }
+
+    /// The learned parameters as `(symbol, value)`, lengths in true pixels whatever the decoder's scale.
+    pub fn parameter_values(&self) -> Vec<(&'static str, f64)> {
+        self.learned().map(|p| (p.kind.name, self.true_value(p.kind, p.raw.double_value(&[])))).collect()
+    }
+
+    /// What one model unit of a parameter is in true pixels.
+    fn true_unit(&self, kind: &PhysicalParameter) -> f64 {
+        self.options.length_per_unit(&self.system).powi(kind.length_power)
+    }
+}

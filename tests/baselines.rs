@@ -206,3 +206,19 @@ fn a_whole_model_goes_on_to_the_same_bits() {
         assert!(a.equal(b), "{name}");
     }
 }
+
+/// A training that leaves the numbers ends in a line that says so, also where libtorch refuses what is none.
+#[test]
+fn a_whole_model_that_diverges_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let mut generate = Command::new(env!("CARGO_BIN_EXE_generate"));
+    generate.args(["--task", "spring_color", "--train", "10", "--valid", "4", "--test", "2", "--out"]).arg(&data);
+    assert!(generate.output().unwrap().status.success());
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ddpae"));
+    command.args(["--batch", "2", "--steps", "6", "--threads", "1", "--learning-rate", "1e30", "--data"]);
+    let done = command.arg(&data).arg("--out").arg(folder.path().join("run")).output().unwrap();
+    assert_eq!(done.status.code(), Some(1), "{}", text(&done));
+    let said = String::from_utf8(done.stderr).unwrap();
+    assert!(said.contains("not finite at step") && said.contains("lower learning rate"), "{said}");
+}

@@ -280,7 +280,10 @@ impl FrameModel for Ddpae {
         let input = clips.narrow(1, 0, self.input_steps);
         let Inferred { frames, divergence } = self.infer(&input, (time - self.input_steps) as usize, &mut noise);
         let bright = frames * (1.0 - 2.0 * CERTAIN) + CERTAIN;
-        let entropy = bright.binary_cross_entropy(clips, None::<&Tensor>, tch::Reduction::Sum);
+        // libtorch takes no picture that is not one of numbers: such a one shows in what is added, which is 0 otherwise.
+        let wrong = (&bright * 0.0).sum(Kind::Float);
+        let bright = bright.nan_to_num(0.5, 0.5, 0.5);
+        let entropy = bright.binary_cross_entropy(clips, None::<&Tensor>, tch::Reduction::Sum) + wrong;
         (entropy / batch as f64 + divergence).sum(Kind::Float) / time as f64
     }
 

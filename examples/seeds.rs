@@ -54,7 +54,8 @@ struct Course {
     truths: Vec<(String, f64)>,
     /// Seconds, and the largest error of a parameter as a share of its truth.
     errors: Vec<(f64, f64)>,
-    last: Option<Record>,
+    /// The best validation of the phase that runs, to which the model returns at its end.
+    best: Option<Record>,
 }
 
 impl Observer for Course {
@@ -67,8 +68,9 @@ impl Observer for Course {
             |(name, truth): &(String, f64)| (record.parameters.get(name).map_or(f64::NAN, |x| x / truth) - 1.0).abs();
         let largest = self.truths.iter().map(error).fold(0.0, f64::max);
         self.errors.push((self.began.elapsed().as_secs_f64(), largest));
-        if record.score.is_some() {
-            self.last = Some((*record).clone());
+        let better = self.best.as_ref().is_none_or(|best| best.phase != record.phase || record.score < best.score);
+        if record.score.is_some() && better {
+            self.best = Some((*record).clone());
         }
         Ok(())
     }
@@ -103,12 +105,12 @@ fn main() -> Result<()> {
         device::set_threads(arguments.threads)?;
         let config = Config { seed, ..config.clone() };
         let course = one(&config, &dataset, device, begun).with_context(|| format!("seed {seed}"))?;
-        let last = course.last.as_ref().context("a training is validated")?;
+        let best = course.best.as_ref().context("a training is validated")?;
         let line = json!({
             "task": config.task.name, "seed": seed, "device": config.device,
             "seconds_to_2_percent": course.seconds_to(0.02), "seconds_to_half_percent": course.seconds_to(0.005),
-            "seconds": begun.elapsed().as_secs_f64(), "seconds_alone": last.seconds, "parameters": last.parameters,
-            "recons_loss": last.recons_loss, "pred_loss": last.pred_loss,
+            "seconds": begun.elapsed().as_secs_f64(), "parameters": best.parameters,
+            "recons_loss": best.recons_loss, "pred_loss": best.pred_loss,
         });
         println!("{line}");
         Ok(())
@@ -125,7 +127,7 @@ fn one(config: &Config, dataset: &Dataset, device: Device, began: Instant) -> Re
     let [train, valid] = [Split::Train, Split::Valid].map(|split| dataset.clips(split, device));
     let truths = config.task.system.cell.parameters.iter().map(|parameter| parameter.name);
     let truths = truths.filter_map(|name| Some((name.to_string(), config.task.truth_of(name)?))).collect();
-    let mut course = Course { began, truths, errors: Vec::new(), last: None };
+    let mut course = Course { began, truths, errors: Vec::new(), best: None };
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
     let learned: Vec<_> = model.learned().map(|parameter| parameter.kind.name.to_string()).collect();
     course.truths.retain(|(name, _): &(String, f64)| learned.contains(name));

@@ -185,6 +185,7 @@ fn a_whole_model_goes_on_to_the_same_bits() {
         command.args(["--batch", "2", "--checkpoint-every", "2", "--threads", "1", "--steps", steps, "--data"]);
         let done = command.arg(&data).arg("--out").arg(folder.path().join(out)).output().unwrap();
         assert!(done.status.success(), "{}", text(&done));
+        text(&done)
     };
     train("whole", "6");
     train("half", "6");
@@ -193,7 +194,8 @@ fn a_whole_model_goes_on_to_the_same_bits() {
     let [whole, half, start] = ["whole", "half", "start"].map(|name| folder.path().join(name));
     fs::copy(start.join("checkpoint.safetensors"), half.join("checkpoint.safetensors")).unwrap();
     fs::remove_file(half.join("scores.json")).unwrap();
-    train("half", "6");
+    let said = train("half", "6");
+    assert!(said.contains("step 4: validation") && !said.contains("step 2: validation"), "{said}");
     let weights = |run: &Path| {
         let mut all = Tensor::read_safetensors(run.join("checkpoint.safetensors")).unwrap();
         all.retain(|(name, _)| name != "progress");

@@ -81,8 +81,8 @@ fn config(steps: u64) -> WholeConfig {
     }
 }
 
-/// Trains in a folder; stops after so many steps, if any are given.
-fn train(config: &WholeConfig, folder: &Path, until: Option<u64>) -> (Planet, Outcome) {
+/// Trains in a folder; stops after so many steps, if any are given. Tells after which steps it was validated, too.
+fn train(config: &WholeConfig, folder: &Path, until: Option<u64>) -> (Planet, Outcome, Vec<u64>) {
     let (clips, rewards) = spots(16);
     let data = WholeData { train: &clips, rewards: Some(&rewards), valid: &clips, test: &clips };
     let asked = Cell::new(0);
@@ -90,10 +90,12 @@ fn train(config: &WholeConfig, folder: &Path, until: Option<u64>) -> (Planet, Ou
         asked.set(asked.get() + 1);
         until.is_some_and(|until| asked.get() >= until)
     };
-    let outcome = training::train(config, &system(), data, folder, &stop, &mut |_| {}).unwrap();
+    let mut validated = Vec::new();
+    let outcome =
+        training::train(config, &system(), data, folder, &stop, &mut |record| validated.push(record.step)).unwrap();
     let planet = Planet::new(&system(), 99, Device::Cpu);
     training::load_weights(folder, &planet).unwrap();
-    (planet, outcome)
+    (planet, outcome, validated)
 }
 
 fn loss(planet: &Planet) -> f64 {
@@ -133,12 +135,13 @@ fn a_small_training_learns_what_pushes_are_worth_and_can_be_cut_off() {
     let [whole, cut] = ["whole", "cut"].map(|name| folder.path().join(name));
     let config = config(200);
     let before = loss(&Planet::new(&system(), config.seed, Device::Cpu));
-    let (planet, outcome) = train(&config, &whole, None);
+    let (planet, outcome, validated) = train(&config, &whole, None);
     assert_eq!(outcome, Outcome::Finished);
     let after = loss(&planet);
     assert!(after < 0.3 * before, "{before} to {after}");
     assert_eq!(train(&config, &cut, Some(70)).1, Outcome::Interrupted);
-    let (gone_on, _) = train(&config, &cut, None);
+    let (gone_on, _, validated_again) = train(&config, &cut, None);
+    assert_eq!((validated, validated_again), (vec![0, 50, 100, 150, 200], vec![100, 150, 200]));
     for ((name, one), (_, other)) in named_variables(&planet).iter().zip(&named_variables(&gone_on)) {
         assert_eq!(one, other, "{name}");
     }

@@ -6,7 +6,7 @@ mod process;
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
 use common::{fresh, spring, text, write_config};
@@ -96,7 +96,7 @@ fn best_and_last_of_join(metrics: &[Value]) -> (u64, u64) {
 }
 
 /// Trains into `whole` by the command that `fresh` makes for a folder, and into `killed` by the same one, killed at ever
-/// later moments and taken up by `again`: the bits are the same.
+/// later moments and taken up by `again`: the bits are the same, and are not those of a run that began anew.
 fn resumes_to_the_same_bits(
     [whole, killed]: [&Path; 2],
     fresh: impl Fn(&Path) -> Command,
@@ -106,10 +106,10 @@ fn resumes_to_the_same_bits(
     assert!(done.status.success(), "{}", text(&done));
 
     // Killed at ever later moments, wherever in a step, a save or a phase that happens to be.
-    let mut kills = 0;
+    let (mut kills, mut taken_up) = (0, Vec::new());
     for attempt in 0.. {
         let mut command = if killed.join("config.toml").exists() { again(killed) } else { fresh(killed) };
-        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         std::thread::sleep(Duration::from_millis(400 + 450 * attempt));
         if child.try_wait().unwrap().is_none() {
             // SIGKILL: nothing can be saved any more.
@@ -117,6 +117,7 @@ fn resumes_to_the_same_bits(
             kills += 1;
         }
         let output = child.wait_with_output().unwrap();
+        taken_up.extend(steps_done_before(&output));
         if output.status.success() {
             break;
         }
@@ -124,11 +125,19 @@ fn resumes_to_the_same_bits(
         assert!(attempt < 40, "the run never finished");
     }
     assert!(kills > 0, "the run finished before it could be killed");
+    assert!(taken_up.is_sorted() && taken_up.last() > Some(&0), "begun anew after {kills} kills: {taken_up:?}");
     assert!(last_weights(whole) == last_weights(killed), "weights differ after {kills} kills");
     let begin = serde_json::json!({"kind": "begin", "phase": "", "step": 0, "format": 1});
     assert_eq!(metrics(whole)[0], begin);
     assert_eq!(metrics(whole), metrics(killed));
     assert_eq!(fs::read(whole.join("log.txt")).unwrap(), fs::read(killed.join("log.txt")).unwrap());
+}
+
+/// After how many steps a run was taken up, as it says.
+fn steps_done_before(output: &Output) -> Option<u64> {
+    let said = text(output);
+    let (_, rest) = said.split_once("resuming after step ")?;
+    Some(rest.split(' ').next().unwrap().parse().unwrap())
 }
 
 #[test]

@@ -352,12 +352,8 @@ impl<'a> Running<'a> {
 
     /// Replaces the checkpoint in one step, after the metrics that belong to it.
     fn save(&mut self) -> Result<()> {
-        for (name, variable) in &self.variables {
-            ensure!(
-                weights::is_finite(variable),
-                "variable {name} is not finite after step {}; begin again with a lower learning rate",
-                self.step
-            );
+        if let Some(name) = weights::first_not_finite(&self.variables) {
+            bail!("variable {name} is not finite after step {}; begin again with a lower learning rate", self.step);
         }
         self.metrics.sync_data().context("cannot write the metrics")?;
         let progress = Tensor::from_slice(&[self.step as f64, self.seconds()]);

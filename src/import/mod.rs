@@ -17,7 +17,7 @@ pub mod time_base;
 pub mod tracker;
 mod warnings;
 
-use std::io::{ErrorKind, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -113,10 +113,9 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
         atomic::write_folder(&request.out, fill)?
     } else {
         // Until all is written the folder holds no task: the old one is of other clips.
-        storage().remove_file(&request.out.join("task.toml")).or_else(|error| match error.kind() {
-            ErrorKind::NotFound => Ok(()),
-            _ => Err(error).with_context(|| format!("cannot replace {}", request.out.display())),
-        })?;
+        storage()
+            .remove_if_there(&request.out.join("task.toml"))
+            .with_context(|| format!("cannot replace {}", request.out.display()))?;
         fill(&request.out)?
     }
     let used = reel.takes.iter().map(|Take { video, kept, .. }| ImportedTake {

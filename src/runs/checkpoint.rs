@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
-use super::weights::{self, Named, is_finite};
+use super::weights::{self, Named, first_not_finite};
 use crate::network::physics_models::PhysicsNet;
 use crate::support::atomic;
 use crate::support::random::fnv1a;
@@ -340,8 +340,8 @@ impl Store {
 /// The model's variables, if all are finite.
 fn finite_weights(model: &PhysicsNet, steps: u64) -> Result<Named> {
     let weights = model.named_variables();
-    for (name, weight) in &weights {
-        ensure!(is_finite(weight), "variable {name} is not finite after step {steps}; nothing was saved");
+    if let Some(name) = first_not_finite(&weights) {
+        bail!("variable {name} is not finite after step {steps}; nothing was saved");
     }
     Ok(weights)
 }

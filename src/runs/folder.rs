@@ -33,10 +33,9 @@ impl RunFolder {
         storage().create_folder(path).with_context(|| format!("cannot create the run folder {}", path.display()))?;
         let folder = Self::open(path)?;
         // Of a run that was deleted: this one is not finished.
-        storage().remove_file(&path.join(DONE)).or_else(|error| match error.kind() {
-            ErrorKind::NotFound => Ok(()),
-            _ => Err(error).with_context(|| format!("cannot begin a run in {}", path.display())),
-        })?;
+        storage()
+            .remove_if_there(&path.join(DONE))
+            .with_context(|| format!("cannot begin a run in {}", path.display()))?;
         atomic::write_file(&path.join(CONFIG), |file| Ok(file.write_all(config.as_bytes())?))?;
         Ok(folder)
     }

@@ -161,6 +161,11 @@ fn set(saved: &[(String, Tensor)], variables: Named) -> Result<()> {
     Ok(())
 }
 
+/// The name of the first that holds a NaN or an infinity.
+pub fn first_not_finite(variables: &[(String, Tensor)]) -> Option<&str> {
+    variables.iter().find(|(_, variable)| !is_finite(variable)).map(|(name, _)| name.as_str())
+}
+
 /// Whether every element is a number.
 pub fn is_finite(tensor: &Tensor) -> bool {
     tensor.to_kind(Kind::Double).isfinite().all().int64_value(&[]) == 1

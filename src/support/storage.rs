@@ -37,6 +37,13 @@ pub trait Storage: Debug {
     fn sync(&self, path: &Path) -> io::Result<()>;
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
     fn remove_file(&self, path: &Path) -> io::Result<()>;
+    /// A file that is not there is no error.
+    fn remove_if_there(&self, path: &Path) -> io::Result<()> {
+        match self.remove_file(path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+            removed => removed,
+        }
+    }
     /// With all that is in it.
     fn remove_folder(&self, path: &Path) -> io::Result<()>;
     /// With those above it; one that is there is no error.

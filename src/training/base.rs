@@ -21,7 +21,7 @@ use crate::kernels::Repeated;
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{BestOf, RunState, Store};
 use crate::runs::metrics::{Kind, Record};
-use crate::runs::weights::{self, Named, is_finite};
+use crate::runs::weights::{self, Named, first_not_finite, is_finite};
 
 /// How a training or a phase ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -211,9 +211,8 @@ impl Session<'_> {
         phase: &str,
         objective: Option<&mut dyn Objective>,
     ) -> Result<Option<String>> {
-        let wrong = variables.iter().find(|(_, variable)| !is_finite(variable));
-        let culprit = match (wrong, objective) {
-            (Some((name, _)), _) => Some(format!("variable {name} is not finite")),
+        let culprit = match (first_not_finite(variables), objective) {
+            (Some(name), _) => Some(format!("variable {name} is not finite")),
             (None, Some(objective)) => self.validate(phase, objective)?,
             (None, None) => None,
         };
@@ -320,11 +319,10 @@ impl Session<'_> {
 
 /// Says which tensor first went wrong.
 fn not_finite(loss: &StepLoss, variables: &[(String, Tensor)]) -> String {
-    let variable = variables.iter().find(|(_, variable)| !is_finite(variable));
     let parts = [("recons_loss", loss.reconstruction.as_ref()), ("pred_loss", loss.prediction.as_ref())];
     let part = parts.into_iter().find(|(_, part)| part.is_some_and(|part| !is_finite(part)));
-    let culprit = match (variable, part) {
-        (Some((name, _)), _) => format!("variable {name}"),
+    let culprit = match (first_not_finite(variables), part) {
+        (Some(name), _) => format!("variable {name}"),
         (None, Some((name, _))) => name.to_string(),
         (None, None) => "the total loss".to_string(),
     };

@@ -162,8 +162,11 @@ fn names(explanation: &Explanation) -> Check {
 fn motion_explained(model: &PhysicsNet, explanation: &Explanation) -> Check {
     let unit = model.system.cell.coordinates.unit();
     let measured = format!(
-        "the equation leaves {:.3} {unit} of the positions, of what it can tell {:.3} {unit}; encoder and masks differ by {:.3} px",
-        explanation.fit.usual_residual, explanation.independent_residual, explanation.disagreement
+        "the equation leaves {:.3} {unit} of the positions, of what it can tell {:.3} {unit} (at most {:.3}); encoder and masks differ by {:.3} px",
+        explanation.fit.usual_residual,
+        explanation.independent_residual,
+        explanation.largest_residual,
+        explanation.disagreement
     );
     check("motion", explanation.explains(), measured, "parameters.png; is it the right equation?")
 }

@@ -17,7 +17,7 @@ use crate::support::statistics::MEDIAN_TO_DEVIATION;
 const RENAMED_CLIPS: f64 = 0.15;
 /// Rounds of naming by the fitted motion.
 const NAMING_ROUNDS: usize = 4;
-/// A usual residual of more than this, pixels or radians, makes the fit try other starts: the logarithms of all parameters
+/// A usual residual of more than this, pixels, makes the fit try other starts: the logarithms of all parameters
 /// changed by these.
 const TRY_OTHERS: f64 = 0.25;
 const OTHER_STARTS: [f64; 3] = [1.4, -1.4, 2.8];
@@ -42,7 +42,7 @@ const KEEPING_ROUNDS: usize = 3;
 const HUBER_OF_USUAL: f64 = 1.345;
 pub(super) const LEAST_HUBER: f64 = 0.02;
 
-/// The largest residual of a motion that is explained, pixels or radians.
+/// The largest residual of a motion that is explained, pixels.
 const LARGEST_RESIDUAL: f64 = 0.5;
 /// The worse measure of the positions is still a witness while its residual is at most so many times the better one's.
 const WITNESS: f64 = 1.5;
@@ -66,6 +66,8 @@ pub struct Explanation {
     /// What is left of those combinations of coordinates that the equation tells best: of the distance of two objects
     /// where a camera shakes.
     pub independent_residual: f64,
+    /// The largest of them that counts as explained, in their unit.
+    pub largest_residual: f64,
     /// Log-parameters by either measure of the positions, as far as it fits nearly as well as the better one.
     pub estimates: Vec<Vec<f64>>,
 }
@@ -73,7 +75,7 @@ pub struct Explanation {
 impl Explanation {
     /// Whether the equation explains what was seen.
     pub fn explains(&self) -> bool {
-        self.explained >= LEAST_KEPT && self.independent_residual <= LARGEST_RESIDUAL
+        self.explained >= LEAST_KEPT && self.independent_residual <= self.largest_residual
     }
 
     /// Gives the model the parameters, if the equation explains what was seen.
@@ -112,7 +114,7 @@ impl Explanation {
 /// # Errors
 /// Positions that are not finite.
 pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start) -> Result<Explanation> {
-    let fits = Fits { config, model, seen, start };
+    let fits = Fits { config, model, seen, start, pixel: seen.pixel(&model.system) };
     let naming = fits.naming();
     let clips = seen.centroids.size()[0] as f64;
     let names_change = naming.as_ref().map_or(0.0, |naming| naming.changed as f64 / clips);
@@ -158,6 +160,7 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
         disagreement: seen.disagreement(),
         by_encoder: encoder_wins,
         independent_residual,
+        largest_residual: LARGEST_RESIDUAL * fits.pixel,
         estimates,
     })
 }
@@ -168,6 +171,8 @@ struct Fits<'a> {
     model: &'a PhysicsNet,
     seen: &'a Seen,
     start: &'a Start,
+    /// A pixel in the unit of the equation's coordinates.
+    pixel: f64,
 }
 
 impl Fits<'_> {
@@ -208,7 +213,7 @@ impl Fits<'_> {
         let mut best = from(logs.clone())?;
         let changes = if learned.contains(&true) { &OTHER_STARTS[..] } else { &[] };
         for change in changes {
-            if best.usual_residual <= TRY_OTHERS {
+            if best.usual_residual <= TRY_OTHERS * self.pixel {
                 break;
             }
             let other =

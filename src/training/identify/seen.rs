@@ -6,8 +6,9 @@
 use tch::{Device, Kind, Tensor};
 
 use crate::datasets::iterators::Clips;
-use crate::network::cells::Actions;
+use crate::network::cells::{Actions, Coordinates};
 use crate::network::physics_models::PhysicsNet;
+use crate::network::system::System;
 use crate::training::objects::motion::Motion;
 
 /// An object whose mask holds less of what moves than this, in saturated pixels, has no centroid: the encoder's position
@@ -74,6 +75,18 @@ impl Seen {
             owned: numbers(mean(&owned)),
             covered: mean(&covered).double_value(&[]),
             actions: clips.actions(&chosen),
+        }
+    }
+
+    /// One pixel in the unit of the equation's coordinates: 1, or radians where an object usually is.
+    pub fn pixel(&self, system: &System) -> f64 {
+        match system.cell.coordinates {
+            Coordinates::Position => 1.0,
+            Coordinates::Angle => {
+                let from_middle = self.centroids.reshape([-1, 2]) - system.side as f64 / 2.0;
+                let arm = from_middle.square().sum_dim_intlist([1i64].as_slice(), false, None).sqrt().median();
+                1.0 / arm.double_value(&[]).max(1.0)
+            }
         }
     }
 

@@ -15,14 +15,14 @@ fn whole() -> System {
     tasks::builtin("mnist_spring_color").unwrap().system
 }
 
-fn model(system: &System, seed: u64) -> PhysicsNet {
-    let options = ModelOptions { exact_shift: true, ..ModelOptions::original() };
+fn model(system: &System, seed: u64, exact_shift: bool) -> PhysicsNet {
+    let options = ModelOptions { exact_shift, ..ModelOptions::original() };
     PhysicsNet::new(system, &options, Device::Cpu, seed).unwrap()
 }
 
 /// A model of the halved system with bright round sprites, and one of the whole system that begins as it.
-fn pair() -> [PhysicsNet; 2] {
-    let [coarse, fine] = [model(&whole().halved(), 1), model(&whole(), 2)];
+fn pair(exact_shift: bool) -> [PhysicsNet; 2] {
+    let [coarse, fine] = [model(&whole().halved(), 1, exact_shift), model(&whole(), 2, exact_shift)];
     let line = Tensor::arange(16, FLOAT) - 7.5;
     // Smooth: a sharp edge would be sampled at another place on each grid.
     let inside = ((line.square().unsqueeze(0) + line.square().unsqueeze(1)) / -18.0).exp();
@@ -61,7 +61,7 @@ fn halved_clips_are_means_of_four_pixels() {
 /// The localisation network of large frames sees them halved in any case: what it learned on halved frames holds.
 #[test]
 fn objects_are_localised_where_they_were() {
-    let [coarse, fine] = pair();
+    let [coarse, fine] = pair(true);
     let masked = Tensor::rand([2, 6, 3, SIDE, SIDE], FLOAT);
     let halved = masked.flatten(0, 1).avg_pool2d(2, 2, 0, false, true, None).reshape([2, 6, 3, SIDE / 2, SIDE / 2]);
     let (by_fine, by_coarse) = (fine.encoder.localise(&masked), coarse.encoder.localise(&halved));
@@ -69,17 +69,23 @@ fn objects_are_localised_where_they_were() {
     assert!(by_fine.std(true).double_value(&[]) > 0.1, "all in one place: nothing is tested");
 }
 
-/// Positions are in pixels of the whole frame in both: a disc is drawn around the same place, as large as it was.
+/// Positions are in pixels of the whole frame in both: a disc is drawn around the same place, as large as it was, in the original
+/// decoder's unit of length as well.
 #[test]
 fn sprites_are_drawn_where_they_were() {
-    let [coarse, fine] = pair();
+    for exact_shift in [true, false] {
+        drawn_where_they_were(&pair(exact_shift));
+    }
+}
+
+fn drawn_where_they_were([coarse, fine]: &[PhysicsNet; 2]) {
     let positions = positions();
     // Where neither disc hides the other.
     let apart = (positions.select(1, 0) - positions.select(1, 2)).abs().gt(20.0).nonzero().squeeze_dim(1);
     assert!(apart.size()[0] > 3);
     let positions = positions.index_select(0, &apart);
     let sum = |x: Tensor, axes: &[i64]| x.sum_dim_intlist(axes, false, None);
-    let drawn = [&coarse, &fine].map(|model| {
+    let drawn = [coarse, fine].map(|model| {
         // Squared: what is faintly there all over the frame does not count.
         let first = tch::no_grad(|| model.decoder.forward(&positions).masks).get(0).square();
         let mass = sum(first.shallow_clone(), &[1, 2]);
@@ -98,7 +104,7 @@ fn sprites_are_drawn_where_they_were() {
 /// The encoder's kernels and the parameters are taken over as they are, in the same unit.
 #[test]
 fn parameters_keep_their_values() {
-    let [coarse, fine] = [model(&whole().halved(), 1), model(&whole(), 2)];
+    let [coarse, fine] = [model(&whole().halved(), 1, true), model(&whole(), 2, true)];
     for parameter in coarse.learned() {
         coarse.set_value(parameter, 3.5).unwrap();
     }

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use paig::network::cells::text::{self, EquationTable, written};
 use paig::network::cells::{
-    Actions, BOUNCING, CellKind, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING, State, Walls,
+    Actions, BOUNCING, Build, CellKind, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING, State,
+    Walls,
 };
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::support::random::named_generator;
@@ -429,7 +430,8 @@ fn restitution_is_what_a_wall_leaves_and_is_taken_back_in_reverse() {
     );
     let fixed = read("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = 0.75", 1);
     let first = State::from_joined(&Tensor::from_slice(&[29.0, 5.0, 8.0, 1.0]).unsqueeze(0));
-    for (kind, raw) in [(learned, vec![Tensor::from(0.0), Tensor::from(3f64.ln())]), (fixed, vec![])] {
+    let both = [(learned, vec![Tensor::from(0.0), Tensor::from(3f64.ln())], vec![1.0, 0.75]), (fixed, vec![], vec![])];
+    for (kind, raw, values) in both {
         let cell = kind.cell(&raw, Walls::new(32, 2.0));
         let next = cell.substep(&first, None, 0.5);
         // 33 would be 3 beyond the wall at 30.
@@ -443,6 +445,12 @@ fn restitution_is_what_a_wall_leaves_and_is_taken_back_in_reverse() {
             1e-12,
             kind.name,
         );
+        // In plain numbers as in tensors.
+        let Build::Text(equation) = kind.build else { panic!("{} is a text", kind.name) };
+        let (mut pos, mut vel) = ([29.0, 5.5], [-6.0, 1.0]);
+        equation.single(&values, Walls::new(32, 2.0)).substep(&mut pos, &mut vel, 0.0, -0.5);
+        let plain = Tensor::from_slice(&[pos, vel].concat()).unsqueeze(0);
+        assert_close(&plain, &back.joined(), 1e-12, "in plain numbers");
     }
 }
 

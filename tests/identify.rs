@@ -3,7 +3,7 @@
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, generate_clips};
-use paig::network::cells::{Actions, State};
+use paig::network::cells::{Actions, State, text};
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::support::random::named_generator;
 use paig::tasks::{Task, find};
@@ -155,16 +155,8 @@ fn a_few_clips_that_move_otherwise_pull_little() {
     }
     let squared = fitted(&task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]).logs[0].exp();
     let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
-    let seen = Seen {
-        encoded: seen.shallow_clone(),
-        centroids: seen,
-        offsets: vec![0.0; 4],
-        present: vec![1.0; 2],
-        owned: vec![0.5; 2],
-        covered: 1.0,
-        actions: Actions::none(),
-    };
-    let bounded = explain(&settings(), &model, &seen, &begin(&[1.0; 2], &[true; 2])).unwrap().fit.logs[0].exp();
+    let bounded =
+        explain(&settings(), &model, &seen_by_both(&seen), &begin(&[1.0; 2], &[true; 2])).unwrap().fit.logs[0].exp();
     // An eighth of the clips are 15 % stiffer: 2 % on average.
     assert!(squared > 4.04, "k {squared} by squares");
     // The others' residuals reach three times the noise: about half of the pull is left.
@@ -283,4 +275,73 @@ fn a_fit_tells_which_parameters_do_not_show_apart() {
     let parameters: Vec<_> = task.system.cell.parameters.iter().collect();
     let fit = fitted(&task, &seen, &Actions::none(), &[1.0; 3], &[true; 3]);
     assert_eq!(rank::indistinct(&fit.curvature, &parameters), None);
+}
+
+/// A parameter that acts nowhere is not known at all, and is named.
+#[test]
+fn a_parameter_that_never_shows_has_no_bounds() {
+    let text = "acceleration = \"vec(0, -k * max(p.y - 1000, 0))\"\nparameters.k.unit = [0, -2]";
+    let cell = text::kind(&toml::from_str(text).unwrap(), 2).unwrap();
+    let mut task = find("spring_color").unwrap();
+    task.system.cell = cell;
+    let still = (&[21.0, 16.0, 9.0, 16.0], 1.5);
+    let seen = observed(&task, &[1.0], &Actions::none(), (still.0, still.1), (&[0.0; 4], 3.0), &[0.0; 4], NOISE);
+    let fit = fitted(&task, &seen, &Actions::none(), &[1.0], &[true]);
+    assert_eq!(fit.deviations, [f64::INFINITY]);
+    let parameters: Vec<_> = cell.parameters.iter().collect();
+    assert_eq!(rank::indistinct(&fit.curvature, &parameters).unwrap().names, ["k"]);
+}
+
+/// Of one clip the scatter says nothing: its residuals do, as those of many clips.
+#[test]
+fn few_clips_make_no_fit_certain() {
+    let task = find("spring_color").unwrap();
+    let seen = scattered_springs(&task, &[4.0, 6.0], &[0.0; 4]);
+    let deviation = |clips: i64| {
+        let seen = seen.narrow(0, 0, clips);
+        let start = Start { free_offsets: false, ..begin(&[4.0, 6.0], &[true; 2]) };
+        fit(&settings(), &task.system, &seen, &Actions::none(), &start, &Trust::default()).unwrap().deviations[0]
+    };
+    let many = deviation(CLIPS);
+    for clips in [1, 2, 10] {
+        // As one over the root of the clips; how much one tells depends on its motion.
+        let ratio = deviation(clips) / many / (CLIPS as f64 / clips as f64).sqrt();
+        assert!(0.2 < ratio && ratio < 5.0, "{clips} clips: {ratio} times what is expected");
+    }
+}
+
+/// What two balls see.
+fn seen_by_both(positions: &Tensor) -> Seen {
+    Seen {
+        encoded: positions.shallow_clone(),
+        centroids: positions.shallow_clone(),
+        offsets: vec![0.0; 4],
+        present: vec![1.0; 2],
+        owned: vec![0.5; 2],
+        covered: 1.0,
+        actions: Actions::none(),
+    }
+}
+
+/// A force that is not the one between two balls leaves residuals that are opposite, and the middle between them fits any: the
+/// motion is not explained. What a camera does to both alike is forgiven.
+#[test]
+fn a_wrong_force_is_no_shaking_camera() {
+    let task = find("spring_color").unwrap();
+    let explained = |task: &Task, positions: &Tensor, start: &[f64]| {
+        let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
+        explain(&settings(), &model, &seen_by_both(positions), &begin(start, &[true; 2][..start.len()])).unwrap()
+    };
+    let springs = scattered_springs(&task, &[4.0, 6.0], &[0.0; 4]);
+    let shake = normal("shake", FRAMES * 2).reshape([CLIPS, FRAMES as i64, 2]).repeat([1, 1, 2]);
+    let shaken = explained(&task, &(&springs + shake), &[1.0; 2]);
+    assert!(shaken.explains(), "a camera leaves {}", shaken.own_residual);
+    assert!((shaken.fit.logs[0].exp() / 4.0 - 1.0).abs() < 0.01, "k {}", shaken.fit.logs[0].exp());
+    // An attraction that falls with the distance, where the spring's grows.
+    let text = "acceleration = \"others((q - p) * a / max(norm(p - q), 1)^2)\"\nparameters.a.unit = [2, -2]";
+    let cell = text::kind(&toml::from_str(text).unwrap(), 2).unwrap();
+    let mut wrong = task.clone();
+    wrong.system.cell = cell;
+    let wrong = explained(&wrong, &springs, &[10.0]);
+    assert!(!wrong.explains(), "the wrong force leaves {}", wrong.own_residual);
 }

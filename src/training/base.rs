@@ -60,7 +60,9 @@ pub struct Session<'a> {
     pub(super) intervals: Intervals,
     /// The phase at hand is the last one: the weights of its best score are kept, as of those that end with them.
     pub(super) last_phase: bool,
-    /// Those weights, where no store holds them.
+    /// The raw parameters that the training began with, in the order of the equation.
+    pub(super) begun: Vec<f64>,
+    /// The best weights, where no store holds them.
     pub(super) best: Option<Named>,
     /// What stands behind the objects of the training clips, once it was measured.
     pub(super) motion: OnceCell<Rc<Motion>>,

@@ -49,6 +49,7 @@ impl<'a> Trainer<'a> {
             validation: Validation { clips: config.join.validation_clips, pass, batch },
             intervals: Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every },
             last_phase: false,
+            begun: model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect(),
             best: None,
             motion: OnceCell::new(),
             state: RunState::new(&config.task.name),

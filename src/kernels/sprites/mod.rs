@@ -84,8 +84,8 @@ impl Sample {
     fn new(pixel: f32, size: usize) -> Self {
         let below = pixel.floor();
         if !(below >= 0.0 && below + 1.0 <= (size - 1) as f32) {
-            // What is not a number shows in the weight.
-            let weight = if pixel.is_nan() { f32::NAN } else { 0.0 };
+            // What is no place shows in the weight.
+            let weight = if pixel.is_finite() { 0.0 } else { f32::NAN };
             return Sample { below: 0, above: 0, weights: [weight; 2] };
         }
         Sample { below: below as usize, above: below as usize + 1, weights: [below + 1.0 - pixel, pixel - below] }

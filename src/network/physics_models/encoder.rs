@@ -137,14 +137,19 @@ impl Encoder {
     }
 
     /// Gives the objects' logits equal means and a standard deviation of `spread` between them on the moving pixels, so
-    /// that no object starts without a mask and none starts equal to another. A single object only gets the mean.
+    /// that no object starts without a mask and none starts equal to another. A single object only gets the mean. Where nothing
+    /// moves they stay as they are.
     ///
     /// `frames`: `[frames, channels, S, S]`; `moving`: `[frames, S, S]` in \[0, 1\].
     pub fn spread_masks(&self, frames: &Tensor, moving: &Tensor, spread: f64) {
         let _guard = tch::no_grad_guard();
         let logits = self.unet.forward(frames).transpose(0, 1).flatten(1, 3);
         let weight = moving.flatten(0, 2);
-        let weight = &weight / weight.sum(weight.kind());
+        let sum = weight.sum(weight.kind());
+        if sum.double_value(&[]) == 0.0 {
+            return;
+        }
+        let weight = weight / sum;
         let mean = (&logits * &weight).sum_dim_intlist([1i64].as_slice(), false, None);
         let centred = logits - mean.unsqueeze(1);
         let between = &centred - centred.mean_dim([0i64].as_slice(), true, None);

@@ -294,10 +294,10 @@ impl PhysicsNet {
     }
 
     /// The position of each pixel of a row or column, `[S]`: pixel i is drawn at i + 1/2 by an exact decoder, and at
-    /// i S/(S-1) by the original's.
+    /// i S/(S-1) by the original's. A pixel of a halved frame is where the middle of its two is.
     pub fn pixel_centres(&self) -> Tensor {
         let index = Tensor::arange(self.system.given_side() as i64, (Kind::Float, self.variables.device()));
-        let centres = if self.options.exact_shift { index + 0.5 } else { index / self.pixels_per_unit() };
-        centres * self.system.given_pixel()
+        let centres = (index + 0.5) * self.system.given_pixel();
+        if self.options.exact_shift { centres } else { (centres - 0.5) / self.pixels_per_unit() }
     }
 }

@@ -71,6 +71,8 @@ impl Input<'_> {
         let residual = self.trajectory(&firsts, &actions) - observed;
         let misfit = (residual / HALF).square().log1p();
         let misfit = misfit.sum_dim_intlist([1i64].as_slice(), false, None).reshape([count, -1]);
+        // One that left the numbers fits worst.
+        let misfit = misfit.nan_to_num(f64::INFINITY, None, None);
         let (batch, unknowns) = (positions.size()[0], firsts.size()[1]);
         let best = misfit.argmin(0, true).unsqueeze(-1).expand([1, batch, unknowns], false);
         firsts.reshape([count, batch, unknowns]).gather(0, &best, false).squeeze_dim(0)

@@ -48,7 +48,7 @@ pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome>
     discovery.set_start(&model)?;
     let mut progress = RunState::new(&session.state.task);
     progress.seconds = session.elapsed();
-    let Session { seed, validation, intervals, stop, observers, .. } = &mut *session;
+    let Session { seed, validation, intervals, stop, observers, begun, .. } = &mut *session;
     let mut coarse = Session {
         model: &model,
         train: &train,
@@ -57,6 +57,7 @@ pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome>
         validation: *validation,
         intervals: *intervals,
         last_phase: false,
+        begun: begun.clone(),
         best: None,
         motion: OnceCell::new(),
         state: progress,

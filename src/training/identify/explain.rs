@@ -7,6 +7,7 @@ use super::Identify;
 use super::fit::{Fit, Start, Trust, fit};
 use super::rank::{self, Indistinct};
 use super::seen::Seen;
+use crate::network::System;
 use crate::network::cells::Coordinates;
 use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::naming::{self, Naming};
@@ -30,7 +31,7 @@ const LEAST_DEVIATION: f64 = 0.02;
 /// Residuals beyond this many usual ones count as so many.
 const OUTLIER: f64 = 4.0;
 
-/// Positions further off than this many usual residuals, and than so many pixels or radians, are left out at the end: there
+/// Positions further off than this many usual residuals, and than so many pixels, are left out at the end: there
 /// a name is wrong, or the object was not seen. The rest must be this share of all.
 const FAR: f64 = 8.0;
 const LEAST_FAR: f64 = 0.3;
@@ -38,7 +39,7 @@ const LEAST_KEPT: f64 = 0.7;
 /// Rounds of leaving out.
 const KEEPING_ROUNDS: usize = 3;
 /// At the end residuals beyond so many usual ones count linearly: 95 % as exact as least squares where the noise is normal
-/// (Huber 1964), and the few that are not cannot pull the parameters. At least so many pixels or radians.
+/// (Huber 1964), and the few that are not cannot pull the parameters. At least so many pixels.
 const HUBER_OF_USUAL: f64 = 1.345;
 pub(super) const LEAST_HUBER: f64 = 0.02;
 
@@ -63,9 +64,8 @@ pub struct Explanation {
     pub disagreement: f64,
     /// Whether the encoder's positions fit better than the centroids.
     pub by_encoder: bool,
-    /// What is left of those combinations of coordinates that the equation tells best: of the distance of two objects
-    /// where a camera shakes.
-    pub independent_residual: f64,
+    /// The usual residual of what the objects do not do together: of their distance where a camera shakes.
+    pub own_residual: f64,
     /// The largest of them that counts as explained, in their unit.
     pub largest_residual: f64,
     /// Log-parameters by either measure of the positions, as far as it fits nearly as well as the better one.
@@ -75,7 +75,7 @@ pub struct Explanation {
 impl Explanation {
     /// Whether the equation explains what was seen.
     pub fn explains(&self) -> bool {
-        self.explained >= LEAST_KEPT && self.independent_residual <= self.largest_residual
+        self.explained >= LEAST_KEPT && self.own_residual <= self.largest_residual
     }
 
     /// Gives the model the parameters, if the equation explains what was seen.
@@ -141,8 +141,8 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
         }
     }
     let weights = weights(&best.residuals);
-    let independent_residual = weights.as_ref().map_or(best.usual_residual, |weights| weights.least_deviation);
-    let mut trust = Trust { weights: weights.map(|weights| weights.factor), ..Trust::default() };
+    let own_residual = if weights.is_some() { fits.own_residual(&best) } else { best.usual_residual };
+    let mut trust = Trust { weights, ..Trust::default() };
     let (best, explained) = fits.without_outliers(&named, best, free_offsets, &mut trust)?;
 
     let mut estimates = vec![best.logs.clone()];
@@ -159,7 +159,7 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
         names_change,
         disagreement: seen.disagreement(),
         by_encoder: encoder_wins,
-        independent_residual,
+        own_residual,
         largest_residual: LARGEST_RESIDUAL * fits.pixel,
         estimates,
     })
@@ -213,12 +213,13 @@ impl Fits<'_> {
         let mut best = from(logs.clone())?;
         let changes = if learned.contains(&true) { &OTHER_STARTS[..] } else { &[] };
         for change in changes {
+            // One that left the numbers is no better than any other.
             if best.usual_residual <= TRY_OTHERS * self.pixel {
                 break;
             }
             let other =
                 from(logs.iter().zip(learned).map(|(log, &it)| if it { log + change } else { *log }).collect())?;
-            if other.usual_residual < best.usual_residual {
+            if other.usual_residual.total_cmp(&best.usual_residual).is_lt() {
                 best = other;
             }
         }
@@ -250,16 +251,31 @@ impl Fits<'_> {
     ) -> Result<(Fit, f64)> {
         let mut explained = 1.0;
         for _ in 0..KEEPING_ROUNDS {
-            let mask = near(&best, self.model.system.objects, trust.weights.is_some());
+            let mask = near(&best, self.model.system.objects, trust.weights.is_some(), LEAST_FAR * self.pixel);
             explained = mask.mean(Kind::Double).double_value(&[]);
             if explained < LEAST_KEPT {
                 break;
             }
             trust.mask = Some(mask);
-            trust.huber = Some((HUBER_OF_USUAL * best.usual_residual).clamp(LEAST_HUBER, self.config.huber));
+            trust.huber =
+                Some((HUBER_OF_USUAL * best.usual_residual).clamp(LEAST_HUBER * self.pixel, self.config.huber));
             best = self.go_on(at, &best, free_offsets, trust)?;
         }
         Ok((best, explained))
+    }
+
+    /// The usual residual without what all objects of a frame share: a camera moves them alike, but a wrong force between two of
+    /// them does not.
+    fn own_residual(&self, fit: &Fit) -> f64 {
+        let System { objects, cell, .. } = self.model.system;
+        if objects < 2 || cell.coordinates == Coordinates::Angle {
+            return fit.usual_residual;
+        }
+        let each = fit.residuals.flatten(0, 1).reshape([-1, objects as i64, 2]);
+        let own = &each - each.mean_dim([1i64].as_slice(), true, None);
+        // The mean takes away its share of each object's noise, too.
+        let share = 1.0 - 1.0 / objects as f64;
+        own.abs().median().double_value(&[]) * MEDIAN_TO_DEVIATION / share.sqrt()
     }
 
     /// An angle is tied to where the rod is seen: it has no offset in pixels.
@@ -271,14 +287,14 @@ impl Fits<'_> {
     }
 }
 
-/// 1 for the positions that are not far from where the fit has them, `[clips, frames * coordinates]`; if `whole_frames`, of a
-/// frame all or none.
-fn near(fit: &Fit, objects: usize, whole_frames: bool) -> Tensor {
+/// 1 for the positions that are not far from where the fit has them, which at `least` are not, `[clips, frames * coordinates]`;
+/// if `whole_frames`, of a frame all or none.
+fn near(fit: &Fit, objects: usize, whole_frames: bool, least: f64) -> Tensor {
     let size = fit.residuals.size();
     let objects = if whole_frames { 1 } else { objects as i64 };
     let of_object = fit.residuals.abs().reshape([size[0], size[1], objects, -1]);
     let largest = of_object.amax([3i64].as_slice(), true);
-    let near = largest.le((FAR * fit.usual_residual).max(LEAST_FAR)).to_kind(Kind::Double);
+    let near = largest.le((FAR * fit.usual_residual).max(least)).to_kind(Kind::Double);
     near.expand_as(&of_object).reshape([size[0], -1])
 }
 
@@ -313,16 +329,9 @@ fn rename_by_motion(order: &mut Tensor, seen: &Tensor, rolled_out: &Tensor) -> R
     Ok(changed)
 }
 
-/// Weights that make the residuals of a frame independent.
-struct Weights {
-    /// `[coordinates, coordinates]`; counts a residual in units of the usual one, so that the same limits hold.
-    factor: Tensor,
-    /// The least standard deviation of a combination of coordinates.
-    least_deviation: f64,
-}
-
-/// None where the residuals nearly are independent.
-fn weights(residuals: &Tensor) -> Option<Weights> {
+/// What makes the residuals of a frame independent, `[coordinates, coordinates]`; counts a residual in units of the usual one,
+/// so that the same limits hold. None where they nearly are independent.
+fn weights(residuals: &Tensor) -> Option<Tensor> {
     let flat = residuals.flatten(0, 1);
     if flat.size()[0] == 0 {
         return None;
@@ -339,7 +348,5 @@ fn weights(residuals: &Tensor) -> Option<Weights> {
         return None;
     }
     let least = Tensor::eye(covariance.size()[0], (Kind::Double, covariance.device())) * LEAST_DEVIATION.powi(2);
-    let covariance = covariance + least;
-    let least_deviation = covariance.linalg_eigvalsh("L").min().double_value(&[]).max(0.0).sqrt();
-    Some(Weights { factor: covariance.linalg_cholesky(false).inverse() * scale, least_deviation })
+    Some((covariance + least).linalg_cholesky(false).inverse() * scale)
 }

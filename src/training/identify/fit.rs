@@ -66,16 +66,6 @@ impl Start {
             states: None,
         }
     }
-
-    /// The parameters where the equation lets them begin; those that are fixed as they are.
-    pub(super) fn afresh(model: &PhysicsNet) -> Self {
-        let begun = Start::of(model);
-        let afresh = model.parameters.iter().zip(&begun.logs).map(|(parameter, now)| match parameter.learned {
-            true => parameter.kind.start.map_or(0.0, |start| parameter.kind.bounds.raw(start)),
-            false => *now,
-        });
-        Start { logs: afresh.collect(), ..begun }
-    }
 }
 
 /// The result of a fit.
@@ -94,7 +84,8 @@ pub struct Fit {
     pub usual_residual: f64,
     /// Residuals of all frames of the longest horizon, `[clips, frames, coordinates]`.
     pub residuals: Tensor,
-    /// Standard deviation of each log-parameter, from the fit's curvature and the scatter over clips; 0 of one that is fixed.
+    /// Standard deviation of each log-parameter, from the fit's curvature and the scatter over clips; 0 of one that is fixed,
+    /// infinite of one that shows in no position.
     pub deviations: Vec<f64>,
     /// Second derivatives of the cost by the log-parameters, everything else following: `[parameters, parameters]`, in
     /// the cell's order; 0 for one that is fixed.
@@ -355,19 +346,54 @@ impl Problem<'_> {
     /// How well the log-parameters are known.
     ///
     /// Standard deviations: the inverse of the normal equations around the scatter of the clips' gradients, which need not
-    /// be of independent residuals. Curvature: the normal equations with the offsets eliminated, too.
+    /// be of independent residuals; of no more clips than shared unknowns, as if the residuals were. Curvature: the normal
+    /// equations with the offsets eliminated, too.
     fn certainty(&self, unknowns: &Unknowns) -> (Vec<f64>, Tensor) {
-        let Eliminated { normal, gradients, .. } = self.eliminate(&self.linearise(unknowns), unknowns, 0.0);
-        let scatter = gradients.transpose(0, 1).matmul(&gradients);
+        let at = self.linearise(unknowns);
+        let Eliminated { normal, gradients, .. } = self.eliminate(&at, unknowns, 0.0);
+        let (parameters, offsets) = (unknowns.logs.size()[0], unknowns.offsets.size()[0]);
+        let clips = gradients.size()[0] as f64;
+        let free = self.learned.iter().filter(|learned| **learned).count() as i64
+            + if self.free_offsets { offsets } else { 0 };
+        let spare = clips - free as f64;
+        let scatter = if spare > 0.0 {
+            // At their least cost the gradients add up to nothing: so many of them are not free.
+            gradients.transpose(0, 1).matmul(&gradients) * (clips / spare)
+        } else {
+            &normal * self.variance(&at.residual)
+        };
         let half = Tensor::linalg_solve(&normal, &scatter, true);
         let covariance = Tensor::linalg_solve(&normal, &half.transpose(0, 1), true);
-        let (parameters, offsets) = (unknowns.logs.size()[0], unknowns.offsets.size()[0]);
-        let deviations = values(&covariance.diagonal(0, 0, 1).clamp_min(0.0).sqrt().narrow(0, 0, parameters));
+        let deviations = covariance.diagonal(0, 0, 1).clamp_min(0.0).sqrt() * self.too_steep(&at.residual);
+        // Nothing is known of one without a derivative: what stands for it there only holds it in place.
+        let shows = at.by_shared.narrow(2, 0, parameters).abs().amax([0i64, 1].as_slice(), false).gt(0.0);
+        let deviations = (0..parameters).map(|place| match self.learned[place as usize] {
+            true if shows.int64_value(&[place]) == 0 => f64::INFINITY,
+            true => deviations.double_value(&[place]),
+            false => 0.0,
+        });
         let rows = normal.narrow(0, 0, parameters);
         let (own, mixed) = (rows.narrow(1, 0, parameters), rows.narrow(1, parameters, offsets));
         let of_offsets = normal.narrow(0, parameters, offsets).narrow(1, parameters, offsets);
         let curvature = own - mixed.matmul(&Tensor::linalg_solve(&of_offsets, &mixed.transpose(0, 1), true));
-        (deviations, curvature)
+        let curvature = curvature * shows.unsqueeze(0) * shows.unsqueeze(1);
+        (deviations.collect(), curvature)
+    }
+
+    /// Mean square of the residuals that count, of those beyond the Huber loss's limit no more than that.
+    fn variance(&self, residual: &Tensor) -> f64 {
+        let counted = self.masked(residual.ones_like()).sum(Kind::Double).clamp_min(1.0);
+        let square = residual.clamp(-self.huber, self.huber).square();
+        (self.masked(square).sum(Kind::Double) / counted).double_value(&[])
+    }
+
+    /// How much steeper the normal equations are than the Huber loss, which has no second derivative beyond its limit: they
+    /// take residuals there by less weight, the loss not at all (Huber 1964).
+    fn too_steep(&self, residual: &Tensor) -> f64 {
+        let size = residual.abs();
+        let sum = |x: Tensor| self.masked(x).sum(Kind::Double).double_value(&[]);
+        let taken = sum(self.huber / size.clamp_min(self.huber));
+        taken / sum(size.le(self.huber).to_kind(Kind::Double)).max(1.0)
     }
 
     /// Iterates until the cost stands still; returns the iterations.

@@ -149,7 +149,9 @@ impl Phase for Identify {
         session.tell(&Event::PhaseBegins { phase: self.name(), done: 0, of: 0 })?;
         let motion = session.motion();
         let fits = self.max_iterations > 0;
-        if let Some(order) = fits.then(|| order::find(model, session.train, &motion)).transpose()?.flatten() {
+        if let Some(order) =
+            fits.then(|| order::find(model, session.train, &motion, &session.begun)).transpose()?.flatten()
+        {
             let numbers: Vec<_> = order.iter().map(|number| number + 1).collect();
             session.tell(&Event::Note(&format!("identify - the objects' order in the equation is {numbers:?}")))?;
         }
@@ -176,8 +178,9 @@ impl Phase for Identify {
         if let Some(indistinct) = explanation.indistinct(model) {
             session.tell(&Event::Note(&indistinct.text()))?;
         }
-        record.offsets = Some(explanation.offsets);
-        if self.velocity_steps > 0 {
+        record.offsets = Some(explanation.offsets.clone());
+        // A motion that the equation does not explain teaches nothing.
+        if self.velocity_steps > 0 && explanation.explains() {
             let (steps, rate) = (self.velocity_steps, self.velocity_rate());
             let left = velocity_fit::fit(model, &fit.states, &seen.actions, session.train.time(), steps, rate)?;
             session.tell(&Event::Note(&format!("velocity - residual={left:.4} {unit} per time unit")))?;

@@ -1,4 +1,5 @@
-//! Which object is which, where the equation tells them apart: by `p1` in a text, or an acceleration for each. The encoder
+//! Which object is which, where the equation tells them apart: by `p1` in a text, an acceleration for each, or a mass that is
+//! known for each. The encoder
 //! numbers what it finds as it likes, so the order is taken in which the equation explains the motion. Not in the original.
 
 use anyhow::Result;
@@ -16,18 +17,21 @@ const CLIPS: usize = 50;
 const CLEARLY_LESS: f64 = 0.7;
 
 /// Numbers the model's objects anew, if the equation explains their motion clearly better in another order, and gives the
-/// model the parameters that do. Gives the order: the old numbers, each at its new place.
+/// model the parameters that do. Gives the order: the old numbers, each at its new place. `begun`: the log-parameters that the
+/// training began with.
 ///
 /// # Errors
 /// Positions that are not finite.
-pub(super) fn find(model: &PhysicsNet, train: &Clips, motion: &Motion) -> Result<Option<Vec<i64>>> {
+pub(super) fn find(model: &PhysicsNet, train: &Clips, motion: &Motion, begun: &[f64]) -> Result<Option<Vec<i64>>> {
     let objects = model.system.objects;
-    let apart = model.system.cell.tells_objects_apart() && model.options.decoder != DecoderKind::Mlp;
+    let held = model.parameters.iter().map(|parameter| (!parameter.learned).then(|| parameter.raw.double_value(&[])));
+    let held: Vec<_> = held.collect();
+    let apart = model.system.cell.tells_objects_apart(&held) && model.options.decoder != DecoderKind::Mlp;
     if !apart || objects > MOST_OBJECTS {
         return Ok(None);
     }
     // Parameters that were fitted in a wrong order are no start for another.
-    let start = Start::afresh(model);
+    let start = Start { logs: begun.to_vec(), ..Start::of(model) };
     let explained = |order: &[i64]| {
         model.reorder(order);
         let explanation = explain_some(model, train, motion, CLIPS, &start);
@@ -37,11 +41,13 @@ pub(super) fn find(model: &PhysicsNet, train: &Clips, motion: &Motion) -> Result
     let mut orders = orders(objects).into_iter();
     let Some(as_it_is) = orders.next() else { return Ok(None) };
     let mut best = (explained(&as_it_is)?, as_it_is);
-    let limit = CLEARLY_LESS * best.0.fit.usual_residual;
+    let now = best.0.fit.usual_residual;
+    // Where the order that stands leaves the numbers, any other that does not is better.
+    let limit = if now.is_nan() { f64::INFINITY } else { CLEARLY_LESS * now };
     for order in orders {
         let explanation = explained(&order)?;
         let left = explanation.fit.usual_residual;
-        if left <= limit && left < best.0.fit.usual_residual {
+        if left <= limit && left.total_cmp(&best.0.fit.usual_residual).is_lt() {
             best = (explanation, order);
         }
     }

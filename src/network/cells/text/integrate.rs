@@ -12,7 +12,7 @@ use crate::network::cells::plain::PlainCell;
 use crate::network::cells::{Actions, Cell, State, Walls};
 
 /// The least restitution that is taken back when time runs backwards: a ball that lost all its speed has no past.
-const LEAST_RESTITUTION: f64 = 0.1;
+pub(super) const LEAST_RESTITUTION: f64 = 0.1;
 
 /// An equation with its parameters.
 #[derive(Debug)]

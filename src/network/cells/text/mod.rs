@@ -55,6 +55,8 @@ const SCOPE: &str = "text_ode_cell";
 pub struct Equation {
     table: EquationTable,
     parameters: &'static [PhysicalParameter],
+    /// Places of the parameters that each object has, the first object's.
+    of_each: Vec<usize>,
     program: Program,
     walls: Option<TextWalls>,
 }
@@ -118,9 +120,12 @@ impl Equation {
         self.program.tells_time()
     }
 
-    /// Whether it has an acceleration for each object, or names a given one.
-    pub(super) fn tells_objects_apart(&self) -> bool {
-        self.program.objects > 1 && (self.program.accelerations.len() > 1 || self.program.names_objects())
+    /// Whether it has an acceleration for each object, names a given one, or holds a parameter of theirs at unlike values.
+    pub(super) fn tells_objects_apart(&self, held: &[Option<f64>]) -> bool {
+        let objects = self.program.objects;
+        let unlike = |first: &usize| (1..objects).any(|object| held[first + object] != held[*first]);
+        objects > 1
+            && (self.program.accelerations.len() > 1 || self.program.names_objects() || self.of_each.iter().any(unlike))
     }
 
     /// The cell with these raw parameters (scalars, one for each).
@@ -176,7 +181,8 @@ impl Equation {
             !(program.acts() && program.tells_time()),
             "the equation names both u and t, and a dataset holds one number for each frame: what acts, or its time"
         );
-        Ok(Equation { table: table.clone(), parameters: parameters.physical(), program, walls })
+        let of_each = parameters.each.values().copied().collect();
+        Ok(Equation { table: table.clone(), parameters: parameters.physical(), of_each, program, walls })
     }
 }
 

@@ -57,17 +57,23 @@ pub(super) fn parse(text: &str) -> Result<Expression, Complaint> {
     Ok(expression(next(&mut next(&mut parsed).into_inner())))
 }
 
-/// A power counts as a parenthesis that ends with the one around it.
+/// A power counts as a parenthesis that ends with its term.
 fn check_depth(text: &str) -> Result<(), Complaint> {
     let mut powers_around = Vec::new();
     let mut powers = 0;
-    for (at, c) in text.char_indices() {
+    let mut before = ' ';
+    for (at, c) in text.char_indices().filter(|(_, c)| !c.is_ascii_whitespace()) {
+        // A sign after what is no operand belongs to what follows; one after an e may be of a number's exponent.
+        let after_operand = before == ')' || before.is_ascii_alphanumeric() && !before.eq_ignore_ascii_case(&'e');
         match c {
             '^' => powers += 1,
             '(' => powers_around.push(powers),
             ')' => powers = powers_around.pop().unwrap_or(powers),
+            '*' | '/' | ',' => powers = powers_around.last().copied().unwrap_or(0),
+            '+' | '-' if after_operand => powers = powers_around.last().copied().unwrap_or(0),
             _ => {}
         }
+        before = c;
         if powers_around.len() + powers > DEEPEST {
             let what = format!("more than {DEEPEST} parentheses and powers in each other");
             return Err(Complaint::new(&(at..at + 1), what));
@@ -271,6 +277,12 @@ mod tests {
         assert!(parse(&("-".repeat(3000) + "a")).is_ok());
         assert!(parse(&("a".to_string() + &"+a".repeat(1900))).is_ok());
         assert!(parse(&("a".to_string() + &".x".repeat(1900))).is_ok());
+        // Powers side by side stand in no other.
+        assert!(parse(&("a^2".to_string() + &" + (a * b^-2)^2".repeat(200))).is_ok());
+        // A sign of an exponent, or of a number's, ends no term.
+        for text in ["2^-".repeat(900), "2^1e-1^".repeat(400)] {
+            assert!(parse(&(text + "2")).unwrap_err().what.contains("in each other"));
+        }
         assert!(parse(&"-".repeat(3000)).is_err());
     }
 }

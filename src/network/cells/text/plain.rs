@@ -3,6 +3,7 @@
 
 use super::Equation;
 use super::columns::{Columns, Moment, Number};
+use super::integrate::LEAST_RESTITUTION;
 use super::table::Integrator;
 use crate::network::cells::Walls;
 use crate::network::cells::plain::PlainCell;
@@ -47,6 +48,8 @@ impl<F: Number> PlainText<F> {
         self.columns.make_room(batch);
         self.stages.iter_mut().for_each(|stage| stage.resize(pos.len(), F::zero()));
         let Some((places, left)) = self.walls else { return self.integrate(pos, vel, at, h) };
+        // Back in time a wall gives what it took.
+        let left = if h < F::zero() { left.max(F::of(LEAST_RESTITUTION)).recip() } else { left };
         for (before, now) in self.before.iter_mut().zip([&*pos, &*vel]) {
             before.clear();
             before.extend_from_slice(now);

@@ -65,7 +65,7 @@ impl CoordinateConsistent {
             side: system.given_side(),
             middle: system.side as f64 / 2.0,
             objects,
-            half_span: system.given_pixel() * if options.exact_shift { (side - 1) as f64 / 2.0 } else { window as f64 },
+            half_span: system.given_pixel() * (side - 1) as f64 / 2.0 / options.pixels_per_unit(system),
             kernels: options.kernels,
         }
     }

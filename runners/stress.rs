@@ -33,7 +33,8 @@ struct Arguments {
     /// A scene of the list; may be repeated [default: all]
     #[arg(long)]
     scene: Vec<String>,
-    /// Seeds of the datasets; a run's own seed is that of its dataset
+    /// Seeds of the datasets. What is filmed with seed N is learned with seed N, of scenes that the list marks `nine` also
+    /// with N + 100 and N + 200
     #[arg(long, default_value = "1-3")]
     data_seeds: String,
     /// Folder of the datasets

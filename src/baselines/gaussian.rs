@@ -34,7 +34,7 @@ impl Gaussian {
     }
 }
 
-/// So many standard normal numbers for a training step.
+/// So many standard normal numbers for a training step, float32 `[count]`; equal ones for an equal seed and step.
 pub fn normal_numbers(seed: u64, step: u64, count: usize) -> Tensor {
     let mut random = named_generator(seed, &format!("latents of step {step}"));
     let numbers: Vec<f32> = (0..count).map(|_| normal(&mut random) as f32).collect();

@@ -24,7 +24,7 @@ pub struct ScoredRun {
     /// Dataset file [default: the run's test file]
     #[arg(long)]
     file: Option<PathBuf>,
-    /// Folder of the datasets [default: as the run had it]
+    /// Folder of the datasets; not with --file [default: as the run had it]
     #[arg(long, value_name = "DIR", conflicts_with = "file")]
     data: Option<PathBuf>,
     /// Part of the file

@@ -51,7 +51,11 @@ use crate::{say, tasks, viz};
                   run_physics --resume --out runs/spring_color/fast/seed=1"
 )]
 pub struct AnyTask {
-    #[arg(long, help = format!("The system to learn: a task file (.toml), or one of {}", tasks::names()))]
+    #[arg(long, help = format!(
+        "The system to learn: a task file (.toml), or one of {}. Required, unless --config names it, or --resume or \
+         --test-mode takes the run in --out",
+        tasks::names()
+    ))]
     task: Option<String>,
     #[command(flatten)]
     run: RunArgs,
@@ -96,11 +100,11 @@ struct RunArgs {
     /// Threads to compute with; 0 for one a core [default: 0]
     #[arg(long)]
     threads: Option<usize>,
-    /// Go on with the run in the folder, to the same result as if it had never stopped (to the bit with as many threads).
-    /// Of the other options only --device, --threads and --data may differ from the run's own
+    /// Go on with the run in --out, to the same result as if it had never stopped (to the bit with as many threads). Of
+    /// the other options only --device, --threads and --data may differ from the run's own
     #[arg(long)]
     resume: bool,
-    /// Do not train: score the folder's last checkpoint on the test file
+    /// Do not train: score the last checkpoint of the run in --out on the test file
     #[arg(long)]
     test_mode: bool,
     /// Print the complete config and stop

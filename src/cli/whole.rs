@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
-use clap::Parser;
+use clap::{Command, CommandFactory, FromArgMatches, Parser};
 use tch::{Device, Tensor};
 
 use super::ending::{begin_work, exit_code};
@@ -21,14 +21,11 @@ use crate::tasks::Task;
 use crate::training::base::Outcome;
 use crate::{say, tasks};
 
-/// Trains a model of frames without objects and physics, for comparison, and scores it on the test clips.
-///
-/// Given again, the same command goes on where it was stopped.
+/// The same for all of these models; [`program`] adds what is each one's own.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version, after_help = "Given again, the same command goes on where it was stopped.")]
 struct Arguments {
-    /// The task: a task file (.toml), or the name of a built-in one
-    #[arg(long, default_value = "spring_color")]
+    #[arg(long, help = format!("What is filmed: a task file (.toml), or one of {}", tasks::names()))]
     task: String,
     /// Folder of the datasets
     #[arg(long, default_value = "data/datasets")]
@@ -36,14 +33,16 @@ struct Arguments {
     /// Run folder [default: runs/TASK/MODEL/seed=N]
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Seed of initial values and of the order of the data
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Adam's
+    /// Learning rate of Adam
     #[arg(long, default_value_t = 1e-3)]
     learning_rate: f64,
     /// Clips in a step
     #[arg(long, default_value_t = 25)]
     batch: usize,
+    /// Training steps
     #[arg(long, default_value_t = 6000)]
     steps: u64,
     /// Steps from one validation and checkpoint to the next
@@ -59,7 +58,30 @@ struct Arguments {
 
 /// Entry of a model's runner; `name` is that of its folder.
 pub fn main(model: WholeModel, name: &str) -> ExitCode {
-    exit_code(|| run(model, name, Arguments::parse()))
+    exit_code(|| run(model, name, Arguments::from_arg_matches(&program(model).get_matches())?))
+}
+
+/// A model's program: what it says of itself, and the task that it takes if none is named.
+fn program(model: WholeModel) -> Command {
+    let (about, task) = match model {
+        WholeModel::VideoLstm => (
+            "Trains VideoLSTM, a convolutional LSTM that predicts frames and knows of no objects and no physics, for \
+             comparison, and scores it on the test clips",
+            "spring_color",
+        ),
+        WholeModel::Ddpae => (
+            "Trains DDPAE, which parts frames into components that move and knows of no physics, for comparison, and scores \
+             it on the test clips",
+            "spring_color",
+        ),
+        WholeModel::Planet => (
+            "Trains a small PlaNet, a latent model of frames, actions and rewards, to be compared in control, and scores it \
+             on the test clips. It takes only a driven pendulum, and is told what each training frame is worth by the true \
+             angle (the _states.npz beside the clips)",
+            "pendulum",
+        ),
+    };
+    Arguments::command().about(about).mut_arg("task", |option| option.required(false).default_value(task))
 }
 
 fn run(model: WholeModel, name: &str, arguments: Arguments) -> Result<ExitCode> {
@@ -105,15 +127,16 @@ pub fn train(config: &WholeConfig, folder: &Path, device: Device, stop: &dyn Fn(
     })
 }
 
+/// Whether a task's frames show a driven pendulum.
+fn has_worths(task: &Task) -> bool {
+    let cell = task.system.cell;
+    cell.can_be_driven() && cell.coordinates == Coordinates::Angle && task.system.objects == 1
+}
+
 /// What the frames of the training clips are worth where upright is the goal, `[clips, time]`: what an environment tells
 /// who acts in it.
 fn rewards(task: &Task, file: &Path, dataset: &Dataset) -> Result<Tensor> {
-    let cell = task.system.cell;
-    ensure!(
-        cell.can_be_driven() && cell.coordinates == Coordinates::Angle && task.system.objects == 1,
-        "this model learns what frames of a pendulum are worth; task {} has none",
-        task.name
-    );
+    ensure!(has_worths(task), "this model learns what frames of a pendulum are worth; task {} has none", task.name);
     let states = States::read(file, dataset)?.with_context(|| {
         let beside = States::path_beside(file);
         format!("{} is missing: the model is told what each frame is worth, by the true angle", beside.display())
@@ -126,4 +149,22 @@ fn rewards(task: &Task, file: &Path, dataset: &Dataset) -> Result<Tensor> {
     let positions = &states.train.positions;
     let worths: Vec<f32> = positions.iter().map(worth).collect();
     Ok(Tensor::from_slice(&worths).reshape([positions.dim().0 as i64, positions.dim().1 as i64]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_program_takes_its_usual_task_and_explains_its_options() {
+        for model in [WholeModel::VideoLstm, WholeModel::Ddpae, WholeModel::Planet] {
+            let mut program = program(model);
+            assert!(program.render_long_help().to_string().starts_with("Trains "), "{model:?} does not say what it is");
+            let unexplained: Vec<_> = program.get_arguments().filter(|option| option.get_help().is_none()).collect();
+            assert!(unexplained.is_empty(), "{unexplained:?}");
+            let given = Arguments::from_arg_matches(&program.try_get_matches_from(["program"]).unwrap()).unwrap();
+            let task = tasks::find(&given.task).unwrap();
+            assert!(!model.learns_rewards() || has_worths(&task), "{} for {model:?}", task.name);
+        }
+    }
 }

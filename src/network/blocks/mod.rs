@@ -83,7 +83,7 @@ impl PreparedConv2d<'_> {
 pub enum Precision {
     #[default]
     Float32,
-    /// Of eight bits, for processors that multiply such numbers several times as fast.
+    /// 16 bits, of which eight are significant; for processors that multiply such numbers several times as fast.
     Bfloat16,
 }
 

@@ -62,7 +62,7 @@ impl Encoder {
         Encoding { positions: self.localise(&masked), masks, masked }
     }
 
-    /// The same, and the positions once more without a way back to the masks.
+    /// The same, and the positions (`[frames, 2 * objects]`, pixels) once more without a way back to the masks.
     pub fn forward_twice(&self, frames: &Tensor) -> (Encoding, Tensor) {
         let [masks, masked] = self.parted(frames);
         let [first, second, _] = &self.localisation;

@@ -25,7 +25,7 @@ pub fn frame_error(kernels: Kernels, frames: &Tensor, truth: &Tensor) -> Tensor 
 /// The three losses of one pass. T_ext may be empty, then `extrapolation` is none.
 #[derive(Debug)]
 pub struct Losses {
-    /// L_rec over the first L + T_pred frames, encoder to decoder.
+    /// L_rec over the first L + T_pred frames, encoder to decoder. A scalar, as the others.
     pub reconstruction: Tensor,
     /// L_pred over the T_pred frames after the input, roll-out to decoder.
     pub prediction: Tensor,
@@ -34,6 +34,7 @@ pub struct Losses {
 }
 
 impl Losses {
+    /// Of a pass over these true clips, `[batch, T, channels, S, S]` in \[0, 1\].
     pub fn new(pass: &ForwardPass, clips: &Tensor, system: &System) -> Self {
         let (input, pred) = (system.input_steps as i64, system.pred_steps as i64);
         let predicted = pass.predictions.size()[1];

@@ -41,7 +41,7 @@ impl PhysicsNet {
         self.encoder.forward(&self.given(frames))
     }
 
-    /// The same, and the positions once more without a way back to the masks.
+    /// The same, and the positions (`[frames, 2 * objects]`, pixels) once more without a way back to the masks.
     pub fn first_look_twice(&self, frames: &Tensor) -> (Encoding, Tensor) {
         self.encoder.forward_twice(&self.given(frames))
     }
@@ -59,7 +59,8 @@ impl PhysicsNet {
         self.options.second_look && plane && self.decoder.has_twins()
     }
 
-    /// Which of these frames are encoded as the encoder saw them first, by their places.
+    /// Which of these frames, `[frames, channels, S, S]`, are encoded as the encoder saw them first: their places, int64
+    /// `[at most frames]`, in ascending order.
     pub fn at_first_look(&self, frames: &Tensor) -> Tensor {
         let all = Tensor::arange(frames.size()[0], (Kind::Int64, frames.device()));
         if !self.looks_twice() {

@@ -75,7 +75,8 @@ impl Decoder {
         }
     }
 
-    /// Only the frames of [`Decoder::forward`], of several lists of positions.
+    /// Only the frames of [`Decoder::forward`], `[frames, channels, S, S]` in \[0, 1\], of each of several lists of positions
+    /// (`[frames, coordinates * objects]`).
     pub fn draw<const LISTS: usize>(&self, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
         match &self.0 {
             Kind::CoordinateConsistent(decoder) => decoder.draw(positions),

@@ -19,7 +19,8 @@ use crate::training::ranges::not_negative;
 pub struct Guide {
     /// Masks of the objects together cover what moves.
     pub coverage: f64,
-    /// Each object is the same blob in every frame.
+    /// Each object is the same blob in every frame. At 0 blobs have no names at all: sprites begin as a bump, and objects that
+    /// look alike take no more steps than others.
     pub identity: f64,
     /// Where blobs cannot be told apart: each mask is in one place.
     pub compactness: f64,

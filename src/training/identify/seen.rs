@@ -12,7 +12,7 @@ use crate::network::system::System;
 use crate::training::objects::motion::Motion;
 
 /// An object whose mask holds less of what moves than this, in saturated pixels, has no centroid: the encoder's position
-/// stands for it.
+/// without its offset stands for it.
 const LEAST_MASS: f64 = 0.5;
 
 /// Of a pixel, the share of the object that has most of it.
@@ -24,7 +24,7 @@ pub struct Seen {
     /// The encoder's, aligned with the picture, without the offsets.
     pub encoded: Tensor,
     pub centroids: Tensor,
-    /// The encoder's minus the centroids', the median over all frames, `[2 * objects]`.
+    /// The encoder's minus the centroids', the median over the frames that have one, `[2 * objects]`.
     pub offsets: Vec<f64>,
     /// Share of the frames in which each object's mask holds something that moves, and of all that moves how much it
     /// holds on average.
@@ -56,15 +56,12 @@ impl Seen {
             covered.push(held.sum_dim_intlist([1i64].as_slice(), false, None) / &in_all);
             owned.push(held / in_all.unsqueeze(1));
             present.push(masses.present.to_kind(Kind::Float));
-            let centroid = masses.centroids(&encoding.positions);
             let aligned = model.aligned_places(&frames, &encoding.positions);
-            for (all, part) in [(&mut encoded, aligned), (&mut centroids, centroid)] {
+            for (all, part) in [(&mut encoded, aligned), (&mut centroids, masses.centroid)] {
                 all.push(part.reshape([chosen.len() as i64, time, -1]));
             }
         }
-        let [encoded, centroids] = [encoded, centroids].map(|parts| on_cpu(&parts));
-        let offsets = (&encoded - &centroids).flatten(0, 1).median_dim(0, false).0;
-        let encoded = encoded - &offsets;
+        let (encoded, centroids, offsets) = two_measures(&on_cpu(&encoded), &on_cpu(&centroids), &on_cpu(&present));
         let mean = |parts: &[Tensor]| on_cpu(parts).mean_dim([0i64].as_slice(), false, Kind::Double);
         let numbers = |x: Tensor| -> Vec<f64> { x.try_into().expect("numbers") };
         Seen {
@@ -96,6 +93,19 @@ impl Seen {
     }
 }
 
+/// The encoder's positions without their offsets, the centroids with these in the place of those that are none, and the offsets
+/// `[2 * objects]`. Positions `[clips, time, 2 * objects]`; `present`: 1 where there is a centroid, 0 elsewhere,
+/// `[clips * time, objects]`.
+fn two_measures(encoded: &Tensor, centroids: &Tensor, present: &Tensor) -> (Tensor, Tensor, Tensor) {
+    let present = present.gt(0.5).unsqueeze(2).expand([-1, -1, 2], false).reshape(encoded.size());
+    let apart = (encoded - centroids).where_self(&present, &encoded.full_like(f64::NAN));
+    // None of an object that never is present.
+    let offsets = apart.flatten(0, 1).nanmedian_dim(0, false).0.nan_to_num(0.0, None, None);
+    let encoded = encoded - &offsets;
+    let centroids = centroids.where_self(&present, &encoded);
+    (encoded, centroids, offsets)
+}
+
 /// Where the fits are made, and in their precision.
 fn on_cpu(parts: &[Tensor]) -> Tensor {
     Tensor::cat(parts, 0).to_device(Device::Cpu).to_kind(Kind::Double)
@@ -105,7 +115,7 @@ fn on_cpu(parts: &[Tensor]) -> Tensor {
 struct Masses {
     /// Whether there is enough of it, `[frames, objects]`.
     present: Tensor,
-    /// Its centroid `(x, y)`, pixels, `[frames, objects, 2]`.
+    /// Its centroid `(x, y)` where there is, pixels, `[frames, objects, 2]`.
     centroid: Tensor,
 }
 
@@ -122,9 +132,24 @@ impl Masses {
         };
         Masses { present: mass.ge(LEAST_MASS), centroid: Tensor::stack(&[along(2), along(3)], 2) }
     }
+}
 
-    /// The centroids `[frames, 2 * objects]`, where there are any; otherwise the encoder's positions.
-    fn centroids(&self, encoded: &Tensor) -> Tensor {
-        self.centroid.where_self(&self.present.unsqueeze(2), &encoded.reshape(self.centroid.size())).flatten(1, 2)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An object that is seen 2 pixels to the right of its mask, in frames without one as well.
+    #[test]
+    fn a_position_without_a_mask_has_no_offset_either() {
+        let places = Tensor::arange(12, (Kind::Double, Device::Cpu)).reshape([2, 3, 2]);
+        let encoded = &places + Tensor::from_slice(&[2.0, 0.0]);
+        // Most frames have no mask: what stands for its centroid there is not counted.
+        let present = Tensor::from_slice(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).reshape([6, 1]);
+        let seen = present.reshape([2, 3, 1]);
+        let (encoded, centroids, offsets) = two_measures(&encoded, &(&places * seen), &present);
+        assert_eq!(Vec::<f64>::try_from(offsets).unwrap(), [2.0, 0.0]);
+        assert!(encoded.equal(&places) && centroids.equal(&places));
+        let (_, _, offsets) = two_measures(&places, &places, &present.zeros_like());
+        assert_eq!(Vec::<f64>::try_from(offsets).unwrap(), [0.0, 0.0]);
     }
 }

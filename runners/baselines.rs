@@ -102,13 +102,14 @@ impl Arguments {
             list,
         };
         let seeds = self.seeds.as_deref().map_or_else(|| Ok(comparing.list.seeds.clone()), parse_seeds)?;
+        let reported = comparing.list.seeds_with(&seeds)?;
         let mut code = ExitCode::SUCCESS;
         if !self.report_only {
             interrupt::catch()?;
             let (models, tasks) = (comparing.models(&self.model)?, comparing.tasks(&self.task)?);
             code = comparing.train_all(&models, &tasks, &seeds, !self.no_search, self.efficiency)?;
         }
-        comparing.report(&self.out)?;
+        comparing.report(&reported, &self.out)?;
         Ok(code)
     }
 }

@@ -105,10 +105,13 @@ fn report(arguments: &Arguments, list: &StressList, data_seeds: &[u64]) -> Resul
     let mut pictured = BTreeMap::new();
     for scene in &list.scenes {
         for &data_seed in data_seeds {
-            for run in scene.runs(&arguments.data, &arguments.runs, data_seed)? {
-                let Some(outcome) = outcome(scene, data_seed, &run)? else { continue };
-                outcomes.push(outcome);
-                pictured.entry(scene.name.clone()).or_insert(run);
+            for (seed, run) in scene.runs(&arguments.data, &arguments.runs, data_seed)? {
+                outcomes.push(outcome(scene, data_seed, seed, &run)?);
+                match run {
+                    Ok(run) if run.summary.is_some() => _ = pictured.entry(scene.name.clone()).or_insert(run),
+                    Ok(run) => say!("{}: not finished", run.folder.display()),
+                    Err(error) => say!("{}, data {data_seed}, seed {seed}: {error:#}", scene.name),
+                }
             }
         }
     }
@@ -117,19 +120,21 @@ fn report(arguments: &Arguments, list: &StressList, data_seeds: &[u64]) -> Resul
     }
     let place = |outcome: &Outcome| list.scenes.iter().position(|scene| scene.name == outcome.scene);
     outcomes.sort_by_key(|outcome| (place(outcome), outcome.data_seed, outcome.seed));
-    ensure!(!outcomes.is_empty(), "{} holds no finished run of the suite", arguments.runs.display());
+    ensure!(!outcomes.is_empty(), "{} holds no run of the suite", arguments.runs.display());
     let succeeded = outcomes.iter().filter(|outcome| outcome.succeeded).count();
     stress::write(&arguments.out, list, &outcomes, &pictured)?;
     say!("{succeeded} of {} runs succeeded; {}", outcomes.len(), arguments.out.join("report.md").display());
     Ok(())
 }
 
-/// Adds those outcomes of a file whose run is not among them.
+/// Adds those outcomes of a file whose run is not among them, or has not finished.
 fn add(outcomes: &mut Vec<Outcome>, file: &Path) -> Result<()> {
     let read = || Ok::<Vec<Outcome>, anyhow::Error>(serde_json::from_reader(File::open(file)?)?);
     let run = |outcome: &Outcome| (outcome.scene.clone(), outcome.data_seed, outcome.seed);
-    let here: BTreeSet<_> = outcomes.iter().map(run).collect();
     let others = read().with_context(|| format!("results of another machine, {}", file.display()))?;
+    let there: BTreeSet<_> = others.iter().map(run).collect();
+    outcomes.retain(|outcome| outcome.finished || !there.contains(&run(outcome)));
+    let here: BTreeSet<_> = outcomes.iter().map(run).collect();
     outcomes.extend(others.into_iter().filter(|other| !here.contains(&run(other))));
     Ok(())
 }

@@ -153,6 +153,15 @@ fn a_small_comparison_runs_to_its_report() {
     assert!(again.status.success() && text(&again).contains("finished before"), "{}", text(&again));
     assert_eq!(fs::metadata(&scores).unwrap().modified().unwrap(), before);
 
+    // Another seed is shown beside those of the list; a run of it that was killed at once is none.
+    let killed = runs.join("fast-gru_and_mlp/seed=2");
+    fs::create_dir_all(&killed).unwrap();
+    fs::write(killed.join("output.log"), "").unwrap();
+    let more = compare(&["--model", "video_lstm", "--seeds", "2", "--no-search", "--out", "more"]);
+    assert!(more.status.success(), "{}", text(&more));
+    let page = fs::read_to_string(folder.path().join("more/report.md")).unwrap();
+    assert!(page.contains("3 of these 4 trainings are finished"), "{page}");
+
     let run = runs.join("fast-gru_and_mlp/seed=0");
     let evaluated = Command::new(env!("CARGO_BIN_EXE_evaluate")).arg(&run).current_dir(folder.path()).output().unwrap();
     assert!(evaluated.status.success(), "{}", text(&evaluated));

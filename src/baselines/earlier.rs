@@ -45,18 +45,19 @@ impl Earlier {
 
     /// What a search has found, with the rates that were only run earlier.
     pub fn completed(&self, searched: Searched) -> Searched {
-        let Searched { model, key, rates, .. } = searched;
+        let Searched { model, key, rates, mut failed, .. } = searched;
         let known = self.searches.get(&(model.clone(), key.clone())).map_or(&[][..], Vec::as_slice);
         let earlier = |rate: f64| known.iter().find_map(|searched| searched.score(rate));
         let rates = rates.into_iter().map(|(rate, score)| (rate, score.or_else(|| earlier(rate)))).collect();
-        Searched::new(&model, &key, rates)
+        failed.extend(known.iter().flat_map(|searched| &searched.failed));
+        Searched::new(&model, &key, rates, &failed)
     }
 
     /// Whether this rate of this model was run in an earlier search.
     pub fn has_searched(&self, training: &Training) -> bool {
         let (Some(key), Some(rate)) = (&training.entry.rate, training.rate) else { return false };
         let known = self.searches.get(&(training.entry.name.clone(), key.clone()));
-        training.searched && known.is_some_and(|known| known.iter().any(|searched| searched.score(rate).is_some()))
+        training.searched && known.is_some_and(|known| known.iter().any(|searched| searched.knows(rate)))
     }
 }
 

@@ -129,6 +129,20 @@ impl Comparison {
         entry.rates.as_ref().unwrap_or(&self.search.rates)
     }
 
+    /// The list's seeds and these, each once.
+    ///
+    /// # Errors
+    /// The seed of the search, whose runs are not among those that are compared.
+    pub fn seeds_with(&self, others: &[u64]) -> Result<Vec<u64>> {
+        let seed = self.search.seed;
+        ensure!(!others.contains(&seed), "seed {seed} is that of the search of learning rates; take another one");
+        let mut seeds = self.seeds.clone();
+        seeds.extend(others);
+        seeds.sort_unstable();
+        seeds.dedup();
+        Ok(seeds)
+    }
+
     /// The model of this name.
     ///
     /// # Errors

@@ -25,6 +25,8 @@ const SIMILAR: f64 = 0.9;
 #[derive(Debug)]
 pub struct Report<'a> {
     pub list: &'a Comparison,
+    /// That count: the list's, and others that were asked for.
+    pub seeds: &'a [u64],
     pub rows: Vec<Row>,
     pub searched: Vec<Searched>,
     /// Training clips of the comparison; other rows count for the data efficiency.
@@ -53,7 +55,7 @@ impl Report<'_> {
     fn page(&self, out: &Path) -> Result<String> {
         let mut page = String::new();
         let (models, tasks) = (self.list.models.len(), self.list.tasks.len());
-        let seeds = self.list.seeds.len();
+        let seeds = self.seeds.len();
         let whole: Vec<&Row> = self.rows.iter().filter(|row| row.training_clips == self.clips).collect();
         let _ = writeln!(
             page,
@@ -61,7 +63,9 @@ impl Report<'_> {
              compared and how). The whole comparison is {models} models x {tasks} tasks x {seeds} seeds; **{} of these {} \
              trainings are finished** on {} training clips of their task, and shown. The sizes of the other models are ours. The number in brackets behind a \
              model is that of its seeds; a band reaches from the least to the greatest of them, a line is their \
-             median.\n",
+             median. Steps and minutes are those of a model's own training: the run that found the objects, with which all \
+             begin that see objects and have none of their own, took its own before, once for a task, a seed and a number of \
+             clips.\n",
             whole.len(),
             models * tasks * seeds,
             self.clips
@@ -95,16 +99,17 @@ impl Report<'_> {
         let _ = writeln!(
             page,
             "\n## Search of the learning rates\n\nL_pred on the validation clips of `{}` at the end of a training with seed \
-             {}, for each rate. The best is taken for all tasks; a model whose search has not finished is trained at its \
-             recipe's rate.\n\n| model | key | {} | taken |\n|---|---|{}---|",
+             {}, for each rate. The best is taken for all tasks, and a rate at which the training failed is the worst; a \
+             model whose search has not finished is trained at its recipe's rate.\n\n| model | key | {} | taken |\n|---|---|{}---|",
             self.list.search.task,
             self.list.search.seed,
             tried.iter().map(|rate| format!("{rate:e}")).collect::<Vec<_>>().join(" | "),
             "---|".repeat(tried.len())
         );
-        for Searched { model, key, rates, chosen } in &self.searched {
+        for Searched { model, key, rates, failed, chosen } in &self.searched {
             let score = |rate: &f64| match rates.iter().find(|(known, _)| known == rate) {
                 Some((_, Some(score))) => format!("{score:.3}"),
+                Some((_, None)) if failed.contains(rate) => "failed".into(),
                 Some((_, None)) => "not run".into(),
                 None => "-".into(),
             };

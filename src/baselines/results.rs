@@ -17,6 +17,7 @@ use crate::runs::names::CONFIG;
 use crate::runs::run::Run;
 use crate::runs::scores::{PredictedFrame, Scores};
 use crate::runs::summary::LearnedParameter;
+use crate::sweep;
 use crate::training::config::Config;
 
 /// The report's files that hold them: the rows, the search, and the frames of each model that the gallery shows.
@@ -78,9 +79,6 @@ impl Row {
     /// A damaged run folder.
     pub fn read(places: &Places, list: &Comparison, training: &Training) -> Result<Option<Row>> {
         let folder = places.folder(list, training)?;
-        if !folder.exists() {
-            return Ok(None);
-        }
         let row = if training.entry.whole.is_some() { of_whole(training, &folder) } else { of_run(training, &folder) };
         row.with_context(|| format!("run {}", folder.display()))
     }
@@ -142,6 +140,10 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 }
 
 fn of_run(training: &Training, folder: &Path) -> Result<Option<Row>> {
+    // What was stopped while its data were read has printed something, and no more.
+    if !folder.join(CONFIG).exists() {
+        return Ok(None);
+    }
     let Some(summary) = Run::read(folder)?.summary else { return Ok(None) };
     let config = Config::read(&folder.join(CONFIG))?;
     let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, config.seed)?;
@@ -181,21 +183,32 @@ pub struct Searched {
     pub key: String,
     /// Each rate, and the L_pred on validation clips at the end; none if that run has not finished.
     pub rates: Vec<(f64, Option<f64>)>,
-    /// The rate with the least; none before all have finished.
+    /// Those of them at which the training failed: they are as bad as can be.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub failed: Vec<f64>,
+    /// The rate with the least; none before all have finished or failed, or where all have failed.
     pub chosen: Option<f64>,
 }
 
 impl Searched {
-    pub(super) fn new(model: &str, key: &str, rates: Vec<(f64, Option<f64>)>) -> Self {
+    /// `failed`: rates that failed, those without a score.
+    pub(super) fn new(model: &str, key: &str, rates: Vec<(f64, Option<f64>)>, failed: &[f64]) -> Self {
         let best = rates.iter().filter_map(|(rate, score)| Some((*rate, (*score)?)));
         let best = best.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(rate, _)| rate);
-        let all = rates.iter().all(|(_, score)| score.is_some());
-        Searched { model: model.into(), key: key.into(), chosen: best.filter(|_| all), rates }
+        let without = rates.iter().filter(|(_, score)| score.is_none()).map(|(rate, _)| *rate);
+        let (failed, waiting): (Vec<f64>, Vec<f64>) = without.partition(|rate| failed.contains(rate));
+        let chosen = best.filter(|_| waiting.is_empty());
+        Searched { model: model.into(), key: key.into(), chosen, rates, failed }
     }
 
     /// The score of a rate, if that was run.
     pub(super) fn score(&self, rate: f64) -> Option<f64> {
         self.rates.iter().find(|(known, _)| *known == rate)?.1
+    }
+
+    /// Whether it is known what becomes of a rate.
+    pub(super) fn knows(&self, rate: f64) -> bool {
+        self.score(rate).is_some() || self.failed.contains(&rate)
     }
 }
 
@@ -208,18 +221,85 @@ pub fn searched(places: &Places, list: &Comparison, clips: usize) -> Result<Vec<
     let trainings = plan::search(list, &models, clips);
     let of_model = |entry: &&Entry| -> Option<Result<Searched>> {
         let key = entry.rate.clone()?;
-        let rates = || -> Result<Vec<(f64, Option<f64>)>> {
-            let own = trainings.iter().filter(|training| training.entry.name == entry.name);
-            own.map(|training| Ok((training.rate.unwrap_or(f64::NAN), validated(places, list, training)?))).collect()
+        let of_rates = || -> Result<Searched> {
+            let (mut rates, mut failed) = (Vec::new(), Vec::new());
+            for training in trainings.iter().filter(|training| training.entry.name == entry.name) {
+                let rate = training.rate.unwrap_or(f64::NAN);
+                rates.push((rate, validated(places, list, training)?));
+                failed.extend(sweep::failure(&places.folder(list, training)?).map(|_| rate));
+            }
+            Ok(Searched::new(&entry.name, &key, rates, &failed))
         };
-        Some(rates().map(|rates| Searched::new(&entry.name, &key, rates)))
+        Some(of_rates())
     };
     models.iter().filter_map(of_model).collect()
 }
 
-/// L_pred on validation clips at the end of a finished training.
+/// L_pred on validation clips of the weights that a finished training ended with.
 fn validated(places: &Places, list: &Comparison, training: &Training) -> Result<Option<f64>> {
     let folder = places.folder(list, training)?;
-    let finished = Row::read(places, list, training)?;
-    finished.map_or(Ok(None), |_| Ok(Course::read(&folder)?.last_validation(VALIDATION_ERROR)))
+    if Row::read(places, list, training)?.is_none() {
+        return Ok(None);
+    }
+    match WholeScores::read(&folder)?.and_then(|whole| whole.best) {
+        Some(best) => Ok(Some(best.error)),
+        None => Ok(Course::read(&folder)?.last_validation(VALIDATION_ERROR)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use anyhow::anyhow;
+
+    use super::*;
+
+    fn list() -> Comparison {
+        Comparison::read(Path::new("configs/baselines.toml")).unwrap()
+    }
+
+    #[test]
+    fn a_run_that_only_printed_something_has_no_row_yet() {
+        let folder = tempfile::tempdir().unwrap();
+        let (list, place) = (list(), folder.path().to_path_buf());
+        let places = Places { data: place.join("data"), runs: place, threads: 1, device: "cpu".into() };
+        for name in ["physics", "video_lstm"] {
+            let entry = list.model(name).unwrap();
+            let rate = entry.rate.as_ref().map(|_| 1e-3);
+            let training = Training { entry, task: "spring_color".into(), clips: 30, seed: 0, rate, searched: false };
+            let run = places.folder(&list, &training).unwrap();
+            fs::create_dir_all(&run).unwrap();
+            fs::write(run.join(sweep::OUTPUT), "reads its data\n").unwrap();
+            assert_eq!(Row::read(&places, &list, &training).unwrap(), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_rate_that_failed_is_the_worst_and_one_that_was_not_run_is_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path();
+        assert_eq!(sweep::failure(run), None);
+        sweep::note_failure(run, &anyhow!("the loss is not finite"));
+        assert_eq!(sweep::failure(run).as_deref(), Some("the loss is not finite"));
+        sweep::forget_failure(run).unwrap();
+        assert_eq!(sweep::failure(run), None);
+        let chosen = |scores: [Option<f64>; 3], failed: &[f64]| {
+            let rates = [1e-3, 1e-2, 1e-1].into_iter().zip(scores).collect();
+            Searched::new("lstm", "pretrain.learning_rate", rates, failed).chosen
+        };
+        assert_eq!(chosen([Some(3.0), Some(2.0), Some(4.0)], &[]), Some(1e-2));
+        assert_eq!(chosen([Some(3.0), Some(2.0), None], &[]), None);
+        assert_eq!(chosen([Some(3.0), Some(2.0), None], &[1e-1]), Some(1e-2));
+        assert_eq!(chosen([Some(3.0), None, None], &[1e-1]), None);
+        assert_eq!(chosen([None; 3], &[1e-3, 1e-2, 1e-1]), None);
+    }
+
+    #[test]
+    fn other_seeds_join_those_of_the_list_but_not_the_searchs() {
+        let list = list();
+        assert_eq!(list.seeds_with(&[5, 1, 3]).unwrap(), [0, 1, 2, 3, 5]);
+        let error = list.seeds_with(&[list.search.seed]).unwrap_err().to_string();
+        assert!(error.contains("the search of learning rates"), "{error}");
+    }
 }

@@ -1,7 +1,8 @@
 //! Training of a whole other model: plain descent, with the safety of any other run.
 //!
 //! The folder of such a run holds `model.toml` (what is trained), `metrics.jsonl`, `checkpoint.safetensors` (weights, Adam's
-//! slots, the step; replaced in one step), and at the end `scores.json` and `outputs.npz`.
+//! slots, the step, and the weights of the best validation; replaced in one step), and at the end `scores.json` and
+//! `outputs.npz`, of the best weights.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -34,9 +35,11 @@ use crate::viz;
 const MODEL: &str = "model.toml";
 const CHECKPOINT: &str = "checkpoint.safetensors";
 const SCORES: &str = "scores.json";
-/// Step and seconds in a checkpoint, and what stands before the name of a slot.
+/// Step and seconds in a checkpoint, with step and error of the best validation; and what stands before the name of a slot,
+/// and of a weight at the best validation.
 const PROGRESS: &str = "progress";
 const SLOT: &str = "slot/";
+const BEST: &str = "best/";
 /// Clips on which a model is validated, at most.
 const VALIDATION_CLIPS: usize = 100;
 /// Share of the steps after which the rate is divided by this.
@@ -113,7 +116,17 @@ pub struct WholeScores {
     pub weights: usize,
     pub training_clips: usize,
     pub seconds: f64,
+    /// The validation whose weights are scored; none in files of before, which score those of the last step.
+    #[serde(default)]
+    pub best: Option<Validation>,
     pub scores: Scores,
+}
+
+/// One validation: after which step, and the error on all frames after the input.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct Validation {
+    pub step: u64,
+    pub error: f64,
 }
 
 impl WholeScores {
@@ -167,18 +180,20 @@ pub fn read_config(folder: &Path) -> Result<Option<WholeConfig>> {
     read().with_context(|| format!("config {}", path.display())).map(Some)
 }
 
-/// Gives a model the weights of the last checkpoint in a run's folder.
+/// Gives a model the weights of the best validation in a run's folder; of a run of an earlier version those of its last step.
 ///
 /// # Errors
 /// No checkpoint, a damaged one, or one of another model.
 pub fn load_weights(folder: &Path, model: &dyn FrameModel) -> Result<()> {
     let variables = named_variables(model);
     let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
-    read_checkpoint(&folder.join(CHECKPOINT), &variables, &mut optimizer).map(|_| ())
+    let progress = read_checkpoint(&folder.join(CHECKPOINT), &variables, &mut optimizer)?;
+    progress.best.iter().for_each(|best| best.fill(&variables));
+    Ok(())
 }
 
-/// Begins a run in its folder, or goes on with it, and scores it at its end. `stop` is asked after every step; `tell` is
-/// given each validation.
+/// Begins a run in its folder, or goes on with it, and scores its best weights at its end. `stop` is asked after every step;
+/// `tell` is given each validation.
 ///
 /// # Errors
 /// A folder that holds another run, a damaged checkpoint, a loss that is not a number, a full disk.
@@ -204,7 +219,8 @@ pub fn train(
     if run.descend(system, data, stop, tell)? == Outcome::Interrupted {
         return Ok(Outcome::Interrupted);
     }
-    write_results(config, model.as_ref(), system, data, run.seconds(), folder)?;
+    let (seconds, best) = (run.seconds(), run.return_to_best());
+    write_results(config, model.as_ref(), system, data, (seconds, best), folder)?;
     Ok(Outcome::Finished)
 }
 
@@ -227,7 +243,7 @@ fn write_results(
     model: &dyn FrameModel,
     system: &System,
     data: WholeData,
-    seconds: f64,
+    (seconds, best): (f64, Option<Validation>),
     folder: &Path,
 ) -> Result<()> {
     let (mut input, mut output) = (Vec::new(), Vec::new());
@@ -242,6 +258,7 @@ fn write_results(
         weights: frame_model::weights(model),
         training_clips: data.train.len(),
         seconds,
+        best,
         scores: frame_model::scores(model, system, data.test, data.test.len())?,
     };
     atomic::write_file(&folder.join(SCORES), |file| Ok(serde_json::to_writer_pretty(file, &scores)?))
@@ -255,6 +272,8 @@ struct Running<'a> {
     variables: Vec<(String, Tensor)>,
     optimizer: Optimizer,
     step: u64,
+    /// None before the first checkpoint.
+    best: Option<Best>,
     /// Seconds of computing before `clock`.
     before: f64,
     clock: Instant,
@@ -267,13 +286,13 @@ impl<'a> Running<'a> {
         let variables = named_variables(model);
         let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
         let path = folder.join(CHECKPOINT);
-        let mut progress = Progress { step: 0, seconds: 0.0 };
+        let mut progress = Progress { step: 0, seconds: 0.0, best: None };
         if path.exists() {
             progress = read_checkpoint(&path, &variables, &mut optimizer)?;
         }
-        let Progress { step, seconds: before } = progress;
+        let Progress { step, seconds: before, best } = progress;
         let metrics = open_metrics(&folder.join(METRICS), step)?;
-        Ok(Running { config, model, folder, variables, optimizer, step, before, clock: Instant::now(), metrics })
+        Ok(Running { config, model, folder, variables, optimizer, step, best, before, clock: Instant::now(), metrics })
     }
 
     fn seconds(&self) -> f64 {
@@ -317,7 +336,8 @@ impl<'a> Running<'a> {
             self.step += 1;
             let stop = stop();
             if self.step.is_multiple_of(checkpoint_every) || self.step == steps {
-                self.validate(system, data.valid, Some(value), tell)?;
+                let error = self.validate(system, data.valid, Some(value), tell)?;
+                self.keep_if_best(error);
                 self.save()?;
             } else if stop {
                 self.save()?;
@@ -329,14 +349,14 @@ impl<'a> Running<'a> {
         Ok(Outcome::Finished)
     }
 
-    /// Scores the model on validation clips, on all frames after the input.
+    /// Scores the model on validation clips, on all frames after the input, and returns its error.
     fn validate(
         &mut self,
         system: &System,
         valid: &Clips,
         train_loss: Option<f64>,
         tell: &mut dyn FnMut(&Record),
-    ) -> Result<()> {
+    ) -> Result<f64> {
         let error = prediction_error(self.model, system, valid, VALIDATION_CLIPS)?;
         let record = Record {
             train_loss,
@@ -347,7 +367,23 @@ impl<'a> Running<'a> {
         };
         record.write(&mut self.metrics)?;
         tell(&record);
-        Ok(())
+        Ok(error)
+    }
+
+    /// Keeps the weights as they are now if none had a smaller validation error.
+    fn keep_if_best(&mut self, error: f64) {
+        // What is not a number is larger than all that are.
+        if self.best.as_ref().is_none_or(|best| error.total_cmp(&best.validation.error).is_lt()) {
+            let weights = self.variables.iter().map(|(name, variable)| (name.clone(), variable.detach().copy()));
+            self.best = Some(Best { validation: Validation { step: self.step, error }, weights: weights.collect() });
+        }
+    }
+
+    /// Gives the model the weights of the best validation, as a run of the physics ends, and says which that was.
+    fn return_to_best(&self) -> Option<Validation> {
+        let best = self.best.as_ref()?;
+        best.fill(&self.variables);
+        Some(best.validation)
     }
 
     /// Replaces the checkpoint in one step, after the metrics that belong to it.
@@ -356,10 +392,13 @@ impl<'a> Running<'a> {
             bail!("variable {name} is not finite after step {}; begin again with a lower learning rate", self.step);
         }
         self.metrics.sync_data().context("cannot write the metrics")?;
-        let progress = Tensor::from_slice(&[self.step as f64, self.seconds()]);
+        let mut progress = vec![self.step as f64, self.seconds()];
+        progress.extend(self.best.iter().flat_map(|Best { validation: it, .. }| [it.step as f64, it.error]));
+        let kept = self.best.iter().flat_map(|best| &best.weights);
+        let kept = kept.map(|(name, weight)| (format!("{BEST}{name}"), weight.shallow_clone()));
         let slots = self.optimizer.slots().into_iter().map(|(name, slot)| (format!("{SLOT}{name}"), slot));
         let all = self.variables.iter().map(|(name, variable)| (name.clone(), variable.detach())).chain(slots);
-        let all: Vec<_> = all.chain([(PROGRESS.to_string(), progress)]).collect();
+        let all: Vec<_> = all.chain(kept).chain([(PROGRESS.to_string(), Tensor::from_slice(&progress))]).collect();
         weights::write(&self.folder.join(CHECKPOINT), &all)
     }
 }
@@ -368,6 +407,24 @@ impl<'a> Running<'a> {
 struct Progress {
     step: u64,
     seconds: f64,
+    /// None of a checkpoint of an earlier version.
+    best: Option<Best>,
+}
+
+/// The weights at the least validation error so far.
+struct Best {
+    validation: Validation,
+    weights: Vec<(String, Tensor)>,
+}
+
+impl Best {
+    /// Gives a model's variables, in their order, these weights.
+    fn fill(&self, variables: &[(String, Tensor)]) {
+        let _guard = tch::no_grad_guard();
+        variables.iter().zip(&self.weights).for_each(|((_, variable), (_, weight))| {
+            variable.shallow_clone().copy_(weight);
+        });
+    }
 }
 
 fn read_checkpoint(path: &Path, variables: &[(String, Tensor)], optimizer: &mut Optimizer) -> Result<Progress> {
@@ -386,15 +443,27 @@ fn restore(
     let _guard = tch::no_grad_guard();
     let mut saved: BTreeMap<String, Tensor> = saved.into_iter().collect();
     let progress: Vec<f64> = saved.remove(PROGRESS).context("it holds no step")?.to_kind(Kind::Double).try_into()?;
-    let [step, seconds] = progress[..] else { bail!("its step is no step") };
-    for (name, variable) in variables {
-        let value = saved.remove(name).with_context(|| format!("variable {name} is missing"))?;
+    let (step, seconds, validation) = match progress[..] {
+        [step, seconds] => (step, seconds, None),
+        [step, seconds, at, error] => (step, seconds, Some(Validation { step: at as u64, error })),
+        _ => bail!("its step is no step"),
+    };
+    let mut take = |name: String, variable: &Tensor| -> Result<Tensor> {
+        let value = saved.remove(&name).with_context(|| format!("variable {name} is missing"))?;
         ensure!(value.size() == variable.size(), "variable {name} has shape {:?}", value.size());
-        variable.shallow_clone().copy_(&value);
+        Ok(value)
+    };
+    let best = |validation: Validation| -> Result<Best> {
+        let weight = |(name, variable): &(String, Tensor)| Ok((name.clone(), take(format!("{BEST}{name}"), variable)?));
+        Ok(Best { validation, weights: variables.iter().map(weight).collect::<Result<_>>()? })
+    };
+    let best = validation.map(best).transpose()?;
+    for (name, variable) in variables {
+        variable.shallow_clone().copy_(&take(name.clone(), variable)?);
     }
     let slot = |(name, value): (String, Tensor)| Some((name.strip_prefix(SLOT)?.to_string(), value));
     optimizer.restore(step as u64, saved.into_iter().filter_map(slot).collect())?;
-    Ok(Progress { step: step as u64, seconds })
+    Ok(Progress { step: step as u64, seconds, best })
 }
 
 /// The metrics up to a step, ready to go on.
@@ -406,4 +475,58 @@ fn open_metrics(path: &Path, step: u64) -> Result<File> {
         kept.iter().filter(|record| step > 0 && record.step <= step).try_for_each(|record| record.write(file))
     })?;
     OpenOptions::new().append(true).open(path).with_context(|| format!("cannot open {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array5;
+
+    use super::*;
+    use crate::tasks;
+
+    /// With a rate at which it leaps about, so that the last weights are not the best ones; also where it was cut off.
+    #[test]
+    fn the_weights_of_the_best_validation_are_scored_and_loaded() {
+        let folder = tempfile::tempdir().unwrap();
+        let plain = tasks::builtin("spring_color").unwrap().system;
+        let system = System { side: 16, pred_steps: 3, ..plain };
+        let config = WholeConfig {
+            model: WholeModel::VideoLstm,
+            task: "spring_color".into(),
+            data: "noise".into(),
+            seed: 4,
+            learning_rate: 0.3,
+            batch: 2,
+            steps: 6,
+            checkpoint_every: 1,
+        };
+        let pixels = Array5::from_shape_fn((6, 8, 16, 16, 3), |(clip, time, y, x, colour)| {
+            (clip * 31 + time * 17 + y * x * 7 + colour * 90) as u8
+        });
+        let clips = Clips::new(&pixels, None, Device::Cpu);
+        let data = WholeData { train: &clips, rewards: None, valid: &clips, test: &clips };
+        let train = |name: &str, stop: bool| {
+            let mut errors = Vec::new();
+            let tell = &mut |record: &Record| errors.push(record.score.unwrap());
+            let outcome = train(&config, &system, data, &folder.path().join(name), &|| stop, tell).unwrap();
+            assert_eq!(outcome == Outcome::Interrupted, stop);
+            errors
+        };
+        let errors = train("whole", false);
+        // Stopped after each of its first steps.
+        (0..5).for_each(|_| _ = train("cut", true));
+        train("cut", false);
+        let [best, of_cut] =
+            ["whole", "cut"].map(|name| WholeScores::read(&folder.path().join(name)).unwrap().unwrap().best.unwrap());
+        assert_eq!((best.step, best.error.to_bits()), (of_cut.step, of_cut.error.to_bits()));
+        // The first validation is before the first step.
+        let least = errors[1..].iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(least < errors[6], "the test shows nothing: {errors:?}");
+        assert_eq!((best.error, errors[best.step as usize]), (least, least));
+        for name in ["whole", "cut"] {
+            let model = config.model.build(&system, 9, Device::Cpu);
+            load_weights(&folder.path().join(name), model.as_ref()).unwrap();
+            assert_eq!(prediction_error(model.as_ref(), &system, &clips, VALIDATION_CLIPS).unwrap(), least, "{name}");
+        }
+    }
 }

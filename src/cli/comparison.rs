@@ -18,6 +18,7 @@ use crate::baselines::page::Report;
 use crate::baselines::plan::{self, Places, Training};
 use crate::baselines::results::{Row, Searched, searched};
 use crate::generators::generate;
+use crate::runs::folder::RunFolder;
 use crate::say;
 use crate::support::device;
 use crate::sweep::{self, Job};
@@ -166,8 +167,13 @@ impl Comparing {
             while let Some(training) = trainings.get(next.fetch_add(1, Ordering::Relaxed)).filter(|_| !self.stop()) {
                 let (config, folder) =
                     (self.places.whole(&self.list, training)?, self.places.folder(&self.list, training)?);
+                sweep::forget_failure(&folder)?;
                 if let Err(error) = whole::train(&config, &folder, self.device, &|| self.stop()) {
                     say!("FAILED {}: {error:#}", folder.display());
+                    // One that another process has under way did not fail.
+                    if !RunFolder::is_in_use(&folder) {
+                        sweep::note_failure(&folder, &error);
+                    }
                     failed.store(true, Ordering::Relaxed);
                 }
             }
@@ -193,18 +199,18 @@ impl Comparing {
         Ok(!ended.failed.is_empty())
     }
 
-    /// Writes the report of all trainings that are there.
+    /// Writes the report of all trainings with these seeds that are there.
     ///
     /// # Errors
     /// None that has finished, a folder that cannot be written.
-    pub fn report(&self, out: &Path) -> Result<()> {
+    pub fn report(&self, seeds: &[u64], out: &Path) -> Result<()> {
         let models = self.models(&[])?;
-        let mut trainings = self.trainings(&models, &self.list.tasks, &self.list.seeds, self.clips)?;
+        let mut trainings = self.trainings(&models, &self.list.tasks, seeds, self.clips)?;
         for &clips in self.list.efficiency.train.iter().filter(|clips| **clips != self.clips) {
             trainings.extend(self.trainings(
                 &models,
                 std::slice::from_ref(&self.list.efficiency.task),
-                &self.list.seeds,
+                seeds,
                 clips,
             )?);
         }
@@ -216,7 +222,7 @@ impl Comparing {
         ensure!(!rows.is_empty(), "{} holds no finished training of the comparison", self.places.runs.display());
         let searched = self.searched()?;
         let count = rows.len();
-        Report { list: &self.list, rows, searched, clips: self.clips }.write(out)?;
+        Report { list: &self.list, seeds, rows, searched, clips: self.clips }.write(out)?;
         say!("{count} trainings; {}", out.join("report.md").display());
         Ok(())
     }

@@ -41,6 +41,8 @@ pub struct Seeing<'a> {
     /// again since.
     raw: Vec<f64>,
     relearned: usize,
+    /// The last number of frames among which some showed nothing.
+    unseen: usize,
 }
 
 impl Debug for Controller<'_> {
@@ -85,7 +87,7 @@ impl<'a> Controller<'a> {
     pub fn seeing_with(vision: Vision<'a>, model: Box<dyn Model + 'a>, planner: Box<dyn Planner>) -> Self {
         let raw = vision.model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect();
         let eyes = Eyes::new(vision);
-        Controller::Seeing(Box::new(Seeing { eyes, model, planner, relearning: None, raw, relearned: 0 }))
+        Controller::Seeing(Box::new(Seeing { eyes, model, planner, relearning: None, raw, relearned: 0, unseen: 0 }))
     }
 
     /// The same, which learns parameters again in each episode; those of no other controller.
@@ -204,7 +206,7 @@ impl Seeing<'_> {
             model.parameters.iter().zip(&self.raw).for_each(|(parameter, raw)| model.set_raw(parameter, *raw));
             self.rebuild();
         }
-        self.relearned = 0;
+        (self.relearned, self.unseen) = (0, 0);
     }
 
     /// The planned-with model with the parameters as they are now.
@@ -216,13 +218,56 @@ impl Seeing<'_> {
     fn relearn(&mut self, frames: &[Option<Tensor>], actions: &[f64]) -> Option<String> {
         let relearning = self.relearning.as_ref()?;
         let due = relearning.due(frames.len(), self.relearned)?;
-        self.relearned = due;
         self.eyes.see(frames);
         let Some((positions, mask)) = self.eyes.first(due) else {
-            return Some("nothing was learned again: some frames do not show what is controlled".into());
+            // What the newest frame does not show is foretold after this: the next decision tries again, and says no more.
+            let said = std::mem::replace(&mut self.unseen, due) == due;
+            let note = "nothing is learned again yet: some frames do not show what is controlled";
+            return (!said).then(|| note.into());
         };
+        self.relearned = due;
         let result = relearning.learn(self.eyes.vision.model, &positions, mask, actions);
         self.rebuild();
         result.err().map(|error| format!("nothing was learned again: {error:#}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::Device;
+
+    use super::*;
+    use crate::control::cross_entropy::CrossEntropy;
+    use crate::control::environment::Rules;
+    use crate::control::pendulum::{FORMAT, PendulumEnvironment, PendulumSettings};
+    use crate::control::planner::SearchSettings;
+    use crate::control::reward::Goal;
+    use crate::network::physics_models::{ModelOptions, PhysicsNet};
+    use crate::tasks;
+
+    /// The seventh frame, from which parameters are first learned, does not arrive; it is foretold, and counts then.
+    #[test]
+    fn what_a_missing_frame_holds_back_is_learned_at_the_next_decision() {
+        let options = ModelOptions { refinement_steps: 2, exact_shift: true, ..ModelOptions::original() };
+        let system = tasks::builtin("pendulum").unwrap().system;
+        let net = PhysicsNet::new(&system, &options, Device::Cpu, 1).unwrap();
+        let search = SearchSettings { candidates: 20, iterations: 2, ..SearchSettings::default() };
+        let controller = Controller::seeing(Vision::new(&net, FORMAT).unwrap(), Box::new(CrossEntropy::new(search)));
+        let relearning = Relearning { names: vec!["g".into()], frames: 25 };
+        let mut controller = controller.relearning(relearning).unwrap();
+        let rules = Rules::pendulum(Goal::angle(0.0));
+        let mut world = PendulumEnvironment::new(PendulumSettings::default(), rules).unwrap();
+        world.reset(2);
+        let mut frames = Vec::new();
+        let mut learned_from = |frame: usize| {
+            frames.push(if frame == 6 { None } else { world.observe() });
+            world.step(0.5);
+            if frame >= 5 {
+                controller.decide(&world, 0, &frames, &vec![0.5; frame]);
+            }
+            let Controller::Seeing(seeing) = &controller else { unreachable!("it sees") };
+            seeing.relearned
+        };
+        assert_eq!([0, 1, 2, 3, 4, 5, 6, 7].map(&mut learned_from), [0, 0, 0, 0, 0, 0, 0, 7]);
     }
 }

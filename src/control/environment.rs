@@ -7,6 +7,7 @@ use super::reward::Reward;
 use super::state::ControlState;
 use crate::generators::film::quantise;
 use crate::network::System;
+use crate::tasks::scene::{Background, Scene};
 
 /// What an episode is.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +52,26 @@ impl FrameFormat {
         );
         Ok(())
     }
+}
+
+/// Whether a scene can be drawn as an agent sees it, one frame after the other: what its dataset's frames show must be what
+/// these show.
+///
+/// # Errors
+/// A scene that looks different from frame to frame by more than the motion of its objects.
+pub(super) fn check_looks(scene: &Scene) -> Result<()> {
+    let changing = [
+        (!scene.camera.is_default(), "the effects of scene.camera"),
+        (scene.background() == Background::Drifting, "a drifting background"),
+        (scene.distractors.iter().any(|distractor| distractor.speed > 0.0), "distractors that move"),
+    ];
+    let found: Vec<&str> = changing.into_iter().filter_map(|(there, what)| there.then_some(what)).collect();
+    ensure!(
+        found.is_empty(),
+        "control does not draw {}: the model would see other frames than it learned from; control a task without",
+        found.join(", ")
+    );
+    Ok(())
 }
 
 /// A world of which frames are seen.

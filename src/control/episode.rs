@@ -25,7 +25,8 @@ pub struct Episode {
     pub frames: Vec<Option<Tensor>>,
     /// The plans that were made, in the order of their steps; empty where nothing is planned.
     pub plans: Vec<Planned>,
-    /// Decisions that were computed, and the processor time that they took together, drawing excluded.
+    /// Decisions that were computed, and the processor time that they took together on the thread that plays, drawing
+    /// excluded.
     pub decisions: usize,
     pub deciding: Duration,
     /// Where there was no sight or no plan, and what acted then.

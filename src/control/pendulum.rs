@@ -2,16 +2,16 @@
 //!
 //! It differs from the dataset's pendulum in two ways. Its time step is the dataset's, 0.05 between two frames, but it takes
 //! it in one Euler step, where the dataset's generator takes ten and the model's cell five. And a rate is cut off at 8,
-//! where the generator throws the clip away. The torque has the same scale: `3 u / (m l^2)`, u within 2 to either side; the
-//! dataset draws another one for each frame, an agent's is held for two.
+//! where the generator throws the clip away. The torque has the same scale: `3 a u / (m l^2)`, u within the scene's largest
+//! torque to either side; the dataset draws another one for each frame, an agent's is held for two.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use rand::Rng;
 use tch::Tensor;
 
-use super::environment::{Environment, FrameFormat, Rules, seen};
+use super::environment::{Environment, FrameFormat, Rules, check_looks, seen};
 use super::model::PlainModel;
 use super::reward::{Goal, Reward};
 use super::state::ControlState;
@@ -19,11 +19,12 @@ use crate::generators::render::Bar;
 use crate::generators::simulate::PENDULUM_MAX_SPEED;
 use crate::network::cells::PlainPendulum;
 use crate::support::random::named_generator;
-use crate::tasks::scene::{BAR_HALF_WIDTH, BAR_VIEW};
+use crate::tasks::Task;
+use crate::tasks::scene::{BAR_HALF_WIDTH, BAR_VIEW, Look, Motion};
 
 /// 64 x 64 pixels in colour, 0.05 time units apart.
 pub const FORMAT: FrameFormat = FrameFormat { side: 64, channels: 3, dt: 0.05 };
-/// The largest torque to either side.
+/// The largest torque to either side, of the paper's pendulum.
 pub const MAX_TORQUE: f64 = 2.0;
 
 /// The numbers of a pendulum, and where its episodes begin.
@@ -35,6 +36,8 @@ pub struct PendulumSettings {
     pub length: f64,
     /// Above 0.
     pub mass: f64,
+    /// A torque u acts as so many u.
+    pub actuation: f64,
     /// An episode begins with an angle (radians) and a rate (radians per time unit) of up to so much to either side.
     pub largest_angle: f64,
     pub largest_rate: f64,
@@ -45,12 +48,48 @@ pub struct PendulumSettings {
 impl Default for PendulumSettings {
     /// The paper's: from the upper half.
     fn default() -> Self {
-        let (gravity, length, mass) = (10.0, 1.0, 1.0);
-        PendulumSettings { gravity, length, mass, largest_angle: FRAC_PI_2, largest_rate: 2.0, rate: None }
+        PendulumSettings {
+            gravity: 10.0,
+            length: 1.0,
+            mass: 1.0,
+            actuation: 1.0,
+            largest_angle: FRAC_PI_2,
+            largest_rate: 2.0,
+            rate: None,
+        }
     }
 }
 
 impl PendulumSettings {
+    /// Those of a task's scene.
+    ///
+    /// # Errors
+    /// A scene of another motion, or one that is not drawn as this environment draws.
+    pub fn of(task: &Task) -> Result<Self> {
+        let scene = task.scene.as_ref().with_context(|| format!("task {} has no scene", task.name))?;
+        let Motion::Pendulum { g, m, length, a, torque, angle, spin } = scene.motion else {
+            bail!("task {}: its scene is no pendulum's", task.name);
+        };
+        let in_task = || format!("task {}", task.name);
+        ensure!(scene.look == Look::Bar, "task {}: control draws a pendulum as a bar, look = \"bar\"", task.name);
+        check_looks(scene).with_context(in_task)?;
+        FORMAT.check(&task.system).with_context(in_task)?;
+        ensure!(
+            torque.is_finite() && torque > 0.0,
+            "task {}: nothing can act; scene.motion.torque must be above 0",
+            task.name
+        );
+        Ok(PendulumSettings {
+            gravity: g,
+            length,
+            mass: m,
+            actuation: a,
+            largest_angle: angle,
+            largest_rate: spin,
+            rate: None,
+        })
+    }
+
     /// Gymnasium's start.
     pub fn gymnasium() -> Self {
         PendulumSettings { largest_angle: PI, largest_rate: 1.0, ..Self::default() }
@@ -61,9 +100,9 @@ impl PendulumSettings {
         1.5 * self.gravity / self.length
     }
 
-    /// Angular acceleration for a torque of 1, `3 / (m l^2)`.
+    /// Angular acceleration for a torque of 1, `3 a / (m l^2)`.
     pub fn torque_acceleration(&self) -> f64 {
-        3.0 / (self.mass * self.length.powi(2))
+        3.0 * self.actuation / (self.mass * self.length.powi(2))
     }
 
     /// The environment's own equation, as it steps.
@@ -74,12 +113,14 @@ impl PendulumSettings {
     }
 
     fn check(&self) -> Result<()> {
-        let Self { gravity, length, mass, rate, .. } = *self;
+        let Self { gravity, length, mass, actuation, largest_angle, largest_rate, rate } = *self;
         let longest = BAR_VIEW - BAR_HALF_WIDTH;
         ensure!(gravity.is_finite() && gravity >= 0.0, "gravity must be a number from 0 on, not {gravity}");
         ensure!(length >= 0.1 && length <= longest, "the length must be 0.1 to {longest}, not {length}");
         ensure!(mass.is_finite() && mass >= 0.01, "the mass must be at least 0.01, not {mass}");
-        let rate = rate.unwrap_or(0.0);
+        ensure!(actuation.is_finite() && actuation > 0.0, "the actuation a must be above 0, not {actuation}");
+        ensure!(largest_angle.is_finite(), "the largest first angle must be a number, not {largest_angle}");
+        let rate = rate.unwrap_or(largest_rate);
         ensure!(rate.abs() <= PENDULUM_MAX_SPEED, "the first rate must be at most {PENDULUM_MAX_SPEED}, not {rate}");
         Ok(())
     }

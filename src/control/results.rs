@@ -49,7 +49,7 @@ pub struct Row {
     pub return_high: f64,
     /// Mean return of the planner that knows state and equation, in the same episodes.
     pub upper_bound: f64,
-    /// Processor time, drawing excluded.
+    /// Processor time of the thread that decides, drawing excluded: all there is with one thread, as by default.
     pub ms_per_decision: f64,
 }
 

@@ -1,11 +1,12 @@
 //! Any task whose objects move by its own equation while something acts on them, as a world to act in.
 //!
-//! Its objects begin, move and look as in the task's dataset; only the action is the agent's.
+//! Its objects begin, move and look as in the task's dataset; only the action is the agent's. What each clip of the dataset
+//! draws for itself, each episode does.
 
 use anyhow::{Context, Result, ensure};
 use tch::Tensor;
 
-use super::environment::{Environment, FrameFormat, Rules, seen};
+use super::environment::{Environment, FrameFormat, Rules, check_looks, seen};
 use super::model::{self, Model};
 use super::state::ControlState;
 use crate::datasets::files::Split;
@@ -39,7 +40,8 @@ impl SceneEnvironment {
     /// At its first start, until it is reset.
     ///
     /// # Errors
-    /// A task without a scene, or whose objects do not move by an equation of positions that something acts on.
+    /// A task without a scene, whose objects do not move by an equation of positions that something acts on, or whose scene
+    /// looks different from frame to frame.
     pub fn new(task: &Task, rules: Rules) -> Result<Self> {
         let variant = Variant::new(task, 0)?;
         let cell = task.system.cell;
@@ -50,6 +52,7 @@ impl SceneEnvironment {
             "task {}: its objects must move by their own equation (motion = {{ law = \"equation\" }}) with an action u",
             task.name
         );
+        check_looks(&variant.scene).with_context(|| format!("task {}", task.name))?;
         let renderer = Renderer::new(&variant, &SourceImages::of(&variant)?)?;
         let world = variant.world();
         let state = world.draw_initial(&mut named_generator(0, "scene's start"));
@@ -70,6 +73,14 @@ impl SceneEnvironment {
         });
         let cell = task.system.build_cell(&raw.collect::<Result<Vec<_>>>()?);
         Ok(model::of_cell(cell, task.system.dt))
+    }
+
+    /// A frame of objects at these positions; none where there is no room for what else the scene shows.
+    fn frame(&self, state: &SceneState) -> Option<Tensor> {
+        // One take for the whole episode: what lies behind the objects stays where it is.
+        let streams = Streams { seed: self.seed, split: Split::Test, index: 0, take: 0 };
+        let film = self.renderer.draw(std::slice::from_ref(state), &streams).ok()?;
+        Some(seen(&film.frames[0], self.format))
     }
 }
 
@@ -96,9 +107,7 @@ impl Environment for SceneEnvironment {
     }
 
     fn observe(&mut self) -> Option<Tensor> {
-        let streams = Streams { seed: self.seed, split: Split::Test, index: 0, take: self.step };
-        let film = self.renderer.draw(std::slice::from_ref(&self.state), &streams).ok()?;
-        Some(seen(&film.frames[0], self.format))
+        self.frame(&self.state)
     }
 
     fn show(&mut self, positions: &[f64]) -> Option<Tensor> {
@@ -108,7 +117,11 @@ impl Environment for SceneEnvironment {
     }
 
     fn empty_frame(&self) -> Tensor {
-        seen(&vec![0.0; self.format.channels * self.format.side.pow(2)], self.format)
+        // So far outside that nothing of an object hangs over the border.
+        let outside =
+            SceneState { positions: vec![-2.0 * self.world.side; self.state.positions.len()], ..self.state.clone() };
+        let black = || seen(&vec![0.0; self.format.channels * self.format.side.pow(2)], self.format);
+        self.frame(&outside).unwrap_or_else(black)
     }
 
     fn step(&mut self, action: f64) -> f64 {
@@ -129,5 +142,54 @@ impl Environment for SceneEnvironment {
 
     fn format(&self) -> FrameFormat {
         self.format
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use tch::Kind;
+
+    use super::*;
+    use crate::control::reward::{Goal, Reward};
+
+    fn puck_with(looks: &str) -> Result<SceneEnvironment> {
+        let task = Task::from_toml(&(fs::read_to_string("configs/control/puck.toml")? + looks))?;
+        let reward = Reward::Goal(Goal::point([22.0, 16.0], 32.0));
+        SceneEnvironment::new(&task, Rules { steps: 50, hold: 2, largest_action: 1.0, reward, frames_before: 3 })
+    }
+
+    /// Only what is controlled moves before a background and a distractor that each episode draws for itself.
+    #[test]
+    fn what_lies_behind_the_objects_stays_for_an_episode() {
+        let looks =
+            "[scene.background]\nkind = \"random_texture\"\n[[scene.distractors]]\ncolour = [0.9]\nradius = 2.0\n";
+        let mut world = puck_with(looks).unwrap();
+        world.reset(3);
+        let empty = world.empty_frame();
+        for _ in 0..3 {
+            let changed = world.observe().unwrap().ne_tensor(&empty).sum(Kind::Int64).int64_value(&[]);
+            // A ball of radius 2.5, and the two pixels to each side that shrinking blurs: 9 x 9, or 10 x 10 off the grid.
+            assert!((10..=100).contains(&changed), "{changed} pixels");
+            world.step(1.0);
+        }
+        world.reset(4);
+        assert_ne!(world.empty_frame(), empty);
+        let mut plain = puck_with("").unwrap();
+        plain.reset(3);
+        assert_eq!(plain.empty_frame().max().double_value(&[]), 0.0);
+    }
+
+    #[test]
+    fn a_scene_that_changes_by_itself_is_refused() {
+        for (looks, complaint) in [
+            ("[scene.camera]\nnoise = 5.0\n", "scene.camera"),
+            ("[scene.background]\nkind = \"drifting\"\n", "a drifting background"),
+            ("[[scene.distractors]]\ncolour = [0.9]\nradius = 2.0\nspeed = 1.0\n", "distractors that move"),
+        ] {
+            let error = format!("{:#}", puck_with(looks).unwrap_err());
+            assert!(error.contains(complaint) && error.contains("task puck"), "{error}");
+        }
     }
 }

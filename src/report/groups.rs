@@ -161,9 +161,11 @@ pub(super) fn original_unit(task: &Task, parameter: &PhysicalParameter) -> f64 {
 /// Sorts runs into groups, by task (in the order of the built-in ones) and recipe.
 pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
-    for run in runs {
-        if let Some(group) = groups.iter_mut().find(|group| alike(&group.runs[0], &run)) {
-            group.runs.push(run);
+    // Last those that left nothing to tell what they learned from: all groups that they may belong to are there then.
+    let (known, unknown): (Vec<_>, Vec<_>) = runs.into_iter().partition(|run| !of_unknown_data(run));
+    for run in known.into_iter().chain(unknown) {
+        if let Some(place) = place_of(&run, &groups) {
+            groups[place].runs.push(run);
             continue;
         }
         let (task, recipe) = (run.config.task.clone(), run.config.recipe.clone());
@@ -180,25 +182,52 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
     groups
         .sort_by_cached_key(|group| (place(group), group.task.name.clone(), group.recipe.clone(), group.label.clone()));
     groups.iter_mut().for_each(|group| {
-        group
-            .runs
-            .sort_by_cached_key(|run| (run.data.as_ref().and_then(RunData::seed), run.config.seed, run.folder.clone()))
+        group.runs.sort_by_cached_key(|run| {
+            let seed = run.data.as_ref().and_then(RunData::seed);
+            (seed.is_none(), seed, run.config.seed, run.folder.clone())
+        })
     });
     groups
+}
+
+/// The group that a run belongs to, if it is there. One that has not finished, on files of which no other run tells, counts
+/// in the only group whose runs were to learn the same in the same way: a failure is no group of its own.
+fn place_of(run: &Run, groups: &[Group]) -> Option<usize> {
+    let same = groups.iter().position(|group| alike(&group.runs[0], run));
+    let only = || {
+        let could = |group: &Group| kind(&group.runs[0]).is_some() && same_choices(&group.runs[0], run);
+        let mut places = (0..groups.len()).filter(|place| could(&groups[*place]));
+        places.next().filter(|_| places.next().is_none())
+    };
+    same.or_else(|| of_unknown_data(run).then(only).flatten())
+}
+
+/// Whether nothing is known of what a run learned from.
+fn of_unknown_data(run: &Run) -> bool {
+    run.summary.is_none() && run.data.is_none()
+}
+
+/// How the files that a run learned from were made, but for their seed.
+fn kind(run: &Run) -> Option<String> {
+    run.data.as_ref().and_then(RunData::kind)
 }
 
 /// Whether two runs differ in nothing that decides what is learned. Where the data lie is not that, nor the seed that they
 /// were made with: what they show is.
 fn alike(a: &Run, b: &Run) -> bool {
+    let place = |run: &Run| run.config.choices.get(DATA_FOLDER).cloned();
+    same_choices(a, b) && kind(a) == kind(b) && (kind(a).is_some() || place(a) == place(b))
+}
+
+/// Whether two runs have the same task, recipe and choices, wherever their data lie.
+fn same_choices(a: &Run, b: &Run) -> bool {
     let what = |run: &Run| {
         let mut choices = without_place(&run.config.choices);
         // Earlier versions did not write down all that is switched off.
         choices.retain(|_, value| !OFF.contains(&value.as_str()));
         (run.config.task.name.clone(), run.config.recipe.clone(), choices)
     };
-    let made = |run: &Run| run.data.as_ref().and_then(RunData::kind);
-    let place = |run: &Run| run.config.choices.get(DATA_FOLDER).cloned();
-    what(a) == what(b) && made(a) == made(b) && (made(a).is_some() || place(a) == place(b))
+    what(a) == what(b)
 }
 
 /// The key that says where the data lie.
@@ -255,4 +284,44 @@ pub(super) fn by_task(groups: &[Group]) -> Vec<(Task, Range<usize>)> {
         first..first + groups.iter().filter(|group| group.task.name == name).count()
     };
     tasks.into_iter().map(|task| (task.clone(), place(&task.name))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use super::*;
+
+    /// A run on files of a folder; their maker's line where it is known.
+    fn run(place: &Path, data: u64, made_with: Option<&str>) -> Run {
+        let folder = place.join(format!("data={data}"));
+        fs::create_dir_all(&folder).unwrap();
+        let overrides = Overrides {
+            task: Some("pendulum".into()),
+            recipe: Some("fast".into()),
+            seed: Some(31),
+            data: Some(format!("data/datasets/data={data}").into()),
+            ..Overrides::default()
+        };
+        fs::write(folder.join("config.toml"), Config::load(None, &overrides).unwrap().to_toml()).unwrap();
+        let made_with = made_with.map(|text| format!("generator 1, task pendulum, seed {data}, {text}"));
+        let data = made_with.map(|text| RunData { clips: [10, 10, 10], made_with: Some(text) });
+        Run { data, ..Run::read(&folder).unwrap() }
+    }
+
+    #[test]
+    fn a_run_that_failed_alone_on_its_data_counts_among_those_it_was_to_be_like() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = |data: u64, made_with: Option<&str>| run(folder.path(), data, made_with);
+        let sizes = |groups: &[Group]| -> Vec<usize> { groups.iter().map(|group| group.runs.len()).collect() };
+        // It is found first, and comes last in its group.
+        let (short, long) = (Some("10 clips"), Some("1000 clips"));
+        let groups = group(vec![run(20, None), run(21, short), run(23, short), run(24, None)]);
+        assert_eq!(sizes(&groups), [4]);
+        assert!(groups[0].label == "fast" && groups[0].runs[0].data.is_some());
+        // Nothing says to which of two kinds of data.
+        let groups = group(vec![run(21, short), run(22, None), run(23, long)]);
+        assert_eq!(sizes(&groups), [1, 1, 1]);
+    }
 }

@@ -11,7 +11,6 @@ use crate::datasets::settings::Counts;
 use crate::generators::DatasetJob;
 use crate::generators::source_images::SourceImages;
 use crate::generators::variant::Variant;
-use crate::runs::find::find_runs;
 use crate::runs::run::Run;
 use crate::support::storage;
 use crate::sweep::SweepPlan;
@@ -147,14 +146,15 @@ impl Scene {
         }
     }
 
-    /// The runs that were begun on the dataset of a seed.
+    /// The runs that were begun on the dataset of a seed, each with its own seed: what its folder tells, or why it cannot
+    /// be read.
     ///
     /// # Errors
-    /// A run folder that cannot be read.
-    pub fn runs(&self, data: &Path, runs: &Path, data_seed: DataSeed) -> Result<Vec<Run>> {
+    /// A scene file that is no task any more.
+    pub fn runs(&self, data: &Path, runs: &Path, data_seed: DataSeed) -> Result<Vec<(u64, Result<Run>)>> {
         let jobs = self.plan(data, runs, data_seed, 1).jobs()?;
-        let begun = jobs.into_iter().map(|job| job.folder).filter(|folder| folder.exists());
-        Ok(find_runs(&begun.collect::<Vec<_>>(), &|_| false)?.runs)
+        let begun = jobs.into_iter().filter(|job| job.folder.exists());
+        Ok(begun.map(|job| (job.seed, Run::read(&job.folder))).collect())
     }
 }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
-use super::list::Scene;
+use super::list::{DataSeed, Scene};
 use crate::datasets::settings::NoiseFloor;
 use crate::datasets::states::States;
 use crate::runs::run::Run;
@@ -22,31 +22,64 @@ pub struct Outcome {
     pub scene: String,
     /// The plain task.
     pub task: String,
-    pub data_seed: u64,
+    pub data_seed: DataSeed,
     pub seed: u64,
+    /// One that has not has no results: whatever it was stopped by, it did not succeed. Earlier files hold finished runs only.
+    #[serde(default = "finished_before")]
+    pub finished: bool,
     /// Within the plain task's limits, those of losses in proportion to the objects and raised by the floor.
     pub succeeded: bool,
-    /// What of it was beyond its limit.
+    /// What of it was beyond its limit, or why there are no results.
     pub missed: Vec<String>,
     /// The run's own verdict.
     pub found: bool,
     /// The checks that failed.
     pub failed_checks: Vec<String>,
     pub parameters: BTreeMap<String, LearnedParameter>,
-    pub recons_loss: f64,
-    pub pred_loss: f64,
+    pub recons_loss: Option<f64>,
+    pub pred_loss: Option<f64>,
     pub extrap_loss: Option<f64>,
     /// What noise alone leaves of the losses; none without noise.
     pub noise_floor: Option<NoiseFloor>,
-    pub seconds: f64,
+    pub seconds: Option<f64>,
 }
 
-/// What became of a run of a scene; none if it has not finished.
+fn finished_before() -> bool {
+    true
+}
+
+impl Outcome {
+    /// Of a run that was begun and has no results, and why.
+    fn without_results(scene: &Scene, data_seed: DataSeed, seed: u64, why: &str) -> Self {
+        Outcome {
+            scene: scene.name.clone(),
+            task: scene.plain.name.clone(),
+            data_seed,
+            seed,
+            finished: false,
+            succeeded: false,
+            missed: vec![why.into()],
+            found: false,
+            failed_checks: Vec::new(),
+            parameters: BTreeMap::new(),
+            recons_loss: None,
+            pred_loss: None,
+            extrap_loss: None,
+            noise_floor: None,
+            seconds: None,
+        }
+    }
+}
+
+/// What became of a run of a scene that was begun with this seed.
 ///
 /// # Errors
 /// Damaged settings beside the test file.
-pub fn outcome(scene: &Scene, data_seed: u64, run: &Run) -> Result<Option<Outcome>> {
-    let Some(summary) = &run.summary else { return Ok(None) };
+pub fn outcome(scene: &Scene, data_seed: DataSeed, seed: u64, run: &Result<Run>) -> Result<Outcome> {
+    let Ok(run) = run else { return Ok(Outcome::without_results(scene, data_seed, seed, "unreadable")) };
+    let Some(summary) = &run.summary else {
+        return Ok(Outcome::without_results(scene, data_seed, seed, "not finished"));
+    };
     let noise_floor = noise_floor(run)?;
     let losses = &summary.test.scores.losses;
     let limits = &scene.plain.success;
@@ -66,22 +99,23 @@ pub fn outcome(scene: &Scene, data_seed: u64, run: &Run) -> Result<Option<Outcom
         }
     }
     let verdict = summary.verdict.as_ref();
-    Ok(Some(Outcome {
+    Ok(Outcome {
         scene: scene.name.clone(),
         task: scene.plain.name.clone(),
         data_seed,
-        seed: summary.seed,
+        seed,
+        finished: true,
         succeeded: missed.is_empty(),
         missed,
         found: verdict.is_some_and(|verdict| verdict.found),
         failed_checks: verdict.map_or_else(Vec::new, |it| it.failed().map(|check| check.name.clone()).collect()),
         parameters: summary.parameters.clone(),
-        recons_loss: losses.recons_loss,
-        pred_loss: losses.pred_loss,
+        recons_loss: Some(losses.recons_loss),
+        pred_loss: Some(losses.pred_loss),
         extrap_loss: losses.extrap_loss,
         noise_floor,
-        seconds: summary.wall_seconds,
-    }))
+        seconds: Some(summary.wall_seconds),
+    })
 }
 
 /// The floor that was measured when the run's test file was made.

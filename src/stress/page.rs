@@ -63,11 +63,12 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
          those of losses in proportion to the number of objects; where noise sets a floor, a loss may be 1.1 floors \
          larger. *Found* is the run's own verdict, made without the \
          truth.\n\n\
-         **{succeeded} of {} runs succeeded.** {}\n",
+         **{succeeded} of {} runs succeeded.** {}{}\n",
         list.scenes.len(),
         systems.join(", "),
         outcomes.iter().map(|outcome| &outcome.scene).collect::<BTreeSet<_>>().len(),
         outcomes.len(),
+        without_results(outcomes),
         agreement(outcomes)
     );
     let _ = writeln!(
@@ -79,7 +80,7 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
     for scene in &list.scenes {
         let runs: Vec<&Outcome> = outcomes.iter().filter(|outcome| outcome.scene == scene.name).collect();
         let count = |holds: fn(&Outcome) -> bool| runs.iter().filter(|outcome| holds(outcome)).count();
-        let range = |number: fn(&Outcome) -> f64| range(runs.iter().map(|outcome| number(outcome)));
+        let range = |number: fn(&Outcome) -> Option<f64>| range(runs.iter().filter_map(|outcome| number(outcome)));
         let floor = runs.iter().find_map(|outcome| outcome.noise_floor);
         let mut missed: Vec<&str> = runs.iter().flat_map(|outcome| &outcome.missed).map(String::as_str).collect();
         missed.sort_unstable();
@@ -94,9 +95,9 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
             worst_errors(&runs),
             range(|outcome| outcome.recons_loss),
             range(|outcome| outcome.pred_loss),
-            range(|outcome| outcome.extrap_loss.unwrap_or(f64::NAN)),
+            range(|outcome| outcome.extrap_loss),
             floor.map_or("-".into(), |floor| Loss::ALL.map(|loss| format!("{:.2}", floor.of(loss))).join(" / ")),
-            range(|outcome| outcome.seconds.round()),
+            range(|outcome| outcome.seconds.map(f64::round)),
             missed.join(", ")
         );
     }
@@ -124,15 +125,24 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
     page
 }
 
-/// How often the verdict agrees with the truth.
+/// How many of the runs that count have no results.
+fn without_results(outcomes: &[Outcome]) -> String {
+    match outcomes.iter().filter(|outcome| !outcome.finished).count() {
+        0 => String::new(),
+        count => format!("Without results, since they have not finished or cannot be read: {count}. "),
+    }
+}
+
+/// How often the verdict of a finished run agrees with the truth.
 fn agreement(outcomes: &[Outcome]) -> String {
+    let finished: Vec<&Outcome> = outcomes.iter().filter(|outcome| outcome.finished).collect();
     let count = |found: bool, succeeded: bool| {
-        outcomes.iter().filter(|outcome| outcome.found == found && outcome.succeeded == succeeded).count()
+        finished.iter().filter(|outcome| outcome.found == found && outcome.succeeded == succeeded).count()
     };
     let right = count(true, true) + count(false, false);
     format!(
         "The verdict was right on {right} of {}: {} false alarms, {} misses.",
-        outcomes.len(),
+        finished.len(),
         count(false, true),
         count(true, false)
     )
@@ -159,5 +169,35 @@ fn range(values: impl Iterator<Item = f64>) -> String {
         std::cmp::Ordering::Greater => "-".into(),
         std::cmp::Ordering::Equal => text(low),
         std::cmp::Ordering::Less => format!("{} to {}", text(low), text(high)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stress::outcome;
+
+    #[test]
+    fn a_run_without_results_counts_as_one_that_did_not_succeed() {
+        let folder = tempfile::tempdir().unwrap();
+        let list = StressList::read(Path::new("configs/stress.toml")).unwrap();
+        let scene = &list.scenes[0];
+        // As a run leaves it that is killed while its data are read.
+        let place = folder.path().join("data=1").join(&scene.task.name).join("fast/seed=1");
+        std::fs::create_dir_all(&place).unwrap();
+        std::fs::write(place.join("output.log"), "").unwrap();
+        let runs = scene.runs(Path::new("data"), folder.path(), 1).unwrap();
+        let [(1, run)] = &runs[..] else { panic!("{runs:?}") };
+        let failed = outcome(scene, 1, 1, run).unwrap();
+        let well = Outcome { finished: true, succeeded: true, found: true, missed: Vec::new(), ..failed.clone() };
+        let well = Outcome { data_seed: 2, recons_loss: Some(0.1), ..well };
+        let page = page(&list, &[failed, well], &|_| false);
+        for line in [
+            "**1 of 2 runs succeeded.** Without results, since they have not finished or cannot be read: 1. The verdict was \
+             right on 1 of 1: 0 false alarms, 0 misses.",
+            &format!("| {} | 2 | 1 | 1 | - | 0.10 | - | - | - | - | unreadable |", scene.name),
+        ] {
+            assert!(page.contains(line), "{line:?} is not in:\n{page}");
+        }
     }
 }

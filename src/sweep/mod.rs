@@ -9,5 +9,5 @@ mod status;
 
 pub use crate::runs::names::{DONE, OUTPUT};
 pub use plan::{Job, SweepPlan};
-pub use processes::{SweepEvent, SweepSummary, last_line, run};
+pub use processes::{SweepEvent, SweepSummary, failure, forget_failure, last_line, note_failure, run};
 pub use status::{RunState, RunStatus, status};

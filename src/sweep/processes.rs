@@ -19,6 +19,8 @@ use crate::support::storage::storage;
 
 /// How often the processes are looked at.
 const TICK: Duration = Duration::from_millis(100);
+/// Stands before the reason of a failure in what a run printed.
+const NOTE: &str = "sweep: ";
 /// Bytes in which a last line is looked for.
 const TAIL: u64 = 600;
 /// Bytes of what a run printed in which its error is looked for.
@@ -188,12 +190,28 @@ fn reason(path: &Path, from: u64) -> std::io::Result<String> {
 }
 
 /// Notes a failure in what the run printed; returns where that is.
-fn note_failure(folder: &Path, error: &anyhow::Error) -> PathBuf {
+pub fn note_failure(folder: &Path, error: &anyhow::Error) -> PathBuf {
     // Where even the folder cannot be written, the observer is the only one to know.
     if let Ok(mut output) = open_output(folder) {
-        let _ = writeln!(output, "sweep: {error:#}");
+        let _ = writeln!(output, "{NOTE}{error:#}");
     }
     folder.join(OUTPUT)
+}
+
+/// Why the last try of a run failed; none if it did not, is under way or was only stopped.
+pub fn failure(folder: &Path) -> Option<String> {
+    let last = last_line(&folder.join(OUTPUT)).ok()?;
+    let noted = last.strip_prefix(NOTE).filter(|_| !RunFolder::is_in_use(folder));
+    noted.map(String::from)
+}
+
+/// Takes back what was noted of a run that prints nothing of its own, before it is tried again.
+///
+/// # Errors
+/// A file that cannot be removed.
+pub fn forget_failure(folder: &Path) -> Result<()> {
+    let path = folder.join(OUTPUT);
+    storage().remove_if_there(&path).with_context(|| format!("cannot remove {}", path.display()))
 }
 
 /// The last line of a file that is not empty: what a run printed last.

@@ -46,10 +46,10 @@ impl Arguments {
             let cell = model.system.cell.name;
             model.set_value(parameter.with_context(|| format!("equation {cell} has no parameter {name}"))?, value)
         };
-        if who == Who::TrueEquation && setting.is_pendulum() {
+        if let (Who::TrueEquation, Some(pendulum)) = (who, setting.pendulum) {
             // The cell counts lengths in rods, and its rod has mass and length 1.
-            set("g", setting.pendulum.gravity_acceleration() / 1.5)?;
-            set("a", setting.pendulum.torque_acceleration() / 3.0)?;
+            set("g", pendulum.gravity_acceleration() / 1.5)?;
+            set("a", pendulum.torque_acceleration() / 3.0)?;
         } else if who == Who::TrueEquation {
             setting.task.truth.iter().try_for_each(|truth| set(&truth.name, truth.value))?;
         } else {

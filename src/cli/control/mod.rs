@@ -76,16 +76,16 @@ struct Arguments {
     /// Steps of an episode, if not the usual ones
     #[arg(long)]
     steps: Option<usize>,
-    /// Gravity of the environment's pendulum
-    #[arg(long, default_value_t = 10.0)]
-    gravity: f64,
-    /// Length of the environment's pendulum
-    #[arg(long, default_value_t = 1.0)]
-    length: f64,
-    /// Mass of the environment's pendulum
-    #[arg(long, default_value_t = 1.0)]
-    mass: f64,
-    /// Rate with which the pendulum begins, in either direction, instead of one of up to 2
+    /// Gravity of the environment's pendulum [default: that of the task's scene]
+    #[arg(long)]
+    gravity: Option<f64>,
+    /// Length of the environment's pendulum [default: that of the task's scene]
+    #[arg(long)]
+    length: Option<f64>,
+    /// Mass of the environment's pendulum [default: that of the task's scene]
+    #[arg(long)]
+    mass: Option<f64>,
+    /// Rate with which the pendulum begins, in either direction, instead of one of up to the scene's largest
     #[arg(long)]
     start_rate: Option<f64>,
     /// Share of the frames that do not arrive

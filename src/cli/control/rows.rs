@@ -6,14 +6,16 @@ use super::playing::Played;
 use super::setting::Setting;
 use super::{Arguments, Method, Who};
 use crate::baselines::training::WholeScores;
+use crate::control::environment::Rules;
+use crate::control::pendulum::PendulumSettings;
 use crate::control::results::Row;
-use crate::control::reward::Reward;
+use crate::control::reward::{Goal, Reward};
 use crate::runs::run::Run;
 
 impl Arguments {
     pub(super) fn row(&self, setting: &Setting, played: &Played, upper_bound: f64) -> Row {
         let run = self.run.as_ref().filter(|_| played.who.has_run());
-        let degrees = |angle: f64| if setting.is_pendulum() { angle.to_degrees() } else { angle };
+        let degrees = |angle: f64| if setting.pendulum.is_some() { angle.to_degrees() } else { angle };
         let goal = match &setting.rules.reward {
             Reward::Goal(goal) => Some(degrees(goal.place[0])),
             Reward::Gymnasium => None,
@@ -24,8 +26,8 @@ impl Arguments {
             model: run.map(|run| run.display().to_string()),
             clips: run.and_then(|run| training_clips(run)),
             goal,
-            gravity: setting.is_pendulum().then_some(self.gravity),
-            setting: self.unusual(played.who),
+            gravity: setting.pendulum.map(|pendulum| pendulum.gravity),
+            setting: self.unusual(setting, played.who),
             episodes: self.episodes,
             return_mean: played.mean[0],
             return_low: played.mean[1],
@@ -36,16 +38,26 @@ impl Arguments {
     }
 
     /// What of the setting is not as usual, beyond goal and gravity.
-    pub(super) fn unusual(&self, who: Who) -> String {
+    pub(super) fn unusual(&self, setting: &Setting, who: Who) -> String {
         let mut parts = Vec::new();
         let mut say = |shown: bool, text: String| parts.extend(shown.then_some(text));
         say(self.gymnasium, "Gymnasium's cost".into());
         say(self.search == Method::PathIntegral, "path integrals".into());
         say(self.goal_image.is_some(), "goal by image".into());
+        // The row's goal is the first coordinate.
+        if let Reward::Goal(Goal { place, .. }) = &setting.rules.reward
+            && let [_, y] = place[..]
+        {
+            say(true, format!("goal at y {y}"));
+        }
         say(self.goal_swing != 0.0, format!("goal swings by {} in {} steps", self.goal_swing, self.goal_period));
         say(self.frames_before != 3, format!("{} frames before", self.frames_before));
-        say(self.length != 1.0, format!("length {}", self.length));
-        say(self.mass != 1.0, format!("mass {}", self.mass));
+        let Rules { steps, .. } = setting.rules;
+        say(steps != setting.usual_steps, format!("{steps} steps"));
+        if let Some(PendulumSettings { length, mass, .. }) = setting.pendulum {
+            say(length != 1.0, format!("length {length}"));
+            say(mass != 1.0, format!("mass {mass}"));
+        }
         say(self.start_rate.is_some(), format!("first rate {}", self.start_rate.unwrap_or_default()));
         say(self.dropped > 0.0, format!("{:.0} % of the frames dropped", 100.0 * self.dropped));
         say(self.hidden > 0.0, format!("{:.0} % of the frames hidden", 100.0 * self.hidden));
@@ -61,4 +73,25 @@ impl Arguments {
 fn training_clips(run: &Path) -> Option<usize> {
     let whole = WholeScores::read(run).ok().flatten().map(|scores| scores.training_clips);
     whole.or_else(|| Run::read(run).ok()?.data.map(|data| data.clips[0]))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[test]
+    fn steps_and_the_whole_goal_stand_in_the_results() {
+        let unusual = |words: &str| {
+            let arguments = Arguments::try_parse_from(words.split(' ')).unwrap();
+            arguments.unusual(&arguments.setting().unwrap(), Who::Zero)
+        };
+        assert_eq!(
+            unusual("control --task configs/control/puck.toml --goal 22,16.5 --steps 7"),
+            "goal at y 16.5; 7 steps"
+        );
+        assert_eq!(unusual("control --steps 50 --goal 20"), "");
+        assert_eq!(unusual("control --gymnasium --steps 50"), "Gymnasium's cost; 50 steps");
+    }
 }

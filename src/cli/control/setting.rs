@@ -22,36 +22,30 @@ use crate::training::saved::load_model;
 /// What is played: a world and its rules.
 pub(super) struct Setting {
     pub(super) task: Task,
-    pub(super) pendulum: PendulumSettings,
+    /// None of a task whose objects move in the plane.
+    pub(super) pendulum: Option<PendulumSettings>,
     pub(super) rules: Rules,
+    /// Steps of an episode where the arguments say nothing else.
+    pub(super) usual_steps: usize,
     pub(super) faults: Faults,
 }
 
 impl Setting {
-    pub(super) fn is_pendulum(&self) -> bool {
-        is_pendulum(&self.task)
-    }
-
     pub(super) fn world(&self) -> Result<Box<dyn Environment>> {
         let rules = self.rules.clone();
-        let world: Box<dyn Environment> = if self.is_pendulum() {
-            Box::new(PendulumEnvironment::new(self.pendulum, rules)?)
-        } else {
-            Box::new(SceneEnvironment::new(&self.task, rules)?)
+        let world: Box<dyn Environment> = match self.pendulum {
+            Some(pendulum) => Box::new(PendulumEnvironment::new(pendulum, rules)?),
+            None => Box::new(SceneEnvironment::new(&self.task, rules)?),
         };
         Ok(if self.faults == Faults::default() { world } else { Box::new(Faulty::new(world, self.faults)) })
     }
 
     pub(super) fn true_model(&self) -> Result<Box<dyn Model>> {
-        if self.is_pendulum() {
-            return Ok(Box::new(self.pendulum.model()));
+        match self.pendulum {
+            Some(pendulum) => Ok(Box::new(pendulum.model())),
+            None => SceneEnvironment::true_model(&self.task),
         }
-        SceneEnvironment::true_model(&self.task)
     }
-}
-
-fn is_pendulum(task: &Task) -> bool {
-    task.scene.as_ref().is_some_and(|scene| matches!(scene.motion, Motion::Pendulum { .. }))
 }
 
 impl Arguments {
@@ -64,32 +58,46 @@ impl Arguments {
             None => tasks::find(&self.task)?,
         };
         let scene = task.scene.as_ref().with_context(|| format!("task {} has no scene to act in", task.name))?;
-        let rules = if is_pendulum(&task) {
+        let (largest_action, mut pendulum) = (scene.largest_action(), None);
+        let rules = if matches!(scene.motion, Motion::Pendulum { .. }) {
+            pendulum = Some(self.pendulum(PendulumSettings::of(&task)?));
             let goal = self.goal_of_pendulum()?.swinging(self.goal_swing.to_radians(), self.goal_period);
-            if self.gymnasium { Rules::gymnasium() } else { Rules::pendulum(goal) }
+            let rules = if self.gymnasium { Rules::gymnasium() } else { Rules::pendulum(goal) };
+            Rules { largest_action, ..rules }
         } else {
             ensure!(!self.gymnasium, "--gymnasium is the cost of a pendulum");
-            ensure!(
-                (self.gravity, self.length, self.mass, self.start_rate) == (10.0, 1.0, 1.0, None),
-                "--gravity, --length, --mass and --start-rate are a pendulum's"
-            );
+            let given = [self.gravity, self.length, self.mass, self.start_rate];
+            ensure!(given == [None; 4], "--gravity, --length, --mass and --start-rate are a pendulum's");
             let goal = self.goal_in_plane(&task)?.swinging(self.goal_swing, self.goal_period);
-            let reward = Reward::Goal(goal);
-            Rules { steps: 50, hold: 2, largest_action: scene.largest_action(), reward, frames_before: 0 }
+            Rules { steps: 50, hold: 2, largest_action, reward: Reward::Goal(goal), frames_before: 0 }
         };
         ensure!(self.goal_period > 0.0, "--goal-period must be above 0, not {}", self.goal_period);
-        let usual = if self.gymnasium { PendulumSettings::gymnasium() } else { PendulumSettings::default() };
-        let (gravity, length, mass, rate) = (self.gravity, self.length, self.mass, self.start_rate);
         let faults = Faults { dropped: self.dropped, hidden: self.hidden };
         faults.check()?;
-        let steps = self.steps.unwrap_or(rules.steps);
+        let usual_steps = rules.steps;
+        let steps = self.steps.unwrap_or(usual_steps);
         ensure!(steps >= rules.hold, "--steps must be at least {}, not {steps}", rules.hold);
         Ok(Setting {
-            pendulum: PendulumSettings { gravity, length, mass, rate, ..usual },
+            pendulum,
+            usual_steps,
             rules: Rules { steps, frames_before: self.frames_before, ..rules },
             faults,
             task,
         })
+    }
+
+    /// The scene's pendulum with what is given in its place.
+    fn pendulum(&self, scene: PendulumSettings) -> PendulumSettings {
+        let start = if self.gymnasium { PendulumSettings::gymnasium() } else { scene };
+        PendulumSettings {
+            gravity: self.gravity.unwrap_or(scene.gravity),
+            length: self.length.unwrap_or(scene.length),
+            mass: self.mass.unwrap_or(scene.mass),
+            actuation: scene.actuation,
+            largest_angle: start.largest_angle,
+            largest_rate: start.largest_rate,
+            rate: self.start_rate,
+        }
     }
 
     pub(super) fn goal_of_pendulum(&self) -> Result<Goal> {
@@ -128,4 +136,58 @@ impl Arguments {
 fn format_of(task: &Task) -> FrameFormat {
     let system = &task.system;
     FrameFormat { side: system.side, channels: system.channels, dt: system.dt }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use clap::Parser;
+
+    use super::*;
+
+    /// The setting of the built-in pendulum with one text in the place of another one.
+    fn setting_of([from, to]: [&str; 2], options: &[&str]) -> Result<Setting> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("task.toml");
+        let text = fs::read_to_string("configs/tasks/pendulum.toml")?.replace("name = \"pendulum\"", "name = \"mine\"");
+        assert!(text.contains(from), "{from}");
+        fs::write(&file, text.replace(from, to))?;
+        let words = ["control", "--task", file.to_str().unwrap()].into_iter().chain(options.iter().copied());
+        Arguments::try_parse_from(words)?.setting()
+    }
+
+    #[test]
+    fn what_the_scene_says_is_played() {
+        let numbers = [
+            "g = 10.0, m = 1.0, length = 1.0, a = 1.0, torque = 2.0",
+            "g = 5.0, m = 1.0, length = 1.0, a = 1.5, torque = 1.0",
+        ];
+        let setting = setting_of(numbers, &[]).unwrap();
+        let pendulum = setting.pendulum.unwrap();
+        assert_eq!((pendulum.gravity, pendulum.torque_acceleration(), setting.rules.largest_action), (5.0, 4.5, 1.0));
+        let changed = setting_of(numbers, &["--gravity", "6", "--gymnasium"]).unwrap();
+        let pendulum = changed.pendulum.unwrap();
+        assert_eq!((pendulum.gravity, pendulum.actuation, pendulum.largest_rate), (6.0, 1.5, 1.0));
+        // The usual scene is the paper's pendulum, to the bit.
+        let usual = Arguments::try_parse_from(["control"]).unwrap().setting().unwrap();
+        assert_eq!(usual.pendulum, Some(PendulumSettings::default()));
+        assert_eq!(usual.rules, Rules::pendulum(Goal::angle(0.0).swinging(0.0, 50.0)));
+    }
+
+    #[test]
+    fn a_scene_that_is_not_drawn_so_is_refused() {
+        for (change, complaint) in [
+            (
+                ["look = \"bar\"", "look = \"bar\"\ncamera = { noise = 10.0 }"],
+                "task mine: control does not draw the effects of scene.camera",
+            ),
+            (["side = 64", "side = 32"], "task mine: the model sees frames of 32 x 32"),
+            (["dt = 0.05", "dt = 0.1"], "velocities would not agree"),
+            (["torque = 2.0", "torque = 0.0"], "task mine: nothing can act"),
+        ] {
+            let error = format!("{:#}", setting_of(change, &[]).err().unwrap());
+            assert!(error.contains(complaint), "{error}");
+        }
+    }
 }

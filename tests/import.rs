@@ -9,6 +9,7 @@ use std::time::Duration;
 use image::codecs::gif::GifEncoder;
 use image::{Delay, Frame, Rgb, RgbImage, Rgba, RgbaImage};
 use paig::datasets::files::{ClipShape, DatasetFile, Split};
+use paig::datasets::film::FilmFile;
 use paig::import::crop::{CropChoice, Rectangle};
 use paig::import::request::Request;
 use paig::import::sources::Video;
@@ -292,6 +293,21 @@ fn short_throws_of_one_video_are_held_out_whole() {
     assert_says(&refused(&Request { parts: parts[..3].to_vec(), ..again }), &["16 frames are too few", "4 throws"]);
 }
 
+/// A part that is shorter than a clip can be neither learned from nor measured: it is in no file, and that is said.
+#[test]
+fn a_part_that_is_too_short_is_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = pictures(&folder.path().join("film"), (0..80).map(levelled));
+    let parts = vec![Part::Frames(3, Some(63)), Part::Frames(70, Some(74))];
+    let plain = request(&[&path], &folder.path().join("out"));
+    let done = imported(&Request { parts, fps: Some(25.0), crop: CropChoice::Full, ..plain });
+    assert!(done.warnings[0].contains("frames 70..74 are left out"), "{:?}", done.warnings);
+    let task = tasks::find(done.task_file.to_str().unwrap()).unwrap();
+    assert_eq!((task.video().unwrap().sources.len(), task.video().unwrap().sources[0].frames), (1, [3, 63]));
+    let film = FilmFile::read(&folder.path().join("out/film.npz"), 1, 32, 3).unwrap();
+    assert_eq!((film.videos[0].dim().0, film.numbers[0].to_vec()), (60, (3..63).collect()));
+}
+
 #[test]
 fn the_proposed_crop_lies_around_the_ball() {
     let folder = tempfile::tempdir().unwrap();
@@ -460,6 +476,8 @@ fn what_cannot_be_imported_is_refused() {
     assert_says(&refused(&full), &["nothing moves"]);
     let sizes = pictures(&folder.path().join("sizes"), (0..60).map(ball).chain([RgbImage::new(60, 40)]));
     assert_says(&refused(&Request { fps: Some(25.0), ..request(&[&sizes], &out) }), &["f60.png", "60 x 40"]);
+    let same = Request { fps: Some(25.0), ..request(&[&still, &folder.path().join("empty/../still")], &out) };
+    assert_says(&refused(&same), &["empty/../still", "given twice"]);
     let two = Request { fps: Some(25.0), ..request(&[&path, &still], &out) };
     assert_says(&refused(&two), &["120 x 80", "64 x 48"]);
 }

@@ -246,10 +246,18 @@ fn two_commands_lead_from_a_video_to_its_table() {
         Measurement::read(&folder.join("fixed")).unwrap().residuals.usual
     });
     assert_ne!(residuals[0], residuals[1]);
+    let refused = || {
+        let path = Path::new(env!("CARGO_BIN_EXE_run_physics")).with_file_name("measure");
+        let output = Command::new(path).current_dir(folder).arg("run").output().unwrap();
+        assert!(!output.status.success());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
     // Without its film a task cannot be measured, and the message says what to do.
     fs::remove_file(folder.join("swing/film.npz")).unwrap();
-    let path = Path::new(env!("CARGO_BIN_EXE_run_physics")).with_file_name("measure");
-    let output = Command::new(path).current_dir(folder).arg("run").output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success() && said.contains("import the video again"), "{said}");
+    let said = refused();
+    assert!(said.contains("import the video again"), "{said}");
+    // With another crop the film is another: what the run knows of the scale is not of that one.
+    run(folder, "import", &[&options[..], &scene, &["--force", "--crop", "0,0,96,96"]].concat());
+    let said = refused();
+    assert!(said.contains("not those that the run learned from"), "{said}");
 }

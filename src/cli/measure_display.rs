@@ -8,7 +8,7 @@ pub fn print_measurement(it: &Measurement) {
     say!("\n{:<30}{:>12}   {:<26}{:<8}{:>16}", "measured", "", "95 % interval", "", "colour tracker");
     for quantity in &it.quantities {
         let tracker = quantity.by_tracker.map_or("-".into(), |value| format!("{value:.5}"));
-        let interval = format!("{:.5} to {:.5}", quantity.low, quantity.high);
+        let interval = quantity.interval(|end| format!("{end:.5}")).unwrap_or("-".into());
         let name = quantity.name.replace('_', " ");
         say!("{name:<30}{:>12.5}   {interval:<26}{:<8}{tracker:>16}", quantity.value, quantity.unit);
     }

@@ -16,7 +16,7 @@ use super::progress::{Progress, Screen};
 use super::table::{print_frames_and_states, print_results};
 use super::{environment, interrupt};
 use crate::datasets::dataset::Dataset;
-use crate::datasets::files::{ClipShape, Frames, Split};
+use crate::datasets::files::{ClipShape, Split};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::States;
 use crate::evaluation::{self, ScoredClips};
@@ -262,8 +262,7 @@ impl TrainingData {
         States::read(&path, &test).context("the run could not be scored at its end")?;
         drop(test);
         let clips = |split| training.clips(split, device);
-        let [train, valid, _] = training.checksums();
-        let checksums = format!("{train:016x} {valid:016x}");
+        let checksums = training.learned_from();
         let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid), checksums };
         config.check_clips(&data.train)?;
         if data.train.flickers() {

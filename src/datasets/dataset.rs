@@ -51,6 +51,12 @@ impl Dataset {
         matches!(self, Dataset::OnDisk { .. })
     }
 
+    /// Checksums of the clips that a run learns from: those for training and for validation.
+    pub fn learned_from(&self) -> String {
+        let [train, valid, _] = self.checksums();
+        format!("{train:016x} {valid:016x}")
+    }
+
     /// The clips of one split, to be served on a device.
     pub fn clips(&self, split: Split, device: Device) -> Clips {
         match self {

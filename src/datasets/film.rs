@@ -1,11 +1,12 @@
 //! `film.npz`: all frames of the videos that a task's clips were cut from, each once and in their order.
 //!
-//! An array for each video, `video0`, `video1`, ..: uint8 `[frames, S, S, channels]`.
+//! Two arrays for each video: `video0`, `video1`, ..: uint8 `[frames, S, S, channels]`, and `numbers0`, `numbers1`, ..: uint64
+//! `[frames]`. Films of earlier versions lack the second.
 
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use ndarray::{Array4, Array5, Ix4, s};
+use ndarray::{Array1, Array4, Array5, Ix1, Ix4, s};
 use tch::Device;
 
 use super::iterators::Clips;
@@ -14,10 +15,14 @@ use super::npz::{self, Archive};
 /// Beside the dataset files.
 pub const FILM: &str = "film.npz";
 
-/// The frames of each video, `[frames, S, S, channels]`.
+/// The frames of each video.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FilmFile {
+    /// `[frames, S, S, channels]`.
     pub videos: Vec<Array4<u8>>,
+    /// Which frames of the video they are, counted from 0, `[frames]`; the same one again where a regular clock needed it. Empty
+    /// where the file does not say.
+    pub numbers: Vec<Array1<u64>>,
 }
 
 impl FilmFile {
@@ -43,7 +48,24 @@ impl FilmFile {
                 )
             })
         };
-        Ok(FilmFile { videos: (0..count).map(read).collect::<Result<_>>()? })
+        let videos = (0..count).map(read).collect::<Result<Vec<_>>>()?;
+        let numbers = videos.iter().enumerate().map(|(video, frames)| {
+            let name = format!("numbers{video}");
+            if !archive.has(&name) {
+                return Ok(Array1::default(0));
+            }
+            let array = archive.array::<u64>(&name, "uint64")?;
+            let (found, expected) = (array.shape().to_vec(), frames.dim().0);
+            let array = array.into_dimensionality::<Ix1>().ok().filter(|array| array.len() == expected);
+            array.with_context(|| {
+                format!(
+                    "array {name:?} of {} has shape {found:?}, expected [{expected}]; import the video again",
+                    path.display()
+                )
+            })
+        });
+        let numbers = numbers.collect::<Result<_>>()?;
+        Ok(FilmFile { videos, numbers })
     }
 
     /// # Errors
@@ -52,6 +74,9 @@ impl FilmFile {
         npz::write(path, |npz| {
             for (video, frames) in self.videos.iter().enumerate() {
                 npz.add_array(format!("video{video}"), frames)?;
+            }
+            for (video, numbers) in self.numbers.iter().enumerate() {
+                npz.add_array(format!("numbers{video}"), numbers)?;
             }
             Ok(())
         })

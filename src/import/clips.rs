@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use anyhow::{Result, ensure};
 use image::RgbImage;
-use ndarray::{Array2, Array4, Array5};
+use ndarray::{Array1, Array2, Array4, Array5};
 
 use super::hold_out::{Cut, Parts, starts};
 use super::request::Request;
@@ -44,14 +44,14 @@ struct Clips<'a> {
     length: usize,
 }
 
-/// All frames of every take.
-pub(super) fn film(request: &Request, takes: &[Vec<RgbImage>]) -> Result<FilmFile> {
+/// All frames of every take, which have these numbers in their video.
+pub(super) fn film(request: &Request, takes: &[Vec<RgbImage>], numbers: Vec<Array1<u64>>) -> Result<FilmFile> {
     let (side, channels) = (request.side, request.channels());
     let array = |frames: &Vec<RgbImage>| {
         let shape = (frames.len(), side, side, channels);
         Ok(Array4::from_shape_vec(shape, levels(frames.iter(), channels))?)
     };
-    Ok(FilmFile { videos: takes.iter().map(array).collect::<Result<_>>()? })
+    Ok(FilmFile { videos: takes.iter().map(array).collect::<Result<_>>()?, numbers })
 }
 
 /// The bytes of frames, of so many channels.

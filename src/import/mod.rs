@@ -81,10 +81,12 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     ensure!(request.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps: must be a positive number");
     let (new_folder, name) = (request.folder_is_new()?, request.task_name()?);
     check_system(request)?;
-    let reel = Reel::open(request, request.clip_frames.unwrap_or(request.least_frames()))?;
+    let mut reel = Reel::open(request, request.clip_frames.unwrap_or(request.least_frames()))?;
     let dt = reel.dt(request)?;
-    let parts: Vec<_> = reel.takes.iter().map(|take| take.parts.clone()).collect();
-    let cut = cut(request, &parts)?;
+    let parts = |reel: &Reel| reel.takes.iter().map(|take| take.parts.clone()).collect::<Vec<_>>();
+    let cut = cut(request, &parts(&reel))?;
+    let mut warnings = reel.leave_out_short(cut.train_frames);
+    let parts = parts(&reel);
     let square = reel.square(request, progress)?;
     let record = reel.record(request, square);
     let text = task_file::text(request, &name, dt, &cut, &record)?;
@@ -99,7 +101,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     );
     let takes: Vec<_> = filmed.iter().map(Vec::as_slice).zip(&parts).collect();
     let (train, test) = clips::files(request, &takes, &cut, dt)?;
-    let film = clips::film(request, &film)?;
+    let film = clips::film(request, &film, reel.film_numbers())?;
     let counts = [&train.train, &train.valid, &test.test].map(|clips| clips.dim().0);
     let fill = |folder: &Path| {
         train.write(&folder.join("train.npz"))?;
@@ -125,6 +127,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
         frames: video.frames,
         kept: kept.clone(),
     });
+    warnings.extend(warnings::of(request, &reel, square, &cut, &moving, counts));
     Ok(Imported {
         task_file: request.out.join("task.toml"),
         takes: used.collect(),
@@ -133,7 +136,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
         cut,
         interval: record.frame_seconds,
         clips: counts,
-        warnings: warnings::of(request, &reel, square, &cut, &moving, counts),
+        warnings,
     })
 }
 

@@ -1,9 +1,12 @@
 //! The takes of one request: videos, or parts of them, and the frames that are used.
 
+use std::fs;
+use std::path::PathBuf;
 use std::rc::Rc;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use image::RgbImage;
+use ndarray::Array1;
 
 use super::contact_sheet::{SheetCell, SheetRow};
 use super::crop::{CropChoice, Rectangle, Square};
@@ -48,11 +51,14 @@ pub(super) struct Reel {
 impl Reel {
     /// Reads what the videos say of themselves, and chooses frames. A clip has at least `needed`.
     pub(super) fn open(request: &Request, needed: usize) -> Result<Self> {
+        let videos = request.videos.iter().map(|path| Ok(Rc::new(Video::open(path)?))).collect::<Result<Vec<_>>>()?;
+        // One file may have several names.
+        let real = |path: &PathBuf| fs::canonicalize(path).with_context(|| format!("video {}", path.display()));
+        let real = request.videos.iter().map(real).collect::<Result<Vec<_>>>()?;
         for (place, path) in request.videos.iter().enumerate() {
-            let again = request.videos[..place].contains(path);
+            let again = real[..place].contains(&real[place]);
             ensure!(!again, "video {} is given twice; what one holds out, the other would train on", path.display());
         }
-        let videos = request.videos.iter().map(|path| Ok(Rc::new(Video::open(path)?))).collect::<Result<Vec<_>>>()?;
         let parts = || videos.iter().flat_map(|video| request.parts.iter().map(move |part| (video, *part)));
         let every = |step: usize| {
             let choose = |(video, part): (&Rc<Video>, Part)| {
@@ -81,6 +87,18 @@ impl Reel {
             request.side
         );
         Ok(reel)
+    }
+
+    /// Leaves out takes whose film has less than the frames of a clip: neither are clips cut from them, nor can a model look
+    /// at them. Says which.
+    pub(super) fn leave_out_short(&mut self, clip: usize) -> Vec<String> {
+        let short = self.takes.extract_if(.., |take| take.film.frames.len() < clip);
+        let said = short.map(|take| {
+            let ([first, end], frames) = (take.ends(), take.film.frames.len());
+            let name = take.video.name();
+            format!("{name}: frames {first}..{end} are left out; they give {frames}, and a clip has {clip}")
+        });
+        said.collect()
     }
 
     /// What one take holds out, no other may train on.
@@ -127,12 +145,9 @@ impl Reel {
 
     /// The same in the unit of the task's `dt`.
     pub(super) fn dt(&self, request: &Request) -> Result<f64> {
-        Ok(match request.time_unit.as_str() {
-            "s" => self.interval(),
-            "ms" => 1000.0 * self.interval(),
-            "frames" => request.step as f64,
-            other => bail!("--dt-unit {other}: one of s, ms, frames"),
-        })
+        let unit = &request.time_unit;
+        let dt = video::dt_of(unit, self.interval(), request.step);
+        dt.with_context(|| format!("--dt-unit {unit}: one of {}", video::TIME_UNITS))
     }
 
     fn size(&self) -> [u32; 2] {
@@ -173,6 +188,11 @@ impl Reel {
     /// Of the frames of the film each how many-th is cut into clips.
     pub(super) fn film_ratio(&self, request: &Request) -> usize {
         request.step / self.film_step
+    }
+
+    /// Of each take the numbers of the film's frames in their video.
+    pub(super) fn film_numbers(&self) -> Vec<Array1<u64>> {
+        self.takes.iter().map(|take| take.film.frames.iter().map(|number| *number as u64).collect()).collect()
     }
 
     /// Decodes, cuts out and scales the frames of the film of each take.

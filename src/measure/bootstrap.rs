@@ -41,6 +41,8 @@ pub struct Uncertainty {
     pub frames_in_one: f64,
     /// Frames of a block.
     pub block: usize,
+    /// Of each raw number, whether it changes anything that is seen. What does not has no interval: its draws are all alike.
+    pub shown: Vec<bool>,
     /// Second derivatives of the cost by the raw numbers that are learned, all states following.
     pub curvature: Tensor,
     /// What might have been found.
@@ -101,7 +103,11 @@ pub fn bootstrap(
         .map(|change| draw(&problem, fitted, &(change * widened), [normal(&mut random), normal(&mut random)]));
     let draws = draws.collect();
     let curvature = curvature(&normal_matrix, count);
-    Ok(Uncertainty { autocorrelation, frames_in_one, block, curvature, draws })
+    let mut shown = vec![true; fitted.raw.len()];
+    for (column, place) in problem.learned.iter().enumerate() {
+        shown[*place] = jacobian.column(column).amax() > 0.0;
+    }
+    Ok(Uncertainty { autocorrelation, frames_in_one, block, shown, curvature, draws })
 }
 
 /// Frames that together hold as much as one independent one.
@@ -197,6 +203,8 @@ fn resampled(residuals: &[DMatrix<f64>], block: usize, random: &mut impl Rng) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measure::fit::{Start, fit};
+    use crate::tasks::Task;
 
     #[test]
     fn independent_residuals_are_told_from_a_running_mean() {
@@ -210,5 +218,24 @@ mod tests {
         let (correlations, frames, reach) = autocorrelation(&[DMatrix::from_vec(1, means.len(), means)]);
         assert!((correlations[0] - 0.8).abs() < 0.05 && (frames - 5.0).abs() < 0.6, "{correlations:?} {frames}");
         assert!((5..=7).contains(&reach), "{reach}");
+    }
+
+    /// A ball that falls, and a floor that it does not reach: of what the floor is like nothing shows, of g it does.
+    #[test]
+    fn what_does_not_show_is_told() {
+        let task = Task::from_toml(include_str!("../../configs/gallery/bounce_on_a_floor.toml")).unwrap();
+        let dynamics = Dynamics::new(task.system.clone(), 0.1).unwrap();
+        let parameters = task.system.cell.parameters;
+        let raw: Vec<f64> = parameters.iter().map(|it| it.bounds.raw(task.truth_of(it.name).unwrap())).collect();
+        let positions = dynamics.positions(&raw, &[16.0, 5.0, 1.0, 0.0], 0, 24);
+        let mut random = named_generator(1, "noise");
+        let seen = positions.iter().map(|x| x + 0.05 * normal(&mut random)).collect();
+        let (tracks, learned) = ([Track::even(seen, 2, 24)], vec![true; raw.len()]);
+        let start = Start { raw, learned: learned.clone(), piece: 12 };
+        let fitted = fit(&dynamics, &tracks, &start).unwrap();
+        let uncertainty = bootstrap(&dynamics, &tracks, &learned, &fitted, 0).unwrap();
+        for (parameter, shown) in parameters.iter().zip(uncertainty.shown) {
+            assert_eq!(shown, parameter.name == "g", "{}", parameter.name);
+        }
     }
 }

@@ -3,6 +3,10 @@
 //! A frame that is missing shows as a step twice as long as those before and after it, one that is shown twice as no step
 //! at all. One lost frame in twenty seconds puts a fitted swing off by a frame for the rest of the video. Only positions
 //! are looked at, no equation: what was held out may be looked at in the same way.
+//!
+//! A video that was converted from another frame rate shows frames twice, or lacks some, all over, and lasts as long as it
+//! should. Only where the object is fast would that be found, so a clock made of it would be wrong: where more is found than
+//! a camera does, the frames are taken as even in time.
 
 use crate::support::statistics::upper_median;
 
@@ -15,6 +19,10 @@ const WHOLE: f64 = 0.3;
 const EVEN: f64 = 0.3;
 /// Most frames that are lost at once.
 const MOST_LOST: f64 = 4.0;
+/// More frames than these, and than one in so many of all, a camera neither doubles nor loses. Those that make up for each
+/// other do not count. Doubled ones are the rarer: of those of a conversion two or three are found in a short fall.
+const FEW_TWICE: [usize; 2] = [1, 400];
+const FEW_LOST: [usize; 2] = [2, 100];
 
 /// When each frame was filmed.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,12 +32,14 @@ pub struct Clock {
     /// Frames after which some are lost, and frames that the next one shows again.
     pub lost_after: Vec<usize>,
     pub shown_twice: Vec<usize>,
+    /// Whether there are too many of them for a camera; the ticks are even then.
+    pub converted: bool,
 }
 
 impl Clock {
     /// That of frames at even times.
     pub fn even(frames: usize) -> Self {
-        Clock { ticks: (0..frames).collect(), lost_after: Vec::new(), shown_twice: Vec::new() }
+        Clock { ticks: (0..frames).collect(), lost_after: Vec::new(), shown_twice: Vec::new(), converted: false }
     }
 
     /// From the positions of all objects, `coordinates` numbers a frame.
@@ -56,16 +66,28 @@ impl Clock {
             }
             clock.ticks[frame + 1] = (frame + 1).saturating_add_signed(ahead);
         }
+        let [least, one_in] = if ahead < 0 { FEW_TWICE } else { FEW_LOST };
+        if ahead.unsigned_abs() > least + frames / one_in {
+            return Clock { ticks: (0..frames).collect(), converted: true, ..clock };
+        }
         clock
     }
 
-    /// For people; none of an even clock.
+    /// For people; none where nothing was found.
     pub fn text(&self) -> Option<String> {
+        if self.converted {
+            return Some(format!(
+                "{} frames are shown twice and after {} some are lost: too many for a camera. The video was rather converted \
+                 from another frame rate; its frames are taken as even in time. Better import it as the camera made it",
+                self.shown_twice.len(),
+                self.lost_after.len()
+            ));
+        }
         let list = |frames: &[usize]| frames.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
         let lost = (!self.lost_after.is_empty()).then(|| format!("frames are lost after {}", list(&self.lost_after)));
         let twice = (!self.shown_twice.is_empty()).then(|| format!("shown twice are {}", list(&self.shown_twice)));
         let said: Vec<_> = lost.into_iter().chain(twice).collect();
-        (!said.is_empty()).then(|| said.join("; "))
+        (!said.is_empty()).then(|| said.join("; ") + " (taken into account)")
     }
 }
 
@@ -127,7 +149,32 @@ mod tests {
         twice.insert(95, 94.0);
         let clock = Clock::of(&seen(&twice), 2);
         assert_eq!((clock.shown_twice.as_slice(), clock.ticks[95], clock.ticks[96]), (&[94][..], 94, 95));
-        assert_eq!(clock.text().unwrap(), "shown twice are 94");
+        assert_eq!(clock.text().unwrap(), "shown twice are 94 (taken into account)");
+        // A frame that comes late: shown twice the one before, then a step of two. However many, they make up for each other.
+        let late: Vec<f64> = (0..240).map(|tick| f64::from(if tick % 63 == 32 { tick - 1 } else { tick })).collect();
+        let clock = Clock::of(&seen(&late), 2);
+        assert!(
+            clock.shown_twice.len() >= 3
+                && clock.lost_after == clock.shown_twice.iter().map(|it| it + 1).collect::<Vec<_>>()
+        );
+        assert_eq!(clock.ticks, (0..240).map(|tick| tick - usize::from(tick % 63 == 32)).collect::<Vec<_>>());
+    }
+
+    /// A fall that was filmed at one rate and stored at another: the nearest frame before at each time.
+    #[test]
+    fn a_video_of_another_rate_keeps_its_even_clock() {
+        for (filmed, stored) in [(25.0, 30.0), (24.0, 30.0), (50.0, 60.0), (30.0, 60.0), (60.0, 50.0)] {
+            let mut random = named_generator(2, "fall");
+            let fallen: Vec<[f64; 2]> = (0..90)
+                .map(|frame| f64::from(frame) / filmed)
+                .map(|time| [5.0 + 2.0 * time, 2.0 + 15.0 * time * time].map(|x: f64| x + 0.03 * normal(&mut random)))
+                .collect();
+            let frames = (1.4 * stored) as usize;
+            let at = |frame: usize| fallen[(frame as f64 / stored * filmed + 0.83) as usize];
+            let clock = Clock::of(&(0..frames).flat_map(at).collect::<Vec<_>>(), 2);
+            assert_eq!(clock.ticks, Clock::even(frames).ticks, "{filmed} as {stored}: {:?}", clock.text());
+            assert!(clock.text().unwrap().contains("another frame rate"), "{:?}", clock.text());
+        }
     }
 
     #[test]

@@ -111,7 +111,8 @@ impl Kind {
             for (place, held) in held.iter_mut().enumerate() {
                 let draws = uncertainty.draws.iter().map(|draw| draw.raw[place]).collect();
                 let interval = Quantity::new(held.parameter, explained.fitted.raw[place], draws);
-                held.held += usize::from((interval.low..=interval.high).contains(&truth[place]));
+                let within = |(low, high)| (low..=high).contains(&truth[place]);
+                held.held += usize::from(interval.low.zip(interval.high).is_some_and(within));
             }
         }
         Ok(held)

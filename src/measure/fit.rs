@@ -28,7 +28,7 @@ const LARGEST_STEP: f64 = 0.5;
 const HUBER: f64 = 3.0;
 /// Least usual residual, in the unit of a coordinate: made data may have none.
 const LEAST_DEVIATION: f64 = 1e-9;
-/// Frames from which the first state of a piece is guessed.
+/// Frames in which an object is seen from which the first state of a piece is guessed.
 const GUESSED_FROM: usize = 9;
 
 /// What is seen of one video.
@@ -213,14 +213,18 @@ impl<'a> Problem<'a> {
         .collect()
     }
 
-    /// Position and velocity at the first frame of a piece, by a parabola through its first frames.
+    /// Position and velocity at the first frame of a piece, by a parabola through the first frames in which the object is seen.
+    /// Where a piece has none, it rests where it was seen last before.
     fn guessed(&self, piece: &Piece) -> Vec<f64> {
         let (coordinates, seen) = (self.dynamics.coordinates(), self.seen(piece));
         let guess = |coordinate: usize| {
             let ticks = self.tracks[piece.track].ticks[piece.first..].iter().map(|tick| tick - self.begin(piece));
-            let points = ticks.zip(seen.chunks(coordinates).map(|frame| frame[coordinate])).take(GUESSED_FROM);
-            let points: Vec<_> = points.filter(|(_, x)| x.is_finite()).collect();
-            let powers = points.len().saturating_sub(1).min(2);
+            let points = ticks.zip(seen.chunks(coordinates).map(|frame| frame[coordinate]));
+            let points: Vec<_> = points.filter(|(_, x)| x.is_finite()).take(GUESSED_FROM).collect();
+            if points.is_empty() {
+                return (self.seen_before(piece, coordinate).unwrap_or(0.0), 0.0);
+            }
+            let powers = (points.len() - 1).min(2);
             let matrix = DMatrix::from_fn(points.len(), powers + 1, |row, power| {
                 (points[row].0 as f64 * self.dynamics.dt).powi(power as i32)
             });
@@ -231,6 +235,13 @@ impl<'a> Problem<'a> {
         };
         let (pos, vel): (Vec<_>, Vec<_>) = (0..coordinates).map(guess).unzip();
         pos.into_iter().chain(vel).collect()
+    }
+
+    /// Where a coordinate was seen last before a piece.
+    fn seen_before(&self, piece: &Piece, coordinate: usize) -> Option<f64> {
+        let coordinates = self.dynamics.coordinates();
+        let before = self.tracks[piece.track].positions[..coordinates * piece.first].chunks(coordinates);
+        before.map(|frame| frame[coordinate]).rfind(|x| x.is_finite())
     }
 
     /// Pieces that begin where some of the shorter ones do, or as near after one as they can.
@@ -390,4 +401,25 @@ fn damped(mut normal: DMatrix<f64>, damping: f64) -> DMatrix<f64> {
         normal[(place, place)] += damping * normal[(place, place)].abs() + 1e-12;
     }
     normal
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ball that falls, lost from sight at the beginning and for longer than a piece: what is left says its g all the same.
+    #[test]
+    fn a_piece_in_which_nothing_is_seen_says_nothing() {
+        let system = crate::tasks::builtin("falling").unwrap().system;
+        let dynamics = Dynamics::new(crate::network::System { objects: 1, ..system }, 0.1).unwrap();
+        let positions = dynamics.positions(&[7.0_f64.ln()], &[3.0, 4.0, 1.0, -2.0], 0, 60);
+        let start = Start { raw: vec![6.0_f64.ln()], learned: vec![true], piece: 10 };
+        for unseen in [0..9, 0..12, 10..30, 9..21] {
+            let mut track = Track::even(positions.clone(), 2, 60);
+            track.positions[2 * unseen.start..2 * unseen.end].fill(f64::NAN);
+            let fitted = fit(&dynamics, &[track], &start).unwrap();
+            // The positions have no errors.
+            assert!((fitted.raw[0].exp() - 7.0).abs() < 1e-4, "{unseen:?}: {}", fitted.raw[0].exp());
+        }
+    }
 }

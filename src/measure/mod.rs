@@ -41,7 +41,7 @@ use self::scale::Scale;
 use self::source::Passed;
 use self::subject::Subject;
 use crate::network::cells::CellKind;
-use crate::runs::checkpoint::SavedWeights;
+use crate::runs::checkpoint::{SavedWeights, clips_of};
 use crate::runs::summary::Summary;
 use crate::support::atomic;
 use crate::tasks::equation_file::EquationFile;
@@ -96,14 +96,16 @@ struct Seen {
 /// `out`.
 ///
 /// # Errors
-/// A run whose task has no video or no film, an equation that leads nowhere, a folder that cannot be written.
+/// A run whose task has no video or no film, or was imported again since; an equation that leads nowhere, a folder that
+/// cannot be written.
 pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement> {
     let _guard = tch::no_grad_guard();
     let begun = Instant::now();
+    let (config, model) = load_model(folder, SavedWeights::Last, device)?;
+    let mut subject = Subject::read(&config, &model, &clips_of(folder)?, device)?;
+    // Only for what can be measured: a name that is misspelt makes no folder.
     std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     atomic::check_place(&out.join("measurement.html"))?;
-    let (config, model) = load_model(folder, SavedWeights::Last, device)?;
-    let mut subject = Subject::read(&config, &model, device)?;
     let sights = subject.look()?;
     subject.find_lost_frames(&sights);
     let subject = subject;
@@ -156,4 +158,17 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     page::write(out, &measured)?;
     measured.measurement.write(out)?;
     Ok(measured.measurement)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_is_not_there_makes_no_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("rum");
+        let error = measure(&run, &Request::default(), &run, Device::Cpu).err().unwrap();
+        assert!(format!("{error:#}").contains("is not a run folder") && !run.exists(), "{error:#}");
+    }
 }

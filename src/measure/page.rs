@@ -139,11 +139,10 @@ fn quantities(quantities: &[Quantity]) -> Result<String> {
         let tracker = it.by_tracker.map_or("–".into(), digits);
         writeln!(
             table,
-            "| {} | {} | {} to {} | {} | {tracker} |",
+            "| {} | {} | {} | {} | {tracker} |",
             it.name.replace('_', " "),
             digits(it.value),
-            digits(it.low),
-            digits(it.high),
+            it.interval(digits).unwrap_or("–".into()),
             it.unit
         )?;
     }

@@ -32,10 +32,9 @@ impl Subject<'_> {
             let value = |raw: &[f64]| parameter.bounds.value(raw[place]);
             let in_frames = value(&explained.fitted.raw);
             let factor = powers.map_or(1.0, |powers| self.scale.factor(powers));
-            let draws = uncertainty
-                .draws
-                .iter()
-                .map(|draw| value(&draw.raw) * powers.map_or(1.0, |powers| self.scale.drawn(powers, draw)));
+            let draws = uncertainty.draws.iter().filter(|_| uncertainty.shown[place]);
+            let draws =
+                draws.map(|draw| value(&draw.raw) * powers.map_or(1.0, |powers| self.scale.drawn(powers, draw)));
             Quantity::new(parameter.name, factor * in_frames, draws.collect())
                 .in_unit(powers.map_or("?".into(), |powers| self.scale.unit(powers)))
                 .in_frames(in_frames)

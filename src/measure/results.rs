@@ -46,9 +46,9 @@ pub struct Quantity {
     pub name: String,
     /// In its unit; with a scale, metres and seconds. `?`: as in the equation, whose unit is not known.
     pub value: f64,
-    /// 95 % interval.
-    pub low: f64,
-    pub high: f64,
+    /// 95 % interval; none of what does not show in the motion.
+    pub low: Option<f64>,
+    pub high: Option<f64>,
     pub unit: String,
     /// In pixels of a frame and the unit of `dt`, as the equation has it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -106,17 +106,22 @@ pub struct Alternative {
 }
 
 impl Quantity {
-    /// With the 95 % interval of its draws; those that are not finite count on neither side.
+    /// With the 95 % interval of its draws, if there are any; those that are not finite count on neither side.
     pub fn new(name: &str, value: f64, draws: Vec<f64>) -> Self {
         let mut draws: Vec<f64> = draws.into_iter().filter(|x| x.is_finite()).collect();
         draws.sort_by(f64::total_cmp);
         let quantile = |share: f64| {
             let place = share * (draws.len().max(1) - 1) as f64;
             let (below, above) = (draws.get(place.floor() as usize), draws.get(place.ceil() as usize));
-            below.zip(above).map_or(f64::NAN, |(below, above)| below + (above - below) * place.fract())
+            below.zip(above).map(|(below, above)| below + (above - below) * place.fract())
         };
         let (low, high) = (quantile(0.025), quantile(0.975));
         Quantity { name: name.into(), value, low, high, unit: String::new(), in_frames: None, by_tracker: None }
+    }
+
+    /// The interval, its ends written so; none where there is none.
+    pub fn interval(&self, digits: impl Fn(f64) -> String) -> Option<String> {
+        Some(format!("{} to {}", digits(self.low?), digits(self.high?)))
     }
 
     #[must_use]
@@ -155,5 +160,20 @@ impl Measurement {
     /// A full disk.
     pub fn write(&self, folder: &Path) -> Result<()> {
         atomic::write_file(&folder.join(MEASUREMENT), |file| Ok(serde_json::to_writer_pretty(file, self)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quantity_without_draws_has_no_interval() {
+        let draws = |count: u32| (0..count).map(f64::from).collect();
+        for (count, interval) in [(0, None), (101, Some("2.5 to 97.5"))] {
+            let quantity = Quantity::new("a", 50.0, draws(count));
+            let read: Quantity = serde_json::from_str(&serde_json::to_string(&quantity).unwrap()).unwrap();
+            assert_eq!((read.interval(|end| end.to_string()).as_deref(), read), (interval, quantity));
+        }
     }
 }

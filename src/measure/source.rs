@@ -13,7 +13,7 @@ use crate::datasets::film::FilmFile;
 use crate::import::motion::spread;
 use crate::import::sources;
 use crate::import::time_base::{Kept, Part};
-use crate::tasks::video::Video;
+use crate::tasks::video::{Source, Video};
 
 /// Most frames and bytes from which the tracker learns.
 const LEARNED_FROM: usize = 60;
@@ -49,14 +49,10 @@ impl<'a> Frames<'a> {
         let count = film.videos[video].dim().0;
         let open = || {
             let filmed = sources::Video::open(Path::new(&source.file)).ok()?;
-            let step = record.film_step.unwrap_or(record.step);
-            let part = Part::Frames(source.frames[0], None);
-            let regular: Vec<_> = (source.frames[0]..).step_by(step).take(count).collect();
-            // Frames that were put onto a regular clock are found again as they were.
-            let kept = Kept::choose(filmed.frames, filmed.times.as_deref(), None, part, step).ok();
-            let numbers = kept.map(|kept| kept.frames).filter(|numbers| numbers.len() == count).unwrap_or(regular);
+            let said: Vec<_> = film.numbers[video].iter().map(|number| *number as usize).collect();
+            let numbers = if said.is_empty() { chosen_again(record, source, &filmed, count) } else { said };
             let same = (filmed.width, filmed.height) == (record.size[0], record.size[1]);
-            (same && numbers.last().is_some_and(|last| *last < filmed.frames)).then_some((filmed, numbers))
+            (same && numbers.iter().all(|number| *number < filmed.frames)).then_some((filmed, numbers))
         };
         Frames { film, video, filmed: open(), crop: record.crop }
     }
@@ -145,5 +141,70 @@ impl<'a> Frames<'a> {
             }
         })?;
         Ok(passed)
+    }
+}
+
+/// The frames of a film of `count` that does not say their numbers: chosen once more from where they begin, to the last one that
+/// was used or to the end of the video, or every so many-th.
+fn chosen_again(record: &Video, source: &Source, filmed: &sources::Video, count: usize) -> Vec<usize> {
+    let ([first, end], step) = (source.frames, record.film_step.unwrap_or(record.step));
+    let chosen = [Some(end), None].into_iter().filter_map(|end| {
+        Kept::choose(filmed.frames, filmed.times.as_deref(), None, Part::Frames(first, end), step).ok()
+    });
+    let same = chosen.map(|kept| kept.frames).find(|numbers| numbers.len() == count);
+    same.unwrap_or_else(|| (first..).step_by(step).take(count).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::codecs::gif::GifEncoder;
+    use image::{Delay, DynamicImage, Frame, Rgb};
+    use ndarray::{Array1, Array4};
+    use std::time::Duration;
+
+    /// A part of a gif whose frames 20 to 24 last twice as long as the others: on a regular clock those stand in the film twice.
+    #[test]
+    fn frames_of_an_uneven_part_are_found_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("uneven.gif");
+        let mut encoder = GifEncoder::new(std::fs::File::create(&path).unwrap());
+        for number in 0..60_u8 {
+            let picture = DynamicImage::from(RgbImage::from_pixel(8, 8, Rgb([4 * number; 3]))).into_rgba8();
+            let time = if (20..25).contains(&number) { 200 } else { 100 };
+            let delay = Delay::from_saturating_duration(Duration::from_millis(time));
+            encoder.encode_frame(Frame::from_parts(picture, 0, 0, delay)).unwrap();
+        }
+        drop(encoder);
+        let filmed = sources::Video::open(&path).unwrap();
+        let part = Part::Frames(10, Some(40));
+        let numbers = Kept::choose(60, filmed.times.as_deref(), None, part, 1).unwrap().frames;
+        assert!(numbers.windows(2).any(|pair| pair[0] == pair[1]) && numbers.len() > 30, "{numbers:?}");
+        let source =
+            Source { file: path.to_str().unwrap().into(), frames: [10, 38], first_seconds: 1.0, held_out_from: 30 };
+        let record = Video {
+            size: [8, 8],
+            crop: [0, 0, 8],
+            step: 4,
+            film_step: Some(1),
+            time_unit: "s".into(),
+            frame_seconds: 0.4,
+            pixels_per_metre: None,
+            scale_percent: 0.0,
+            time_percent: 0.0,
+            origin: None,
+            angle: 0.0,
+            y_up: false,
+            sources: vec![source],
+        };
+        let film = FilmFile {
+            videos: vec![Array4::zeros((numbers.len(), 8, 8, 3))],
+            numbers: vec![Array1::from_iter(numbers.iter().map(|number| *number as u64))],
+        };
+        let mut seen = Vec::new();
+        let places: Vec<usize> = (0..numbers.len()).collect();
+        let frames = Frames::open(&record, &film, 0);
+        frames.each(&places, |_, picture| seen.push(usize::from(picture[(3, 3)].0[0]) / 4)).unwrap();
+        assert_eq!((frames.as_filmed(), seen), (true, numbers));
     }
 }

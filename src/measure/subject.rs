@@ -36,15 +36,26 @@ pub(super) struct Subject<'a> {
 }
 
 impl<'a> Subject<'a> {
-    pub(super) fn read(config: &'a Config, model: &'a PhysicsNet, device: Device) -> Result<Self> {
+    /// The videos of a run that learned from the clips with these checksums, if it says from which.
+    ///
+    /// # Errors
+    /// A task without video or film, or one whose clips are others by now: then its film is another, too, and what the run
+    /// knows of crop and times is not of that one.
+    pub(super) fn read(config: &'a Config, model: &'a PhysicsNet, clips: &str, device: Device) -> Result<Self> {
         let task = &config.task;
         let record =
             task.video().context("the run's task has no video; only what was made by `import` can be measured")?;
         let film_step = record.film_step.context("the task was imported without a film; import its videos again")?;
         let path = config.data.train_path();
         let system = &model.system;
-        let film = FilmFile::read(&path.with_file_name(FILM), record.sources.len(), system.side, system.channels)?;
         let training = Dataset::open(&path, &ClipShape::training(task))?;
+        ensure!(
+            clips.is_empty() || training.learned_from() == clips,
+            "the clips in {} are not those that the run learned from: the video was imported again since. Import it as it \
+             was, or train a new run on what is there now",
+            path.display()
+        );
+        let film = FilmFile::read(&path.with_file_name(FILM), record.sources.len(), system.side, system.channels)?;
         let train = training.clips(Split::Train, device);
         let (scale, ratio) = (Scale::new(record, system), record.step / film_step);
         let clocks = film.videos.iter().map(|frames| Clock::even(frames.dim().0)).collect();
@@ -52,8 +63,11 @@ impl<'a> Subject<'a> {
     }
 
     pub(super) fn look(&self) -> Result<Vec<Sight>> {
-        let videos = 0..self.film.videos.len();
-        videos.map(|video| sight::look(self.model, &self.train, &self.film, video, self.config.seed)).collect()
+        let look = |(video, name): (usize, String)| {
+            sight::look(self.model, &self.train, &self.film, video, self.config.seed)
+                .with_context(|| format!("video {name}; import the videos again without it"))
+        };
+        self.record.source_names().into_iter().enumerate().map(look).collect()
     }
 
     pub(super) fn find_lost_frames(&mut self, sights: &[Sight]) {

@@ -43,7 +43,7 @@ pub fn read_references(path: &Path) -> Result<References> {
 /// worse.
 pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
     let video = measurement.videos.first().map_or("", String::as_str);
-    let clip = video.rsplit_once('.').map_or(video, |(stem, _)| stem).to_string();
+    let clip = clip_name(video).to_string();
     let held_out = &measurement.held_out;
     let row = |quantity: &str, value: f64, unit: &str| Row {
         clip: clip.clone(),
@@ -60,7 +60,7 @@ pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
     };
     let mut rows = Vec::new();
     for it in &measurement.quantities {
-        rows.push(Row { low: Some(it.low), high: Some(it.high), ..row(&it.name, it.value, &it.unit) });
+        rows.push(Row { low: it.low, high: it.high, ..row(&it.name, it.value, &it.unit) });
         rows.extend(it.by_tracker.map(|value| row(&format!("{}_by_tracker", it.name), value, &it.unit)));
     }
     rows.push(row("heldout_percent_of_amplitude", held_out.percent_of_amplitude, "%"));
@@ -75,8 +75,36 @@ pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
     rows
 }
 
+/// The name of a video's file without its ending; frames that are named behind it, where others are of the same file, do not
+/// belong to it.
+fn clip_name(video: &str) -> &str {
+    let are_frames = |text: &str| {
+        text.split_once("..").is_some_and(|(first, end)| first.parse::<usize>().and(end.parse::<usize>()).is_ok())
+    };
+    let file = video.rsplit_once(' ').filter(|(_, last)| are_frames(last)).map_or(video, |(file, _)| file);
+    file.rsplit_once('.').map_or(file, |(stem, _)| stem)
+}
+
 /// # Errors
 /// A full disk.
 pub fn write(path: &Path, rows: &[Row]) -> Result<()> {
     atomic::write_file(path, |file| Ok(serde_json::to_writer_pretty(file, rows)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::clip_name;
+
+    #[test]
+    fn references_are_found_by_the_name_of_the_file() {
+        for (video, clip) in [
+            ("throws.mp4", "throws"),
+            ("throws.mp4 30..62", "throws"),
+            ("my throws.v2.mov", "my throws.v2"),
+            ("pictures", "pictures"),
+            ("pictures 0..40", "pictures"),
+        ] {
+            assert_eq!(clip_name(video), clip);
+        }
+    }
 }

@@ -1,6 +1,8 @@
 //! How far a fit can be trusted: how well it predicts what was held out, what it leaves of the positions, and what people
 //! should know of it.
 
+use tch::Tensor;
+
 use super::bootstrap::Uncertainty;
 use super::explain::{Errors, Explained, positions_of};
 use super::fit::Track;
@@ -50,14 +52,9 @@ impl Subject<'_> {
         let mut notes = Vec::new();
         for (clock, name) in self.clocks.iter().zip(self.record.source_names()) {
             let said = clock.text();
-            notes.extend(said.map(|said| format!("{name}: by the steps of what moves, {said} (taken into account)")));
+            notes.extend(said.map(|said| format!("{name}: by the steps of what moves, {said}")));
         }
-        let parameters = explained.dynamics.system.cell.parameters.iter().zip(&explained.learned);
-        let learned: Vec<_> = parameters.filter(|(_, learned)| **learned).map(|(kind, _)| kind).collect();
-        // What is seen beside the state comes last.
-        let count = learned.len() as i64;
-        let curvature = uncertainty.curvature.narrow(0, 0, count).narrow(1, 0, count);
-        notes.extend(rank::indistinct(&curvature, &learned).map(|indistinct| indistinct.text()));
+        notes.extend(of_parameters(explained, uncertainty));
         if explained.learned.len() > explained.dynamics.system.cell.parameters.len() {
             notes.push(match explained.dynamics.system.objects {
                 1 => "all that is seen drifts evenly: the camera or what holds the object moves (taken into account)"
@@ -82,4 +79,19 @@ impl Subject<'_> {
         }
         notes
     }
+}
+
+/// Which of the parameters that are learned do not show in the motion, and which of the others cannot be told apart.
+fn of_parameters(explained: &Explained, uncertainty: &Uncertainty) -> Vec<String> {
+    let parameters = explained.dynamics.system.cell.parameters.iter().enumerate();
+    let learned = parameters.filter(|(place, _)| explained.learned[*place]);
+    // Rows and columns of the curvature; what is seen beside the state comes last.
+    let (shown, hidden): (Vec<_>, Vec<_>) = learned.zip(0_i64..).partition(|((place, _), _)| uncertainty.shown[*place]);
+    let (kinds, rows): (Vec<_>, Vec<_>) = shown.into_iter().map(|((_, kind), row)| (kind, row)).unzip();
+    let rows = Tensor::from_slice(&rows);
+    let curvature = uncertainty.curvature.index_select(0, &rows).index_select(1, &rows);
+    let of_hidden = hidden.iter().map(|((_, kind), _)| {
+        format!("{} does not show in the motion: its value says nothing; fix it (model.fixed)", kind.name)
+    });
+    of_hidden.chain(rank::indistinct(&curvature, &kinds).map(|indistinct| indistinct.text())).collect()
 }

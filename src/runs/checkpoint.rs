@@ -396,6 +396,19 @@ fn read_parts(path: &Path) -> Result<Result<Parts>> {
     Ok(parts())
 }
 
+/// Checksums of the clips that a run learns from, as its last checkpoint has them; empty where it says nothing of them.
+///
+/// # Errors
+/// A folder without checkpoint, or whose last one is damaged.
+pub fn clips_of(run: &Path) -> Result<String> {
+    let path = find_weights(run, SavedWeights::Last)?.with_file_name(STATE);
+    if !path.exists() {
+        return Ok(String::new());
+    }
+    let read = || RunState::from_json(&storage::read(&path)?);
+    Ok(read().with_context(|| format!("{}; {ADVICE}", path.display()))?.clips)
+}
+
 /// The weights file of a run folder, of a checkpoint folder, or the file itself.
 ///
 /// # Errors

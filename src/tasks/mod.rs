@@ -310,7 +310,7 @@ impl TaskTable {
             );
         }
         if let Some(video) = &self.video {
-            video.check()?;
+            video.check(self.system.dt)?;
         }
         for symbol in self.truth.keys() {
             let of_scene = self.scene.as_ref().and_then(|scene| scene.truth(system.cell, symbol));

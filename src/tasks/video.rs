@@ -2,8 +2,12 @@
 //!
 //! Nothing that learns reads it.
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
+
+/// Part by which `dt` may differ from what the video's frames say of it: both are written with all their digits, but a
+/// hand may round them.
+const SAME_TIME: f64 = 1e-6;
 
 /// The videos of a task and what turns a frame's pixels into metres. Places in a video are `(x, y)` in pixels of its
 /// upright frames, x to the right and y down, `(0, 0)` in the top left corner of the top left pixel.
@@ -43,6 +47,20 @@ pub struct Video {
     #[serde(default)]
     pub y_up: bool,
     pub sources: Vec<Source>,
+}
+
+/// Units of `system.dt`, for messages.
+pub const TIME_UNITS: &str = "s, ms, frames";
+
+/// What `system.dt` is in a unit of time, where the frames of a clip are so many seconds apart and `step` frames of the video;
+/// none of a unit that there is not.
+pub fn dt_of(unit: &str, frame_seconds: f64, step: usize) -> Option<f64> {
+    match unit {
+        "s" => Some(frame_seconds),
+        "ms" => Some(1000.0 * frame_seconds),
+        "frames" => Some(step as f64),
+        _ => None,
+    }
 }
 
 /// One video, or one part of a video that shows a motion from its beginning to its end.
@@ -94,8 +112,8 @@ impl Video {
     }
 
     /// # Errors
-    /// Numbers that cannot be.
-    pub(super) fn check(&self) -> Result<()> {
+    /// Numbers that cannot be, or that do not go with the `dt` of the system.
+    pub(super) fn check(&self, dt: f64) -> Result<()> {
         ensure!(!self.sources.is_empty(), "video.sources is empty: there must be at least one");
         ensure!(self.crop[2] > 0, "video.crop = {:?}: the third number, its side, must be positive", self.crop);
         ensure!(self.step > 0, "video.step = 0: every frame is 1");
@@ -109,14 +127,51 @@ impl Video {
         for (key, percent) in [("scale_percent", self.scale_percent), ("time_percent", self.time_percent)] {
             ensure!((0.0..100.0).contains(&percent), "video.{key} = {percent}: must be 0 to 100 per cent");
         }
-        let units = ["s", "ms", "frames"];
-        ensure!(units.contains(&self.time_unit.as_str()), "video.time_unit = {:?}: one of {units:?}", self.time_unit);
         for (key, value) in [("frame_seconds", Some(self.frame_seconds)), ("pixels_per_metre", self.pixels_per_metre)] {
             let Some(value) = value else { continue };
             ensure!(value.is_finite() && value > 0.0, "video.{key} = {value}: must be a positive number");
         }
+        let expected = dt_of(&self.time_unit, self.frame_seconds, self.step)
+            .with_context(|| format!("video.time_unit = {:?}: one of {TIME_UNITS}", self.time_unit))?;
+        ensure!(
+            (dt / expected - 1.0).abs() <= SAME_TIME,
+            "system.dt = {dt}: the video's frames are {} s apart (video.frame_seconds), so dt is {expected} (its unit is {:?}); \
+             to change the time between frames, import the video again with --fps",
+            self.frame_seconds,
+            self.time_unit
+        );
         let finite = self.origin.into_iter().flatten().chain([self.angle]).all(f64::is_finite);
         ensure!(finite, "video.origin = {:?}, video.angle = {}: must be finite", self.origin, self.angle);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dt_goes_with_the_time_between_frames() {
+        let video = |unit: &str| Video {
+            size: [64, 48],
+            crop: [0, 0, 48],
+            step: 3,
+            film_step: None,
+            time_unit: unit.into(),
+            frame_seconds: 0.1,
+            pixels_per_metre: None,
+            scale_percent: 0.0,
+            time_percent: 0.0,
+            origin: None,
+            angle: 0.0,
+            y_up: false,
+            sources: vec![Source { file: "a.mp4".into(), frames: [0, 60], first_seconds: 0.0, held_out_from: 45 }],
+        };
+        for (unit, dt) in [("s", 0.1), ("ms", 100.0), ("frames", 3.0)] {
+            video(unit).check(dt).unwrap();
+            let said = video(unit).check(1.01 * dt).unwrap_err().to_string();
+            assert!(said.contains("import the video again with --fps"), "{said}");
+        }
+        assert!(video("hours").check(0.1).unwrap_err().to_string().contains("s, ms, frames"));
     }
 }

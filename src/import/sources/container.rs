@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail, ensure};
 use re_mp4::{Mp4, StsdBoxContent, TrakBox};
 
 use super::damage::{Bounded, guarded};
-use super::{MOST_FRAMES, check_size};
+use super::{MOST_FRAMES, check_size, check_square};
 
 /// Most bytes of the boxes that describe a film; an hour has some megabytes.
 const MOST_DESCRIPTION: u64 = 1 << 28;
@@ -79,7 +79,7 @@ impl Track {
     pub(super) fn read(path: &Path) -> Result<Self> {
         let mut file = BufReader::new(File::open(path).context("cannot open it")?);
         let length = file.get_ref().metadata()?.len();
-        let Claims { described, notes } = check_claims(&mut file, length)?;
+        let Claims { described, notes, aspect } = check_claims(&mut file, length)?;
         file.rewind()?;
         let read = || Ok(Mp4::read(Bounded::new(&mut file, CALLS_PER_BYTE * described, notes), length)?);
         let mp4 = guarded("not a readable mp4 or mov", read).context("not a readable mp4 or mov; is it complete?")?;
@@ -91,6 +91,8 @@ impl Track {
         if let Codec::H264(_) = codec {
             check_size(coded.0, coded.1)?;
         }
+        let turn = turn(described)?;
+        check_square(aspect.or_else(|| aspect_shown(described, coded, turn)).unwrap_or(1.0))?;
         ensure!(track.samples.len() <= MOST_FRAMES, "it claims {} frames", track.samples.len());
         ensure!(track.timescale > 0, "its clock has no ticks; is it damaged?");
         let mut order: Vec<usize> = (0..track.samples.len()).collect();
@@ -116,7 +118,7 @@ impl Track {
             samples.len() - there,
             samples.len()
         );
-        Ok(Track { codec, samples, turn: turn(described)?, coded })
+        Ok(Track { codec, samples, turn, coded })
     }
 
     /// Width and height of the upright frames.
@@ -143,6 +145,8 @@ struct Claims {
     described: u64,
     /// Where the names of boxes with notes for people stand.
     notes: Vec<u64>,
+    /// Width to height of a pixel, if it is said.
+    aspect: Option<f64>,
 }
 
 /// The parser makes room for as many samples as a file claims, so a claim beyond reason is refused before it.
@@ -164,6 +168,7 @@ fn check_claims(file: &mut (impl Read + Seek), length: u64) -> Result<Claims> {
             file.seek(SeekFrom::Start(at))?;
             file.take(size).read_to_end(&mut description)?;
             check_counts(&description)?;
+            claims.aspect = claims.aspect.or_else(|| aspect_said(&description));
             claims.described += description.len() as u64;
             let names =
                 description.windows(4).enumerate().filter(|(_, name)| NOTES.iter().any(|it| it.as_slice() == *name));
@@ -198,6 +203,28 @@ fn check_counts(description: &[u8]) -> Result<()> {
         ensure!(count <= MOST_SAMPLES, "it claims {count} samples in one track; is it damaged?");
     }
     Ok(())
+}
+
+/// Width to height of a pixel as a box `pasp` says it, which the parser does not read: after the name come both.
+fn aspect_said(description: &[u8]) -> Option<f64> {
+    const BOX: &[u8; 8] = b"\0\0\0\x10pasp";
+    let place = description.windows(BOX.len()).position(|bytes| bytes == BOX)? + BOX.len();
+    let [width, height] = [0, 4].map(|part| description.get(place + part..place + part + 4).map_or(0, big_endian));
+    (width > 0 && height > 0).then(|| width as f64 / height as f64)
+}
+
+/// The same by the size at which the track is to be shown; none where it does not say. It is given before the frames are turned;
+/// where it is that of the upright frames, it is taken so.
+fn aspect_shown(described: &TrakBox, coded: (u32, u32), turn: Turn) -> Option<f64> {
+    let shown = [described.tkhd.width.value(), described.tkhd.height.value()].map(f64::from);
+    let coded = [coded.0, coded.1].map(f64::from);
+    if shown.iter().chain(&coded).any(|side| *side == 0.0) {
+        return None;
+    }
+    let aspect = |width: f64, height: f64| width / height * coded[1] / coded[0];
+    let upright = aspect(shown[1], shown[0]);
+    let turned = matches!(turn, Turn::Quarter | Turn::ThreeQuarters) && check_square(upright).is_ok();
+    Some(if turned { upright } else { aspect(shown[0], shown[1]) })
 }
 
 fn big_endian(bytes: &[u8]) -> u64 {
@@ -239,4 +266,35 @@ fn turn(described: &TrakBox) -> Result<Turn> {
         [0, -1, 1, 0] => Turn::ThreeQuarters,
         _ => bail!("it is to be shown mirrored or at an odd angle; convert it so that it is stored upright"),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_that_are_not_square_are_refused() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/numbered.mp4");
+        let bytes = std::fs::read(path).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let read = |bytes: &[u8]| {
+            let path = folder.path().join("video.mp4");
+            std::fs::write(&path, bytes).unwrap();
+            Track::read(&path).map(drop).map_err(|error| error.to_string())
+        };
+        let place = |name: &[u8]| bytes.windows(4).position(|it| it == name).unwrap();
+        // Shown as 85 x 48 instead of 64 x 48, by the track's header.
+        let mut wide = bytes.clone();
+        wide[place(b"tkhd") + 81] = 85;
+        assert!(read(&wide).unwrap_err().contains("not square: each is shown 1.328 times as wide"));
+        // A box that says so itself, in the place of the one for bit rates; it says more than the header does.
+        for (sides, square) in [([4, 3], false), ([1, 1], true), ([200, 201], true), ([0, 0], true)] {
+            let mut said = bytes.clone();
+            let at = place(b"btrt") - 4;
+            said[at..at + 8].copy_from_slice(b"\0\0\0\x10pasp");
+            said[at + 8..at + 16].copy_from_slice(&sides.map(u32::to_be_bytes).concat());
+            assert_eq!(read(&said).is_ok(), square, "{sides:?}");
+        }
+        read(&bytes).unwrap();
+    }
 }

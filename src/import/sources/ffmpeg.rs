@@ -8,7 +8,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use image::RgbImage;
 
-use super::{Facts, Frames, MOST_FRAMES, check_size};
+use super::{Facts, Frames, MOST_FRAMES, check_size, check_square};
 
 /// Whether there is one.
 pub(super) fn is_there() -> bool {
@@ -42,13 +42,21 @@ pub(super) fn facts(path: &Path) -> Result<Facts> {
         "ffmpeg cannot read it: {}",
         said.trim().lines().last().unwrap_or("it says no more")
     );
-    let list = String::from_utf8_lossy(&output.stdout);
+    listed(&String::from_utf8_lossy(&output.stdout))
+}
+
+/// What ffmpeg's list of all frames says.
+fn listed(list: &str) -> Result<Facts> {
     let (mut tick, mut size, mut stamps) = (None, None, Vec::new());
     for line in list.lines() {
         if let Some(base) = line.strip_prefix("#tb 0: ") {
             tick = base.split_once('/').and_then(|(n, d)| Some(n.parse::<f64>().ok()? / d.parse::<f64>().ok()?));
         } else if let Some(sides) = line.strip_prefix("#dimensions 0: ") {
             size = sides.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
+        } else if let Some(sides) = line.strip_prefix("#sar 0: ") {
+            let sides = sides.split_once('/').and_then(|(x, y)| Some((x.parse::<f64>().ok()?, y.parse::<f64>().ok()?)));
+            // 0/1 where the video does not say.
+            sides.filter(|(x, y)| *x > 0.0 && *y > 0.0).map_or(Ok(()), |(x, y)| check_square(x / y))?;
         } else if !line.starts_with('#') {
             let stamp = line.split(',').nth(2).and_then(|stamp| stamp.trim().parse::<f64>().ok());
             stamps.push(stamp.with_context(|| format!("ffmpeg lists a frame without a time: {line:?}"))?);
@@ -103,5 +111,19 @@ impl Drop for Pipe {
     fn drop(&mut self) {
         let _ = self.process.kill();
         let _ = self.process.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::listed;
+
+    #[test]
+    fn pixels_that_are_not_square_are_refused() {
+        let list = |aspect: &str| {
+            listed(&format!("#tb 0: 1/25\n#dimensions 0: 1440x1080\n#sar 0: {aspect}\n0, 0, 0, 1, 9, 0x0\n"))
+        };
+        assert!(list("1/1").is_ok() && list("0/1").is_ok());
+        assert!(list("4/3").err().unwrap().to_string().contains("1.333 times as wide"));
     }
 }

@@ -21,6 +21,10 @@ pub use damage::quiet_decoders;
 pub const LARGEST_SIDE: u32 = 8192;
 pub const MOST_FRAMES: usize = 2_000_000;
 
+/// Part by which a pixel may be wider than high or less wide: a converter that rounds a small frame's sides to even numbers says
+/// so of its pixels. Those of television are off by 7 % at least.
+const SQUARE: f64 = 0.01;
+
 /// A video and what is known of it before a frame is decoded.
 #[derive(Debug)]
 pub struct Video {
@@ -152,6 +156,16 @@ fn check_size(width: u32, height: u32) -> Result<()> {
     ensure!(
         sound(width) && sound(height),
         "its frames have {width} x {height} pixels; expected 1 to {LARGEST_SIDE} a side"
+    );
+    Ok(())
+}
+
+/// Refuses pixels that are shown wider or higher than they are stored: `aspect` times as wide as high.
+fn check_square(aspect: f64) -> Result<()> {
+    ensure!(
+        (aspect - 1.0).abs() <= SQUARE,
+        "its pixels are not square: each is shown {aspect:.3} times as wide as high. Make them so: ffmpeg -i VIDEO -vf \
+         scale=iw*sar:ih,setsar=1 square.mp4"
     );
     Ok(())
 }

@@ -1,11 +1,13 @@
-//! A folder of pictures, one a frame, in the natural order of their names: `f2.png` before `f10.png`.
+//! A folder of pictures, one a frame, in the natural order of their names: `f2.png` before `f10.png`. Each is turned as its
+//! camera was, if the file says so (EXIF).
 
 use std::cmp::Ordering;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use image::{ImageReader, Limits, RgbImage};
+use image::metadata::Orientation::{self, *};
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits, RgbImage};
 
 use super::{Facts, Frames, LARGEST_SIDE};
 
@@ -21,7 +23,12 @@ pub(super) fn list(folder: &Path) -> Result<(Vec<PathBuf>, Facts)> {
     }
     files.sort_by(|a, b| natural_order(&name(a), &name(b)));
     let first = files.first().context("the folder holds no png or jpeg")?;
-    let size = reader(first)?.into_dimensions().with_context(|| format!("{first:?} is not a readable picture"))?;
+    let mut decoder = decoder(first)?;
+    let (width, height) = decoder.dimensions();
+    let size = match turn(&mut decoder) {
+        Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH => (height, width),
+        NoTransforms | Rotate180 | FlipHorizontal | FlipVertical => (width, height),
+    };
     let frames = files.len();
     Ok((files, Facts { size, frames, times: None }))
 }
@@ -30,13 +37,18 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-fn reader(path: &Path) -> Result<ImageReader<std::io::BufReader<fs::File>>> {
+fn decoder(path: &Path) -> Result<impl ImageDecoder + use<>> {
     let mut reader = ImageReader::open(path)?.with_guessed_format()?;
     let mut limits = Limits::default();
     limits.max_image_width = Some(LARGEST_SIDE);
     limits.max_image_height = Some(LARGEST_SIDE);
     reader.limits(limits);
-    Ok(reader)
+    reader.into_decoder().with_context(|| format!("{path:?} is not a readable picture"))
+}
+
+/// How a picture must be turned to stand upright; what is damaged in notes beside it turns nothing.
+fn turn(decoder: &mut impl ImageDecoder) -> Orientation {
+    decoder.orientation().unwrap_or(NoTransforms)
 }
 
 /// Runs of digits compare as numbers, all else as text.
@@ -76,8 +88,12 @@ impl<'a> Pictures<'a> {
 impl Frames for Pictures<'_> {
     fn frame(&mut self, number: usize) -> Result<RgbImage> {
         let path = &self.files[number];
-        let picture =
-            reader(path)?.decode().with_context(|| format!("{path:?} is not a readable picture"))?.into_rgb8();
+        let mut decoder = decoder(path)?;
+        let turn = turn(&mut decoder);
+        let mut picture =
+            DynamicImage::from_decoder(decoder).with_context(|| format!("{path:?} is not a readable picture"))?;
+        picture.apply_orientation(turn);
+        let picture = picture.into_rgb8();
         let (found, expected) = (picture.dimensions(), self.size);
         ensure!(
             found == expected,
@@ -93,7 +109,30 @@ impl Frames for Pictures<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::natural_order;
+    use super::*;
+    use image::codecs::jpeg::JpegEncoder;
+    use image::{ImageEncoder, Rgb};
+
+    /// A picture of 16 x 8 pixels, white in its left half, of a camera that was turned.
+    #[test]
+    fn pictures_of_a_turned_camera_stand_upright() {
+        let folder = tempfile::tempdir().unwrap();
+        let stored = RgbImage::from_fn(16, 8, |x, _| Rgb([if x < 8 { 255 } else { 0 }; 3]));
+        // TIFF, most significant byte first, one entry: 0x112, a number of two bytes.
+        let exif = |orientation: u8| {
+            [&b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0"[..], &[orientation, 0, 0, 0, 0, 0, 0]].concat()
+        };
+        for (orientation, size, [x, y]) in [(1, (16, 8), [4, 4]), (3, (16, 8), [12, 4]), (6, (8, 16), [4, 4])] {
+            let mut encoder = JpegEncoder::new(fs::File::create(folder.path().join("f0.jpg")).unwrap());
+            encoder.set_exif_metadata(exif(orientation)).unwrap();
+            encoder.encode_image(&stored).unwrap();
+            let (files, facts) = list(folder.path()).unwrap();
+            let upright = Pictures::new(&files, facts.size).frame(0).unwrap();
+            assert_eq!((facts.size, upright.dimensions()), (size, size));
+            let dark = [size.0 - 1 - x, size.1 - 1 - y];
+            assert!(upright[(x, y)].0[0] > 200 && upright[dark.into()].0[0] < 50, "{orientation}");
+        }
+    }
 
     #[test]
     fn numbers_in_names_are_compared_as_numbers() {

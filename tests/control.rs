@@ -466,6 +466,29 @@ fn a_missing_frame_is_foretold() {
     }
 }
 
+/// The state comes from the last L frames and from what acted between them, not at the beginning of the episode.
+#[test]
+fn the_last_frames_are_seen_with_their_own_actions() {
+    let model = untrained();
+    let mut world = pendulum(PendulumSettings::default(), upright());
+    world.reset(2);
+    let actions = [2.0, -1.0, 0.5, -2.0, 1.5];
+    let mut frames = vec![world.observe()];
+    for action in actions {
+        world.step(action);
+        frames.push(world.observe());
+    }
+    let mut physics = model::of_cell(model.cell.as_ref(), 0.05);
+    let mut eyes = Eyes::new(Vision::new(&model, FORMAT).unwrap());
+    let sight = eyes.look(&frames, &actions, physics.as_mut());
+    let all = Tensor::stack(&frames.iter().flatten().collect::<Vec<_>>(), 0);
+    let places: Vec<_> = eyes.vision.places(&all).into_iter().map(|places| places.expect("seen")).collect();
+    let last: Vec<_> = places[2..].iter().collect();
+    let state = |actions: &[f64]| eyes.vision.state(&last, actions).unwrap();
+    assert_eq!(sight, Sight::Seen(state(&actions[2..])));
+    assert!(difference(&state(&actions[2..]), &state(&actions[..3])) > 1e-3, "actions change nothing here");
+}
+
 #[test]
 fn a_fast_start_and_a_faulty_camera_end_without_a_panic() {
     let model = untrained();

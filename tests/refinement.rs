@@ -112,3 +112,18 @@ fn a_start_that_leaves_the_numbers_is_not_taken() {
     let refined = refine(cell.as_ref(), 0.3, &seen, &Actions::none(), estimate, 3);
     assert!(refined.joined().isfinite().all().int64_value(&[]) == 1, "{:?}", refined.joined());
 }
+
+/// Positions that are all shifted alike shift the state as much: the state learns from all of them, and so does the encoder.
+#[test]
+fn gradients_pass_to_all_positions() {
+    let (cell, first) = spring();
+    let mut states = cell.roll_out(&first, &Actions::none(), 0.3, INPUT - 1);
+    let seen = Tensor::cat(&[first.pos.unsqueeze(1), State::positions(&states)], 1).set_requires_grad(true);
+    let truth = states.pop().unwrap();
+    let estimate = State { pos: truth.pos, vel: truth.vel };
+    refine(cell.as_ref(), 0.3, &seen, &Actions::none(), estimate, 3).pos.sum(Kind::Double).backward();
+    // Inner forces do not move the middle, of which a shift of one ball is half. The damping takes 0.2 % off.
+    let shift = seen.grad().sum_dim_intlist([1i64].as_slice(), false, Kind::Double);
+    let error = (shift - 1.0).abs().max().double_value(&[]);
+    assert!(error < 0.01, "a shift of the positions shifts the state by {error} too much or too little");
+}

@@ -177,3 +177,20 @@ impl RunningMean {
         self.sum.as_ref().map_or(f64::NAN, |sum| sum.double_value(&[]) / self.weight)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_batch_counts_by_its_clips() {
+        let all = |loss: f64| {
+            let [reconstruction, prediction, extrapolation] = [(); 3].map(|()| Tensor::from(loss));
+            Losses { reconstruction, prediction, extrapolation: Some(extrapolation) }
+        };
+        let mut losses = LossAccumulator::default();
+        losses.add(&all(1.0), 3);
+        losses.add(&all(5.0), 1);
+        assert_eq!(losses.values(), MeanLosses { recons_loss: 2.0, pred_loss: 2.0, extrap_loss: Some(2.0) });
+    }
+}

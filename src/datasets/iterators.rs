@@ -268,3 +268,27 @@ impl ShuffledBatches {
         &self.order[first..first + self.batch]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn an_epoch_shows_each_clip_once_and_each_in_another_order() {
+        let batches = || ShuffledBatches::new(10, 3, 7).unwrap();
+        let mut shown = batches();
+        assert_eq!(shown.steps_per_epoch(), 3);
+        let epochs: Vec<Vec<i64>> = (0..3)
+            .map(|epoch| (3 * epoch..3 * epoch + 3).flat_map(|step| shown.clips_of_step(step).to_vec()).collect())
+            .collect();
+        for epoch in &epochs {
+            let clips: BTreeSet<_> = epoch.iter().filter(|clip| (0..10).contains(*clip)).collect();
+            assert_eq!((epoch.len(), clips.len()), (9, 9), "{epoch:?}");
+        }
+        assert!(epochs[0] != epochs[1] && epochs[1] != epochs[2], "{epochs:?}");
+        // A run that is taken up sees what it would have seen.
+        assert_eq!(batches().clips_of_step(7), &epochs[2][3..6]);
+    }
+}

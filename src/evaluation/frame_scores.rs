@@ -47,3 +47,33 @@ impl FrameScores {
         Ok(scores.enumerate().map(frame).collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::Rng;
+
+    use super::*;
+    use crate::support::random::named_generator;
+
+    fn frames(purpose: &str) -> Tensor {
+        let mut random = named_generator(1, purpose);
+        let values: Vec<f32> = (0..3 * 5 * 3 * 16 * 16).map(|_| random.random()).collect();
+        Tensor::from_slice(&values).reshape([3, 5, 3, 16, 16])
+    }
+
+    #[test]
+    fn each_frame_has_its_own_similarity() {
+        let (predicted, truth) = (frames("predicted"), frames("truth"));
+        let mut scores = FrameScores::default();
+        scores.add(&predicted, &truth).unwrap();
+        let system = crate::tasks::find("spring_color").unwrap().system;
+        let of_frames = scores.predicted_frames(&system).unwrap();
+        assert_eq!(of_frames.len(), 5);
+        for (frame, score) in (0..).zip(of_frames) {
+            let alone = ssim(&predicted.select(1, frame), &truth.select(1, frame)).unwrap();
+            let alone = alone.mean(Kind::Double).double_value(&[]);
+            // Float64 sums in another order.
+            assert!((score.ssim - alone).abs() < 1e-12, "frame {frame}: {} and alone {alone}", score.ssim);
+        }
+    }
+}

@@ -183,3 +183,39 @@ impl Objective for Joint<'_> {
         Ok(Validated::new(losses.pred_loss + self.config.alpha * losses.recons_loss, &losses))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array5;
+
+    use super::*;
+    use crate::training::config::Config;
+    use crate::training::layers::Overrides;
+
+    #[test]
+    fn alpha_weighs_the_reconstruction_and_the_physics_has_its_own_rate() {
+        let overrides = Overrides {
+            task: Some("spring_color".into()),
+            recipe: Some("paper".into()),
+            set: ["join.alpha=2.5", "join.physics_learning_rate=0.5"].map(String::from).into(),
+            ..Overrides::default()
+        };
+        let config = Config::load(None, &overrides).unwrap();
+        let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, 1).unwrap();
+        let pixels =
+            Array5::from_shape_fn((2, 12, 32, 32, 3), |(clip, t, y, x, c)| (clip + t + 5 * y + 3 * x + c) as u8);
+        let clips = Clips::new(&pixels, None, Device::Cpu);
+        let mut joint = Joint::new(&config.join, &clips, 0).unwrap();
+        let inputs = joint.inputs(&model, 0, &[]).unwrap();
+        let loss = joint.loss(&model, &inputs).unwrap();
+        let number = |loss: &Tensor| loss.double_value(&[]);
+        let [total, reconstruction, prediction] =
+            [Some(&loss.total), loss.reconstruction.as_ref(), loss.prediction.as_ref()]
+                .map(|part| number(part.unwrap()));
+        // Two roundings of float32.
+        let expected = prediction + 2.5 * reconstruction;
+        assert!((total / expected - 1.0).abs() < 1e-6, "{total}, expected {expected}");
+        assert_eq!(joint.learning_rate(VariableGroup::Physics), 0.5);
+        assert_eq!(joint.learning_rate(VariableGroup::Decoder), config.task.base_lr);
+    }
+}

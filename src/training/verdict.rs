@@ -229,10 +229,14 @@ fn limits(config: &Config, losses: &MeanLosses) -> Vec<Check> {
 
 #[cfg(test)]
 mod tests {
-    use tch::Tensor;
+    use std::collections::BTreeMap;
 
-    use super::{Seen, objects};
+    use tch::{Device, Tensor};
+
+    use super::{Interval, PhysicsNet, Seen, objects, parameters};
     use crate::network::cells::Actions;
+    use crate::training::config::Config;
+    use crate::training::layers::Overrides;
 
     /// Two objects, of which the masks hold so much.
     fn passes(present: f64, owned: [f64; 2], drawn: f64, filmed: bool) -> bool {
@@ -269,5 +273,21 @@ mod tests {
         assert!(passes(0.8, [0.25, 0.25], 0.96, false));
         // But each must have a mask of its own.
         assert!(!passes(0.8, [0.6, 0.04], 0.96, false));
+    }
+
+    /// Both sides count, and either of them may be the wider one. The task allows k 1 % and l 0.5 %.
+    #[test]
+    fn a_parameter_passes_where_its_whole_interval_is_near_it() {
+        let task = Overrides { task: Some("spring_color".into()), ..Overrides::default() };
+        let config = Config::load(None, &task).unwrap();
+        let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, 1).unwrap();
+        model.learned().zip([4.0, 6.0]).for_each(|(parameter, value)| model.set_value(parameter, value).unwrap());
+        for (low, high, passes) in [(3.97, 4.03, true), (3.95, 4.0, false), (4.0, 4.05, false)] {
+            let (k, l) = (Interval { low, high }, Interval { low: 5.99, high: 6.01 });
+            let intervals = BTreeMap::from([("k".to_string(), k), ("l".to_string(), l)]);
+            let checks = parameters(&config, &model, &intervals);
+            let passed: Vec<_> = checks.iter().map(|check| (check.name.as_str(), check.passed)).collect();
+            assert_eq!(passed, [("k", passes), ("l", true)], "k from {low} to {high}");
+        }
     }
 }

@@ -170,11 +170,15 @@ fn a_long_motion_is_followed_between_the_frames() {
 /// 100 where each holds with 0.93.
 #[test]
 fn intervals_hold_the_truth() {
+    let mut missed = 0;
     for kind in KINDS {
         for held in kind.coverage(40, 3).unwrap() {
             assert!(held.held >= 34, "{}, {}: {} of {}", kind.name, held.parameter, held.held, held.sets);
+            missed += held.sets - held.held;
         }
     }
+    // Nor are they too wide: of these 480 it is 13 that do not hold, and 4 if they are half as wide again.
+    assert!(missed >= 8, "only {missed} do not hold the truth");
 }
 
 /// A ball that swings before a grey wall, as pictures.
@@ -222,7 +226,13 @@ fn two_commands_lead_from_a_video_to_its_table() {
     let measurement = Measurement::read(&folder.join("run")).unwrap();
     assert_eq!((measurement.frames, measurement.learned_frames), (96, 72));
     assert!((measurement.seconds_between_frames - 0.05).abs() < 1e-12);
-    assert_eq!(measurement.quantity("g").unwrap().unit, "m/s^2");
+    let g = measurement.quantity("g").unwrap();
+    assert_eq!(g.unit, "m/s^2");
+    // Its dt is in seconds, so a length alone is turned: 80 pixels of the video are a metre.
+    let task = find(folder.join("swing/task.toml").to_str().unwrap()).unwrap();
+    let metres_per_pixel = task.video().unwrap().crop[2] as f64 / task.system.side as f64 / 80.0;
+    let ratio = g.value / (g.in_frames.unwrap() * metres_per_pixel);
+    assert!((ratio - 1.0).abs() < 1e-12, "{ratio}");
     let csv = fs::read_to_string(folder.join("run/positions.csv")).unwrap();
     assert_eq!(csv.lines().count(), 97);
     assert!(csv.lines().all(|line| line.split(',').count() == 15), "{csv}");

@@ -159,3 +159,21 @@ impl Explained {
         Criteria { unknowns, aic: fits + 2.0 * unknowns as f64, bic: fits + independent.ln() * unknowns as f64 }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_straight_way_goes_on_straight() {
+        let falling = crate::tasks::find("falling").unwrap().system;
+        let dynamics = Dynamics::new(falling, 0.3).unwrap();
+        // Every third frame is missing.
+        let ticks: Vec<usize> = (0..30).filter(|tick| tick % 3 != 2).collect();
+        let positions = ticks.iter().flat_map(|&tick| [3.0 + 0.5 * tick as f64, 40.0 - 1.25 * tick as f64]).collect();
+        let tracks = [Track { positions, ticks, trained: 12 }];
+        let errors = Errors::of(&tracks, &constant_velocity(&tracks, 2), &dynamics);
+        // Rounding of float64.
+        assert!(errors.learned == 0.0 && errors.held_out < 1e-9, "{errors:?}");
+    }
+}

@@ -119,14 +119,19 @@ mod tests {
     use super::*;
 
     fn scale(angle: f64, pixels_per_metre: Option<f64>) -> Scale {
+        timed(angle, pixels_per_metre, "s", [0.1, 0.1])
+    }
+
+    /// Of a video whose frames are so many seconds and so many of this unit apart.
+    fn timed(angle: f64, pixels_per_metre: Option<f64>, time_unit: &str, [frame_seconds, dt]: [f64; 2]) -> Scale {
         let task = crate::tasks::builtin("falling").unwrap();
         let video = Video {
             size: [640, 360],
             crop: [40, 20, 320],
             step: 4,
             film_step: Some(1),
-            time_unit: "s".into(),
-            frame_seconds: 0.1,
+            time_unit: time_unit.into(),
+            frame_seconds,
             pixels_per_metre,
             scale_percent: 1.0,
             time_percent: 2.0,
@@ -135,7 +140,7 @@ mod tests {
             y_up: true,
             sources: Vec::new(),
         };
-        Scale::new(&video, &crate::network::System { side: 32, dt: 0.1, ..task.system })
+        Scale::new(&video, &crate::network::System { side: 32, dt, ..task.system })
     }
 
     #[test]
@@ -163,5 +168,14 @@ mod tests {
         let draw = Draw { raw: Vec::new(), states: Vec::new(), scale: 1.0, time: 1.0 };
         assert!((metres.drawn([1, -2], &draw) - 0.1 / 1.01 / 1.02f64.powi(2)).abs() < 1e-12);
         assert_eq!(scale(0.0, None).unit([1, -1]), "px/s");
+    }
+
+    #[test]
+    fn times_are_turned_into_seconds() {
+        // Frames of 1/50 s, counted one by one; a pixel of a frame is 0.1 m.
+        let frames = timed(0.0, Some(100.0), "frames", [0.02, 1.0]);
+        assert!((frames.factor([1, -2]) / (0.1 * 50.0 * 50.0) - 1.0).abs() < 1e-12, "{}", frames.factor([1, -2]));
+        let [fast, _] = frames.velocity_on_axes([1.0, 0.0]);
+        assert!((fast / (0.1 * 50.0) - 1.0).abs() < 1e-12, "{fast}");
     }
 }

@@ -25,12 +25,15 @@ fn learned(task: &str) -> Value {
     serde_json::from_slice(&fs::read(folder.join("run/summary.json")).unwrap()).unwrap()
 }
 
-/// The parameter lies within so many per cent of its truth, and the predicted frames show the objects: a blank frame
-/// costs 9.25 for each ball of radius 2, and more for larger ones.
-fn assert_learned(summary: &Value, symbol: &str, percent: f64, balls: f64) {
+/// The parameter lies within 1 % of its truth, and the predicted frames show the objects: a blank frame costs 9.25 for each
+/// ball of radius 2, and more for larger ones.
+///
+/// Two seeds each are off by 0.02 to 0.12 %. Without the fit, by joint training alone, gravity is a third too small at the
+/// end, and the attraction of the three bodies a quarter of the true one; L_pred is 2.4 and 31.
+fn assert_learned(summary: &Value, symbol: &str, balls: f64) {
     let parameter = &summary["parameters"][symbol];
     let (learned, truth) = (parameter["learned"].as_f64().unwrap(), parameter["truth"].as_f64().unwrap());
-    assert!((learned / truth - 1.0).abs() < percent / 100.0, "{symbol} {learned} for a true {truth}");
+    assert!((learned / truth - 1.0).abs() < 0.01, "{symbol} {learned} for a true {truth}");
     let pred = summary["test"]["pred_loss"].as_f64().unwrap();
     assert!(pred < 9.25 * balls / 5.0, "L_pred {pred}");
 }
@@ -38,11 +41,11 @@ fn assert_learned(summary: &Value, symbol: &str, percent: f64, balls: f64) {
 /// One object: nothing is to be told apart.
 #[test]
 fn a_falling_ball_tells_gravity() {
-    assert_learned(&learned("falling"), "g", 3.0, 1.0);
+    assert_learned(&learned("falling"), "g", 1.0);
 }
 
-/// Three objects, a force that goes with a power of the distance. Positions are rough after so few steps.
+/// Three objects, a force that goes with a power of the distance.
 #[test]
 fn three_bodies_tell_the_strength_of_their_attraction() {
-    assert_learned(&learned("3bp_color"), "g", 5.0, 3.0);
+    assert_learned(&learned("3bp_color"), "g", 3.0);
 }

@@ -41,18 +41,19 @@ fn a_short_training_finds_balls_and_spring() {
     // A ninth of a blank frame's loss needs both balls; half of it for predicted frames needs the physics as well.
     assert!(recons < BLANK / 9.0, "L_rec {recons}; one ball missing costs {}", BLANK / 2.0);
     assert!(pred < BLANK / 2.0, "L_pred {pred}");
-    // Positions are still rough after 200 steps, hence the wide bounds; k and l start at 1.
+    // Two seeds end 0.2 % low in k, as even true positions do, and within 0.1 % of l. Both start at 1 and stay there without
+    // the fit.
     let (k, l) = (number(&summary, "/parameters/k/learned"), number(&summary, "/parameters/l/learned"));
-    assert!((k / 4.0 - 1.0).abs() < 0.1, "k {k} for a true 4");
-    assert!((l / 6.0 - 1.0).abs() < 0.05, "l {l} for a true 6");
+    assert!((k / 4.0 - 1.0).abs() < 0.02, "k {k} for a true 4");
+    assert!((l / 6.0 - 1.0).abs() < 0.01, "l {l} for a true 6");
     assert_eq!(number(&summary, "/parameters/k/truth"), 4.0);
     let written = ["example0.png", "animation.gif", "templates.png", "encoder_masks.png", "outputs.npz", "losses.png"];
     for name in written {
         assert!(run.join(name).metadata().is_ok_and(|file| file.len() > 0), "{name} was not written");
     }
 
-    // The physics was right, so the errors of the rolled-out states are some pixels.
-    assert!(number(&summary, "/test/states/predicted") < 3.0, "{summary}");
+    // Rolled-out states are hardly worse than encoded positions, 0.13 and 0.1 px; without the fit they are 6 px off.
+    assert!(number(&summary, "/test/states/predicted") < 1.0, "{summary}");
     assert_eq!(number(&summary, "/test/predicted_frames/25/frame"), 29.0);
 
     // The score of the saved checkpoint is the score that was reported.

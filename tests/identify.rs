@@ -137,7 +137,7 @@ fn fits_scatter_by_their_deviations() {
     let scatter = (logs.iter().map(|log| (log - middle).powi(2)).sum::<f64>() / 7.0).sqrt();
     let ratio = scatter / mean(&deviations);
     println!("scatter {scatter}, {ratio:.2} deviations");
-    // Of eight numbers the scatter is known to 27 %; here it is 0.8 of the deviations, so that half of them are too many.
+    // Of eight numbers the scatter is known to 27 %; here it is 0.8 deviations, and 0.3 if these were three times too large.
     assert!((0.5..2.0).contains(&ratio), "fits scatter by {ratio} of their deviations");
 }
 

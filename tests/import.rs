@@ -476,8 +476,8 @@ fn what_cannot_be_imported_is_refused() {
     assert_says(&refused(&full), &["nothing moves"]);
     let sizes = pictures(&folder.path().join("sizes"), (0..60).map(ball).chain([RgbImage::new(60, 40)]));
     assert_says(&refused(&Request { fps: Some(25.0), ..request(&[&sizes], &out) }), &["f60.png", "60 x 40"]);
-    let same = Request { fps: Some(25.0), ..request(&[&still, &folder.path().join("empty/../still")], &out) };
-    assert_says(&refused(&same), &["empty/../still", "given twice"]);
+    let same = Request { fps: Some(25.0), ..request(&[&still, &folder.path().join("empty/../still/pictures")], &out) };
+    assert_says(&refused(&same), &["empty/../still/pictures", "given twice"]);
     let two = Request { fps: Some(25.0), ..request(&[&path, &still], &out) };
     assert_says(&refused(&two), &["120 x 80", "64 x 48"]);
 }

@@ -6,13 +6,10 @@ use super::Equation;
 use super::evaluate::{Constants, Instant};
 use super::plain::PlainText;
 use super::table::Integrator;
-use super::walls::TextWalls;
+use super::walls::{LEAST_RESTITUTION, TextWalls};
 use crate::network::cells::impact::turned_back;
 use crate::network::cells::plain::PlainCell;
 use crate::network::cells::{Actions, Cell, State, Walls};
-
-/// The least restitution that is taken back when time runs backwards: a ball that lost all its speed has no past.
-pub(super) const LEAST_RESTITUTION: f64 = 0.1;
 
 /// An equation with its parameters.
 #[derive(Debug)]

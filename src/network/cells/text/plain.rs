@@ -3,8 +3,8 @@
 
 use super::Equation;
 use super::columns::{Columns, Moment, Number};
-use super::integrate::LEAST_RESTITUTION;
 use super::table::Integrator;
+use super::walls::LEAST_RESTITUTION;
 use crate::network::cells::Walls;
 use crate::network::cells::plain::PlainCell;
 

@@ -8,6 +8,9 @@ use super::table::{EquationTable, Given, WallTable};
 use super::units::Unit;
 use crate::network::cells::{Coordinates, Walls};
 
+/// The least restitution that is taken back when time runs backwards: a ball that lost all its speed has no past.
+pub(super) const LEAST_RESTITUTION: f64 = 0.1;
+
 /// A number that the table gives, or a parameter by its place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Value {

@@ -184,6 +184,7 @@ impl Clips {
         let mut random = named_generator(seed, &format!("frames of step {step}"));
         (0..count).map(|_| random.random_range(0..all)).collect()
     }
+
     /// For each frame, by its place, the median over time of the clip it is of: `[places, channels, S, S]` in \[0, 1\].
     pub fn clip_medians(&self, places: &[i64]) -> Tensor {
         let clips: Vec<i64> = places.iter().map(|place| place / self.time() as i64).collect();
@@ -223,7 +224,7 @@ fn to_device<T: Element, D: Dimension>(array: &Array<T, D>, device: Device) -> T
 }
 
 fn to_float(pixels: &Tensor) -> Tensor {
-    // The channels stay last in memory, the layout in which the convolutions are fastest.
+    // The channels stay last in memory, the layout in which libtorch's convolutions are fastest; the kernels copy them.
     pixels.to_kind(Kind::Float) / 255.0
 }
 

@@ -45,7 +45,7 @@ data: libtorch
 	$(CARGO) run --release --quiet --bin generate -- --task spring_color --out $(DATA)
 
 # Those of the report; 1-3 are for development.
-STRESS_SEEDS ?= 4-8
+STRESS_SEEDS ?= 4-8,10
 
 stress: build
 	$(CARGO) run --release --quiet --bin stress -- --data-seeds $(STRESS_SEEDS) --jobs $(JOBS) --out reports/stress

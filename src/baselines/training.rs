@@ -26,6 +26,7 @@ use crate::runs::metrics::{self, Record};
 use crate::runs::names::METRICS;
 use crate::runs::scores::Scores;
 use crate::runs::weights;
+use crate::support::statistics::is_smaller;
 use crate::support::{atomic, storage};
 use crate::training::base::Outcome;
 use crate::training::optimizers::{Optimizer, OptimizerKind};
@@ -372,8 +373,7 @@ impl<'a> Running<'a> {
 
     /// Keeps the weights as they are now if none had a smaller validation error.
     fn keep_if_best(&mut self, error: f64) {
-        // What is not a number is larger than all that are.
-        if self.best.as_ref().is_none_or(|best| error.total_cmp(&best.validation.error).is_lt()) {
+        if self.best.as_ref().is_none_or(|best| is_smaller(error, best.validation.error)) {
             let weights = self.variables.iter().map(|(name, variable)| (name.clone(), variable.detach().copy()));
             self.best = Some(Best { validation: Validation { step: self.step, error }, weights: weights.collect() });
         }

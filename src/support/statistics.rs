@@ -1,4 +1,4 @@
-//! Median and range.
+//! Median, range and comparison.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,6 +10,11 @@ pub fn upper_median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
+}
+
+/// Whether an error is smaller than another; what is not a number is the largest, whatever its sign bit says.
+pub fn is_smaller(error: f64, other: f64) -> bool {
+    error < other || other.is_nan() && !error.is_nan()
 }
 
 /// How some numbers are spread.
@@ -55,5 +60,14 @@ mod tests {
         assert_eq!((upper_median([3.0, 1.0, 2.0]), upper_median([4.0, 1.0, 2.0, 3.0])), (Some(2.0), Some(3.0)));
         assert_eq!(Spread::of([3.0, 1.0, 2.0]), Some(Spread { median: 2.0, min: 1.0, max: 3.0 }));
         assert_eq!(Spread::of([4.0, 1.0, 2.0, 3.0]), Some(Spread { median: 2.5, min: 1.0, max: 4.0 }));
+    }
+
+    /// A difference of infinities is a NaN with a sign on some processors, which an order of all numbers puts first.
+    #[test]
+    fn no_number_is_the_largest_error() {
+        for none in [f64::NAN, -f64::NAN] {
+            assert!(is_smaller(3.0, none) && !is_smaller(none, 3.0) && !is_smaller(none, none));
+        }
+        assert!(is_smaller(2.0, 3.0) && !is_smaller(3.0, 3.0) && is_smaller(3.0, f64::INFINITY));
     }
 }

@@ -12,7 +12,7 @@ use crate::network::cells::Coordinates;
 use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::naming::{self, Naming};
 use crate::support::assignment::best_assignment;
-use crate::support::statistics::MEDIAN_TO_DEVIATION;
+use crate::support::statistics::{MEDIAN_TO_DEVIATION, is_smaller};
 
 /// Names are taken from the paths where the encoder's change within more than this share of the clips.
 const RENAMED_CLIPS: f64 = 0.15;
@@ -213,13 +213,12 @@ impl Fits<'_> {
         let mut best = from(logs.clone())?;
         let changes = if learned.contains(&true) { &OTHER_STARTS[..] } else { &[] };
         for change in changes {
-            // One that left the numbers is no better than any other.
             if best.usual_residual <= TRY_OTHERS * self.pixel {
                 break;
             }
             let other =
                 from(logs.iter().zip(learned).map(|(log, &it)| if it { log + change } else { *log }).collect())?;
-            if other.usual_residual.total_cmp(&best.usual_residual).is_lt() {
+            if is_smaller(other.usual_residual, best.usual_residual) {
                 best = other;
             }
         }

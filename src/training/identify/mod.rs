@@ -159,7 +159,8 @@ impl Phase for Identify {
         let explanation = explain::explain(self, model, &seen, &Start::of(model))?;
         explanation.apply(model);
         let fit = &explanation.fit;
-        let recentred = explanation.explains() && self.recentre(session, &explanation)?;
+        let explains = explanation.explains();
+        let recentred = explains && self.recentre(session, &explanation)?;
         let unit = model.system.cell.coordinates.unit();
         let mut record = Record {
             residual: Some(fit.residual),
@@ -178,9 +179,9 @@ impl Phase for Identify {
         if let Some(indistinct) = explanation.indistinct(model) {
             session.tell(&Event::Note(&indistinct.text()))?;
         }
-        record.offsets = Some(explanation.offsets.clone());
+        record.offsets = Some(explanation.offsets);
         // A motion that the equation does not explain teaches nothing.
-        if self.velocity_steps > 0 && explanation.explains() {
+        if self.velocity_steps > 0 && explains {
             let (steps, rate) = (self.velocity_steps, self.velocity_rate());
             let left = velocity_fit::fit(model, &fit.states, &seen.actions, session.train.time(), steps, rate)?;
             session.tell(&Event::Note(&format!("velocity - residual={left:.4} {unit} per time unit")))?;

@@ -1,12 +1,13 @@
 //! Which object is which, where the equation tells them apart: by `p1` in a text, an acceleration for each, or a mass that is
-//! known for each. The encoder
-//! numbers what it finds as it likes, so the order is taken in which the equation explains the motion. Not in the original.
+//! known for each. The encoder numbers what it finds as it likes, so the order is taken in which the equation explains the
+//! motion. Not in the original.
 
 use anyhow::Result;
 
 use super::{Motion, Start, explain_some};
 use crate::datasets::iterators::Clips;
 use crate::network::physics_models::{DecoderKind, PhysicsNet};
+use crate::support::statistics::is_smaller;
 
 /// Most objects whose orders are tried: four have 24.
 const MOST_OBJECTS: usize = 4;
@@ -47,7 +48,7 @@ pub(super) fn find(model: &PhysicsNet, train: &Clips, motion: &Motion, begun: &[
     for order in orders {
         let explanation = explained(&order)?;
         let left = explanation.fit.usual_residual;
-        if left <= limit && left.total_cmp(&best.0.fit.usual_residual).is_lt() {
+        if left <= limit && is_smaller(left, best.0.fit.usual_residual) {
             best = (explanation, order);
         }
     }

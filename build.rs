@@ -11,6 +11,34 @@ const SOURCES: [&str; 5] = ["src", "runners", "configs", "data/assets", "Cargo.l
 /// Changes with every commit.
 const GIT_LOG: &str = ".git/logs/HEAD";
 
+/// In `src/kernels/gpu`.
+const GPU_KERNELS: [&str; 16] = [
+    "adjoint.cu",
+    "convolution.cu",
+    "convolution.h",
+    "device.cpp",
+    "device.h",
+    "error.cu",
+    "launch.cu",
+    "logits.cu",
+    "masks.cu",
+    "optimizer.cu",
+    "pictures.h",
+    "roll_out.cu",
+    "shares.cu",
+    "shares.h",
+    "sprites.cu",
+    "weight_gradient.cu",
+];
+
+/// The GPUs that kernels are compiled for, and for later ones a text that the driver compiles.
+const GPUS: [&str; 4] = [
+    "arch=compute_80,code=sm_80",
+    "arch=compute_89,code=sm_89",
+    "arch=compute_90,code=sm_90",
+    "arch=compute_90,code=compute_90",
+];
+
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rustc-env=PAIG_COMMIT={}", commit());
@@ -23,6 +51,7 @@ fn main() {
     println!("cargo:rustc-link-arg=-Wl,-rpath,{library}");
     let cuda = cuda_headers(&library);
     compile_bridge(&library, cuda.as_deref());
+    compile_gpu_kernels(&library, cuda.as_deref());
     println!("cargo:rustc-env=PAIG_LIBTORCH_VERSION={}", version(&library));
     // Nothing names a symbol of libtorch_cuda, so a linker that drops unused libraries would drop the GPU with it:
     // keep libtorch.so, which brings in whatever the installed libtorch has.
@@ -104,6 +133,64 @@ fn compile_bridge(library: &str, cuda: Option<&str>) {
         println!("cargo:rustc-link-lib=torch_cuda");
         println!("cargo:rustc-link-lib=c10_cuda");
     }
+}
+
+/// Compiles the kernels for GPUs: by CUDA's compiler where it is at hand, otherwise for the processor, which tests them there.
+fn compile_gpu_kernels(library: &str, cuda: Option<&str>) {
+    const FOLDER: &str = "src/kernels/gpu";
+    const DEVICE: &str = "src/kernels/gpu/device.cpp";
+    println!("cargo:rerun-if-changed={FOLDER}");
+    let files = GPU_KERNELS.map(|name| format!("{FOLDER}/{name}"));
+    let compiler = cuda.and_then(|_| nvcc(library));
+    let sources: Vec<_> = files.iter().map(|file| std::fs::read_to_string(file).expect("sources are text")).collect();
+    let made_of = format!("{compiler:?}\n{GPUS:?}\n{}", sources.concat());
+    let out = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
+    let stamp = format!("{out}/gpu_kernels.stamp");
+    if std::fs::read_to_string(&stamp).is_ok_and(|stamp| stamp == made_of) {
+        println!("cargo:rustc-link-search=native={out}");
+        println!("cargo:rustc-link-lib=static=paig_gpu_kernels");
+        println!("cargo:rustc-link-lib=stdc++");
+    } else {
+        let mut build = cc::Build::new();
+        let kernels = files.iter().filter(|file| file.ends_with(".cu"));
+        match &compiler {
+            Some(compiler) => {
+                build.objects(kernels.map(|kernel| compile_for_gpus(compiler, kernel, &out)));
+            }
+            None => {
+                build.cpp(true).std("c++17").warnings(false).flag("-xc++").files(kernels).file(DEVICE);
+            }
+        }
+        build.compile("paig_gpu_kernels");
+        std::fs::write(stamp, made_of).expect("OUT_DIR can be written");
+    }
+    if compiler.is_some() {
+        let toolkit = std::env::var("CUDA_HOME").unwrap_or_else(|_| "/usr/local/cuda".into());
+        println!("cargo:rustc-link-search=native={library}/../../nvidia/cu13/lib");
+        println!("cargo:rustc-link-search=native={toolkit}/lib64");
+        println!("cargo:rustc-link-lib=static=cudart_static");
+    }
+}
+
+/// Where the kernels of a file are, compiled by CUDA's compiler.
+fn compile_for_gpus(compiler: &str, kernel: &str, out: &str) -> String {
+    let object = format!("{out}/{}.o", kernel.replace('/', "-"));
+    let gpus = GPUS.iter().flat_map(|gpu| ["-gencode", gpu]);
+    let arguments = ["-O3", "-std=c++17", "-Xcompiler", "-fPIC", "-c", kernel, "-o", &object].into_iter().chain(gpus);
+    let done = Command::new(compiler).args(arguments).status();
+    assert!(done.is_ok_and(|status| status.success()), "{compiler} failed on {kernel}");
+    object
+}
+
+/// CUDA's compiler: beside libtorch's wheel, or of an installed toolkit.
+fn nvcc(library: &str) -> Option<String> {
+    let toolkit = std::env::var("CUDA_HOME").unwrap_or_else(|_| "/usr/local/cuda".into());
+    let places = [format!("{library}/../../nvidia/cu13/bin/nvcc"), format!("{toolkit}/bin/nvcc")];
+    let found = places.into_iter().find(|place| Path::new(place).exists());
+    if found.is_none() {
+        println!("cargo:warning=CUDA's compiler (nvcc) was not found (set CUDA_HOME): libtorch computes on the GPU");
+    }
+    found
 }
 
 /// The commit that is built, with a `+` where the sources differ from it; `unknown` outside a repository.

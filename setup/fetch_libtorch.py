@@ -32,8 +32,8 @@ TORCH = "torch==2.11.0"
 # What `torch==2.11.0` pins through cuda-toolkit 13.0.2, and all that libtorch_cpu.so needs of it.
 CUDA_RUNTIME = "nvidia-cuda-runtime==13.0.96"
 CUPTI = "nvidia-cuda-cupti==13.0.85"
-# Headers that those of CUDA's runtime include, and that `torch` does not ask for.
-CUDA_HEADERS = "nvidia-cuda-crt==13.0.88"
+# CUDA's compiler, for the kernels in src/kernels/gpu, with the headers that it includes: `torch` does not ask for them.
+CUDA_COMPILER = ["nvidia-cuda-nvcc==13.0.88", "nvidia-nvvm==13.0.88", "nvidia-cuda-crt==13.0.88"]
 WANTED = {
     TORCH: (
         "torch/include/",
@@ -287,7 +287,7 @@ def fetch_cpu(target):
 
 def fetch_cuda(target):
     say(f"{TORCH}: installing the complete wheel and its GPU libraries (about 2.5 GB to download, 6 GB on disk)")
-    code = subprocess.call([sys.executable, "-m", "pip", "install", "--upgrade", "--target", str(target), TORCH, CUDA_HEADERS])
+    code = subprocess.call([sys.executable, "-m", "pip", "install", "--upgrade", "--target", str(target), TORCH, *CUDA_COMPILER])
     if code:
         fail("pip could not install the complete PyTorch wheel; finished downloads are in pip's cache: run it again")
 

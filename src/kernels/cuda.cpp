@@ -51,6 +51,12 @@ bool paig_cuda_stream(int device) {
   });
 }
 
+// The stream in which this thread works on a device, for launches that follow at once.
+void *paig_cuda_current_stream(int device) {
+  c10::cuda::set_device(static_cast<c10::DeviceIndex>(device));
+  return c10::cuda::getCurrentCUDAStream(static_cast<c10::DeviceIndex>(device)).stream();
+}
+
 // Begins to record what is launched instead of doing it; null if that failed.
 void *paig_graph_begin() {
   at::cuda::CUDAGraph *graph = nullptr;
@@ -79,6 +85,7 @@ void paig_graph_free(void *graph) {
 
 bool paig_cuda_built() { return false; }
 bool paig_cuda_stream(int) { return true; }
+void *paig_cuda_current_stream(int) { return nullptr; }
 
 void *paig_graph_begin() {
   failure = "this program was built with a libtorch without CUDA";

@@ -1,6 +1,6 @@
 //! The network's dearest computations, written for the processor, forward and backward: the U-Net, masked frames, the
 //! first dense layer that sees them, the drawing of sprites, the squared error, and the optimizer's step; and, for
-//! comparison, the layers of a convolutional LSTM.
+//! comparison, the layers of a convolutional LSTM. [`gpu`] has those for GPUs.
 //!
 //! libtorch's convolutions reach half of a core's speed or less at 3 to 64 channels, and every one of the passes between
 //! them goes through memory. Here the frames of a batch stand side by side in blocks, one in each lane of a vector, so
@@ -22,6 +22,7 @@ mod dense;
 mod error;
 mod exponential;
 mod filtering;
+pub mod gpu;
 mod lanes;
 mod masks;
 mod memory;
@@ -54,7 +55,7 @@ pub use unet::Shape;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kernels {
-    /// The kernels of this module, on the CPU in float32; otherwise libtorch.
+    /// The kernels of this module, in float32, on the processor and on GPUs that they were compiled for; otherwise libtorch.
     #[default]
     Own,
     /// libtorch's convolutions and autograd.

@@ -11,6 +11,7 @@ use super::autograd;
 use super::convolution;
 use super::dense::{self, Factors};
 use super::error::{self, Rows};
+use super::gpu;
 use super::lanes::Instructions;
 use super::masks;
 use super::memory;
@@ -33,12 +34,17 @@ impl UNetKernel {
     /// Whether these frames, and weights of this kind, can be computed with, and should be; the gradient by the frames is
     /// not computed.
     pub fn serves(&self, frames: &Tensor, weight: &Tensor) -> bool {
-        serve(&[frames, weight]) && frames.size()[0] >= FEWEST_FRAMES && !autograd::records(&[frames])
+        let on_processor = serve(&[frames, weight]) && frames.size()[0] >= FEWEST_FRAMES;
+        let on_gpu = || gpu::serve(&[frames, weight]) && gpu::fits(self.0.shape().side);
+        (on_processor || on_gpu()) && !autograd::records(&[frames])
     }
 
     /// Frames `[frames, channels, S, S]` to logits `[frames, objects, S, S]`, differentiable by the weights. `layers` are
     /// weights and biases in the network's order.
     pub fn forward(&self, layers: &[(&Tensor, &Tensor)], frames: &Tensor) -> Tensor {
+        if gpu::serve(&[frames]) {
+            return gpu::unet(self.0.shape(), layers, frames);
+        }
         let variables: Vec<&Tensor> = layers.iter().flat_map(|&(weight, bias)| [weight, bias]).collect();
         let values: Vec<_> = layers.iter().map(|(weight, bias)| (numbers(weight), numbers(bias))).collect();
         let Shape { side, channels, objects, .. } = self.0.shape();

@@ -29,7 +29,7 @@ pub struct Shape {
 }
 
 impl Shape {
-    fn width(&self, level: usize) -> usize {
+    pub(super) fn width(&self, level: usize) -> usize {
         self.base << level
     }
 
@@ -38,11 +38,11 @@ impl Shape {
     }
 
     /// Channels of what comes up from the level below.
-    fn raised(&self) -> usize {
+    pub(super) fn raised(&self) -> usize {
         2 * self.base
     }
 
-    fn levels(&self) -> std::ops::RangeInclusive<usize> {
+    pub(super) fn levels(&self) -> std::ops::RangeInclusive<usize> {
         0..=self.poolings
     }
 
@@ -74,12 +74,12 @@ impl Shape {
     }
 
     /// The number of the first layer of a level on the way down.
-    fn down(&self, level: usize) -> usize {
+    pub(super) fn down(&self, level: usize) -> usize {
         2 * level
     }
 
     /// The number of the first layer of a level on the way up.
-    fn up(&self, level: usize) -> usize {
+    pub(super) fn up(&self, level: usize) -> usize {
         2 * (self.poolings + 1) + 3 * (self.poolings - 1 - level)
     }
 }

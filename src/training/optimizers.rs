@@ -9,6 +9,7 @@ use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
+use crate::kernels::gpu::{self, Rule, Updated};
 use crate::kernels::{self, AdamStep, Kernels};
 
 /// Which update rule. The constants are TensorFlow 1's defaults, as the original uses them.
@@ -61,6 +62,16 @@ impl OptimizerKind {
             OptimizerKind::Adam => &[("m", 0.0), ("v", 0.0)],
             OptimizerKind::Momentum => &[("momentum", 0.0)],
             OptimizerKind::Sgd => &[],
+        }
+    }
+
+    /// The rule as the kernel for GPUs knows it.
+    fn for_gpu(self) -> Rule {
+        match self {
+            OptimizerKind::RmsProp => Rule::RmsProp { decay: RMSPROP_DECAY, epsilon: RMSPROP_EPSILON },
+            OptimizerKind::Adam => Rule::Adam { decays: ADAM_BETAS, epsilon: ADAM_EPSILON },
+            OptimizerKind::Momentum => Rule::Momentum { decay: MOMENTUM },
+            OptimizerKind::Sgd => Rule::Sgd,
         }
     }
 }
@@ -126,6 +137,9 @@ impl Optimizer {
     /// reads there, is new each time.
     pub fn descend(&self, variables: &[(String, Tensor)]) {
         let _guard = tch::no_grad_guard();
+        if self.descend_at_once(variables) {
+            return;
+        }
         for (place, (name, variable)) in variables.iter().enumerate() {
             let mut gradient = variable.grad();
             if !gradient.defined() {
@@ -136,6 +150,28 @@ impl Optimizer {
             }
             self.update(place, name, variable.shallow_clone(), gradient);
         }
+    }
+
+    /// The same by one kernel for all variables on a GPU; false where there is none.
+    fn descend_at_once(&self, variables: &[(String, Tensor)]) -> bool {
+        let mut updated = self.updated(variables);
+        let served = self.kernels == Kernels::Own && !updated.is_empty() && updated.iter().all(Updated::is_served);
+        if served {
+            gpu::descend(self.rule.for_gpu(), self.clip, &mut updated);
+        }
+        served
+    }
+
+    /// The variables that have a gradient, as the kernel for GPUs takes them; none of a processor's.
+    fn updated(&self, variables: &[(String, Tensor)]) -> Vec<Updated> {
+        let Rates::OnDevice(rates) = &self.rates else { return Vec::new() };
+        let taught = variables.iter().enumerate().filter(|(_, (_, variable))| variable.grad().defined());
+        let updated = taught.map(|(place, (name, variable))| {
+            let slots = self.rule.slots().iter().map(|(slot, _)| self.slot(name, slot)).collect();
+            let (variable, gradient) = (variable.shallow_clone(), variable.grad());
+            Updated { variable, gradient, slots, rate: rates.get(place as i64) }
+        });
+        updated.collect()
     }
 
     /// What a rate is multiplied by at this step: of Adam, the correction of moments that began at 0.
@@ -150,10 +186,7 @@ impl Optimizer {
     /// Changes a variable and its slots, and clears the gradient. The arithmetic is done in place as far as it goes, the
     /// gradient's memory used up: half of the parameters are background and templates, and every pass over them costs.
     fn update(&self, place: usize, name: &str, mut variable: Tensor, mut g: Tensor) {
-        let slot = |slot: &str| {
-            let key = format!("{name}/{slot}");
-            self.slots.get(&key).unwrap_or_else(|| panic!("no slot {key}")).shallow_clone()
-        };
+        let slot = |slot: &str| self.slot(name, slot);
         match self.rule {
             OptimizerKind::Sgd => {
                 let _ = variable.g_add_(&self.rates.descent(place, &mut g));
@@ -190,6 +223,11 @@ impl Optimizer {
             }
         }
         let _ = g.zero_();
+    }
+
+    fn slot(&self, variable: &str, slot: &str) -> Tensor {
+        let key = format!("{variable}/{slot}");
+        self.slots.get(&key).unwrap_or_else(|| panic!("no slot {key}")).shallow_clone()
     }
 
     /// What is kept of every variable between steps, sorted by name.
@@ -273,6 +311,48 @@ mod tests {
             // Rounding of a rate to float32 before it is multiplied, or with it.
             let difference = (told - read).abs().max().double_value(&[]);
             assert!(difference < 1e-6, "{rule:?}: {difference}");
+        }
+    }
+
+    /// All variables at once, more than one launch takes, with gradients that are clipped and one that is no number.
+    #[test]
+    fn the_kernel_for_gpus_takes_the_same_steps() {
+        let Some(device) = gpu::test_device() else { return };
+        let rules = [OptimizerKind::RmsProp, OptimizerKind::Adam, OptimizerKind::Momentum, OptimizerKind::Sgd];
+        for (rule, clip) in rules.into_iter().flat_map(|rule| [(rule, None), (rule, Some(0.5))]) {
+            let [by_libtorch, by_kernel] = [false, true].map(|by_kernel| {
+                let values = (0..70).map(|n| {
+                    let weights = Tensor::linspace(-1.0, 1.0, 3 + 5 * n, (Kind::Float, device)).set_requires_grad(true);
+                    (format!("weights {n}"), weights)
+                });
+                let variables: Vec<_> = values.collect();
+                let mut optimizer = Optimizer::new(rule, clip, &variables).with_kernels(Kernels::Libtorch);
+                optimizer.rates = Rates::OnDevice(Tensor::zeros([70], (Kind::Float, device)));
+                for step in 0..4 {
+                    let loss = |(_, weights): &(String, Tensor)| (weights.sin() * weights).sum(Kind::Float);
+                    let loss = variables.iter().map(loss).reduce(|sum, loss| sum + loss).unwrap();
+                    loss.backward();
+                    if step == 3 {
+                        let _ = variables[1].1.grad().narrow(0, 1, 1).fill_(f64::NAN);
+                    }
+                    let rates: Vec<_> = (0..70).map(|n| 0.1 / f64::from(1 + n + step)).collect();
+                    optimizer.begin_step(&rates);
+                    if by_kernel {
+                        let _guard = tch::no_grad_guard();
+                        gpu::descend(rule.for_gpu(), clip, &mut optimizer.updated(&variables));
+                    } else {
+                        optimizer.descend(&variables);
+                    }
+                    let cleared = |(_, weights): &(String, Tensor)| weights.grad().abs().max().double_value(&[]) == 0.0;
+                    assert!(variables.iter().all(cleared));
+                }
+                let weights: Vec<_> = variables.iter().map(|(_, weights)| weights.detach()).collect();
+                Tensor::cat(&weights, 0)
+            });
+            assert_eq!(i64::try_from(by_kernel.isnan().sum(Kind::Int64)).unwrap(), 1, "{rule:?}: the one number");
+            // Roundings of a few operations a step, of numbers up to 1; a GPU rounds a product and a sum once.
+            let difference = (by_libtorch - by_kernel).nan_to_num(0.0, None, None).abs().max().double_value(&[]);
+            assert!(difference < 5e-6, "{rule:?}: {difference}");
         }
     }
 }

@@ -127,3 +127,67 @@ impl UNet {
         let _ = weight.shallow_clone().g_mul_(scale);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use tch::nn::VarStore;
+    use tch::{Device, Kind};
+
+    use super::*;
+    use crate::kernels::allow_tf32;
+    use crate::kernels::gpu::{self, test_device};
+
+    /// The deep network and the shallow one, of sides that quads of pixels divide and that they do not, of one frame and of more
+    /// than a block has.
+    #[test]
+    fn the_kernels_for_gpus_are_the_network_of_libtorch() {
+        let Some(device) = test_device() else { return };
+        // libtorch's convolutions on a GPU round their factors to ten bits unless they are told not to.
+        allow_tf32(false);
+        let few = [(32, 3, 2, 3), (36, 3, 3, 1), (64, 1, 2, 1), (12, 3, 5, 17)];
+        // Enough for the blocks of many frames; on the processor only for those of the first level.
+        let many = match device {
+            Device::Cpu => [(32, 3, 2, 257)].as_slice(),
+            _ => &[(32, 3, 2, 1100), (36, 3, 3, 1100), (64, 3, 2, 300)],
+        };
+        for &(side, channels, objects, frames) in few.iter().chain(many) {
+            let store = VarStore::new(device);
+            let mut layers = Layers::new(store.root());
+            let shape = UNet::shape(side as usize, channels, objects);
+            let network = UNet::of_shape(&mut layers, shape, Kernels::Libtorch);
+            // The same numbers in every run, between -1 and 1, scattered: their sums do not cancel.
+            let scattered = |size: &[i64], seed: i64| {
+                let place = Tensor::arange(size.iter().product::<i64>(), (Kind::Double, device)) + 1000 * seed;
+                let hashed = (place * 12.9898).sin() * 43758.5453;
+                ((&hashed - hashed.floor()) * 2.0 - 1.0).to_kind(Kind::Float).reshape(size)
+            };
+            tch::no_grad(|| {
+                let mut variables: Vec<_> = store.variables().into_iter().collect();
+                variables.sort_by(|a, b| a.0.cmp(&b.0));
+                for (number, (_, mut value)) in variables.into_iter().enumerate() {
+                    let size = value.size();
+                    let inputs = size[1..].iter().product::<i64>() as f64;
+                    value.copy_(&(scattered(&size, 1 + number as i64) / inputs.sqrt()));
+                }
+            });
+            let pictures = scattered(&[frames, channels as i64, side, side], 0);
+            let by_libtorch = network.forward(&pictures);
+            let pull = scattered(&by_libtorch.size(), 99);
+            let variables: Vec<_> = network.layers().into_iter().flat_map(|(weight, bias)| [weight, bias]).collect();
+            let gradients =
+                |of: &Tensor| Tensor::run_backward(&[(of * &pull).sum(Kind::Float)], &variables, false, false);
+            let expected = gradients(&by_libtorch);
+            let own = gpu::unet(shape, &network.layers(), &pictures);
+            let found = gradients(&own);
+            let error = |a: &Tensor, b: &Tensor| ((a - b).norm() / b.norm()).double_value(&[]);
+            // Sums of up to some hundred float32 numbers in another order, layer after layer, libtorch's by Fourier transforms.
+            let of_logits = error(&own, &by_libtorch);
+            assert!(of_logits < 5e-5, "side {side}: {of_logits}");
+            // Where two pixels of a pool are equal but for rounding, or one is as good as 0, all of its gradient goes another
+            // way: one pixel of some thousand.
+            let errors = found.iter().zip(&expected).map(|(found, expected)| error(found, expected));
+            let largest = errors.fold(0.0, f64::max);
+            assert!(largest < 2e-3, "side {side}: {largest}");
+        }
+    }
+}

@@ -7,7 +7,7 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use super::{BACKGROUND_LOGIT, ModelOptions};
-use crate::kernels::{self, Kernels, Shape};
+use crate::kernels::{self, Kernels, Shape, gpu};
 use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers, Precision, UNet, uses_deep_unet};
 
@@ -74,9 +74,13 @@ impl Encoder {
     /// Masks and masked frames, as in an [`Encoding`].
     fn parted(&self, frames: &Tensor) -> [Tensor; 2] {
         let logits = self.unet.forward(frames);
+        let by_kernel = self.kernels == Kernels::Own && !frames.requires_grad();
+        if by_kernel && gpu::serve(&[&logits, frames]) {
+            return gpu::parted(BACKGROUND_LOGIT, &logits, frames);
+        }
         let background = logits.narrow(1, 0, 1).full_like(BACKGROUND_LOGIT);
         let masks = Tensor::cat(&[logits, background], 1).softmax(1, frames.kind());
-        let masked = if self.kernels == Kernels::Own && kernels::serve(&[&masks, frames]) && !frames.requires_grad() {
+        let masked = if by_kernel && kernels::serve(&[&masks, frames]) {
             kernels::masked(self.objects, &masks, frames)
         } else {
             masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0)

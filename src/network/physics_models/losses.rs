@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use tch::{Kind, Tensor};
 
 use super::ForwardPass;
-use crate::kernels::{self, Kernels};
+use crate::kernels::{self, Kernels, gpu};
 use crate::network::System;
 
 /// Mean over frames of the squared error summed over channels, height and width.
@@ -14,10 +14,10 @@ use crate::network::System;
 /// Both `[batch, time, channels, S, S]`.
 pub fn frame_error(kernels: Kernels, frames: &Tensor, truth: &Tensor) -> Tensor {
     let frames_in_all = frames.size()[0] * frames.size()[1];
-    let sum = if kernels == Kernels::Own && kernels::serve(&[frames, truth]) && !truth.requires_grad() {
-        kernels::squared_error(frames, truth)
-    } else {
-        (frames - truth).square().sum(frames.kind())
+    let sum = match kernels == Kernels::Own && !truth.requires_grad() {
+        true if kernels::serve(&[frames, truth]) => kernels::squared_error(frames, truth),
+        true if gpu::serve(&[frames, truth]) => gpu::squared_error(frames, truth),
+        _ => (frames - truth).square().sum(frames.kind()),
     };
     sum / frames_in_all as f64
 }

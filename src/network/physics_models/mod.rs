@@ -28,7 +28,7 @@ use tch::{Device, Kind, Tensor};
 use self::parameters::raw_within;
 use crate::kernels::{Kernels, allow_tf32};
 use crate::network::System;
-use crate::network::cells::{Actions, Cell, PhysicalParameter, State};
+use crate::network::cells::{Actions, Cell, OnGpu, PhysicalParameter, State};
 use crate::network::dynamics::BlackBox;
 use crate::network::initial_values;
 
@@ -151,7 +151,10 @@ impl PhysicsNet {
         let parameters = system.cell.parameters.iter().map(parameter).collect::<Result<Vec<_>>>()?;
         grouped(VariableGroup::Physics);
         let raw: Vec<_> = parameters.iter().map(|parameter| parameter.raw.shallow_clone()).collect();
-        let cell = system.build_cell(&raw);
+        let mut cell = system.build_cell(&raw);
+        if device != Device::Cpu && options.kernels == Kernels::Own {
+            cell = Box::new(OnGpu::new(system.cell, system.walls, raw, cell));
+        }
         initial_values::glorot_uniform(&variables, seed);
         if device != Device::Cpu {
             // A switch of the whole program: a model computes as the last one that was made.

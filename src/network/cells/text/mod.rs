@@ -20,6 +20,7 @@ mod operation;
 mod parameters;
 mod parse;
 mod plain;
+mod scalars;
 mod table;
 mod units;
 mod walls;
@@ -41,6 +42,7 @@ use crate::support::random::fnv1a;
 
 pub use built_in::written;
 pub use plain::SingleEquation;
+pub use scalars::roll_out_on_gpu;
 pub use table::{Accelerations, EquationTable, Given, Integrator, ParameterTable, Sides, WallTable};
 
 /// Most objects, and most steps for a frame.

@@ -13,7 +13,7 @@ pub(super) const LEAST_RESTITUTION: f64 = 0.1;
 
 /// A number that the table gives, or a parameter by its place.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Value {
+pub(super) enum Value {
     Number(f64),
     Parameter(usize),
 }
@@ -22,9 +22,9 @@ enum Value {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TextWalls {
     /// Left and top, right and bottom, where the table says; the frame's edges where it does not.
-    stand: Option<[[Option<Value>; 2]; 2]>,
+    pub(super) stand: Option<[[Option<Value>; 2]; 2]>,
     /// What is left of the speed towards a wall; none for all of it.
-    restitution: Option<Value>,
+    pub(super) restitution: Option<Value>,
 }
 
 impl Value {

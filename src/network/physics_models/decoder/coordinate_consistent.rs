@@ -8,7 +8,7 @@ use tch::{Kind, Tensor};
 
 use super::super::{BACKGROUND_LOGIT, ModelOptions};
 use super::{Rendering, Sprites};
-use crate::kernels::{self, Kernels, Scene};
+use crate::kernels::{self, Kernels, Scene, gpu};
 use crate::network::System;
 use crate::network::blocks::{Layers, VariableFromNetwork};
 use crate::network::cells::Coordinates;
@@ -245,11 +245,10 @@ impl CoordinateConsistent {
 
     /// See [`super::Decoder::draw`].
     pub fn draw<const LISTS: usize>(&self, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
-        let by_kernel = self.kernels == Kernels::Own
-            && self.coordinates == Coordinates::Position
-            && kernels::serve(&positions)
-            && kernels::serve(&[&self.log_sigma]);
-        if !by_kernel {
+        let seen: Vec<_> = positions.into_iter().chain([&self.log_sigma]).collect();
+        let on_gpu = gpu::serve(&seen);
+        let served = on_gpu || kernels::serve(&seen);
+        if self.kernels != Kernels::Own || self.coordinates != Coordinates::Position || !served {
             return positions.map(|positions| self.forward(positions).frames);
         }
         let sprites = self.sprites();
@@ -266,7 +265,8 @@ impl CoordinateConsistent {
         positions.map(|positions| {
             let (scale, shift) = self.shift(positions);
             let [rows, columns] = stn::separable_pixels(&scale, &shift, self.side as i64, window as i64);
-            kernels::draw(scene, &layers, &sprites.background, &rows, &columns)
+            let draw = if on_gpu { gpu::draw } else { kernels::draw };
+            draw(scene, &layers, &sprites.background, &rows, &columns)
         })
     }
 

@@ -1,0 +1,192 @@
+// Gradients of the weights and biases of convolutions with 3 x 3 kernels.
+//
+// A block goes through its share of the bands of all frames. Its threads are INPUTS channels that are seen times GROUPS of OUTPUTS
+// channels of the result times shares of a band's pixels, the slices; each has the gradients of nine weights for OUTPUTS channels
+// in registers. The next band is on its way meanwhile. What the blocks have in the end is added by a second kernel, always in the same order.
+
+#include "device.h"
+#include "pictures.h"
+#include "shares.h"
+
+namespace {
+
+constexpr int INPUTS = 8, OUTPUTS = 8, THREADS = 256;
+constexpr int TAPS = 9;
+// Quads of a band that a block has at a time, and numbers of it in shared memory, at most: it has two, and on the largest GPUs
+// there is room for two blocks.
+constexpr int QUADS = 128, ROOM = 14100;
+// Blocks that fill a GPU.
+constexpr int BLOCKS = 264;
+
+struct WeightGradient {
+  PaigInput input;
+  // Of the result, [frames, outputs, side, side].
+  const float *gradient;
+  // [shares, outputs, inputs, 9], and of biases [shares, outputs].
+  float *weights, *biases;
+  int outputs, frames;
+  // Of OUTPUTS channels in a block.
+  int groups;
+  // Of what was seen, and of the result.
+  Band band, result;
+  Walk fill, fill_result, slices;
+};
+
+// grid: shares of the work, chunks of inputs, chunks of outputs; block: INPUTS x GROUPS x slices.
+template <int GROUPS>
+__global__ void __launch_bounds__(THREADS, 2) add_up(WeightGradient it) {
+  constexpr int SLICES = THREADS / INPUTS / GROUPS, RESULTS = GROUPS * OUTPUTS;
+  const Band &band = it.band, &of_result = it.result;
+  int inputs = it.input.first_channels + it.input.second_channels;
+  float *now = paig_shared(), *next = now + INPUTS * band.stride + RESULTS * of_result.stride;
+  int input = threadIdx.x, group = threadIdx.y, slice = threadIdx.z;
+  int thread = (slice * GROUPS + group) * INPUTS + input;
+  int first_input = blockIdx.y * INPUTS, first_output = blockIdx.z * RESULTS;
+  int channels = min(INPUTS, inputs - first_input);
+  int outputs = min(RESULTS, it.outputs - first_output);
+  PaigInput gradient = {it.gradient, nullptr, it.outputs, 0, PAIG_AS_THEY_ARE};
+  int own_results = INPUTS * band.stride + group * OUTPUTS * of_result.stride;
+
+  float sums[OUTPUTS][TAPS] = {};
+  float bias = 0;
+  for (float *tile : {now, next}) {
+    clear_tile(band, tile, INPUTS, thread, THREADS);
+    clear_tile(of_result, tile + INPUTS * band.stride, RESULTS, thread, THREADS);
+  }
+  int bands = band.count(), all = (it.frames + band.frames - 1) / band.frames * bands;
+  auto fetch = [&](float *tile, int place) {
+    int frame = place / bands * band.frames, row = place % bands * band.rows;
+    fill_tile(it.input, band, it.fill, tile, first_input, channels, frame, it.frames, row, thread);
+    tile += INPUTS * band.stride;
+    fill_tile(gradient, of_result, it.fill_result, tile, first_output, outputs, frame, it.frames, row, thread);
+  };
+  __syncthreads();
+  if (static_cast<int>(blockIdx.x) < all) fetch(now, blockIdx.x);
+  for (int place = blockIdx.x; place < all; place += gridDim.x) {
+    paig_copies_arrive();
+    __syncthreads();
+    if (place + static_cast<int>(gridDim.x) < all) fetch(next, place + gridDim.x);
+    for (Place at(it.slices, slice); at.picture < band.frames; at.step(it.slices)) {
+      const float *from = now + input * band.stride + band.place(at.picture, at.line, 4 * at.quad - 1);
+      const float *of = now + own_results + of_result.place(at.picture, at.line, 4 * at.quad);
+      float pixels[3][6];
+#pragma unroll
+      for (int line = 0; line < 3; line++) {
+        const float *row = from + line * band.pitch;
+        float4 middle = *reinterpret_cast<const float4 *>(row + 1);
+        pixels[line][0] = row[0];
+        pixels[line][1] = middle.x;
+        pixels[line][2] = middle.y;
+        pixels[line][3] = middle.z;
+        pixels[line][4] = middle.w;
+        pixels[line][5] = row[5];
+      }
+#pragma unroll
+      for (int output = 0; output < OUTPUTS; output++) {
+        float4 four = *reinterpret_cast<const float4 *>(of + output * of_result.stride);
+#pragma unroll
+        for (int tap = 0; tap < TAPS; tap++) {
+          const float *by = &pixels[tap / 3][tap % 3];
+          sums[output][tap] += by[0] * four.x + by[1] * four.y + by[2] * four.z + by[3] * four.w;
+        }
+      }
+      // The biases of OUTPUTS channels are shared out among INPUTS threads.
+      float4 own = *reinterpret_cast<const float4 *>(of + input * of_result.stride);
+      bias += own.x + own.y + own.z + own.w;
+    }
+    float *done = now;
+    now = next;
+    next = done;
+  }
+
+  // The slices of a block are added tap by tap; after the taps, the biases.
+  float *shares = paig_shared();
+  for (int tap = 0; tap <= TAPS; tap++) {
+    __syncthreads();
+#pragma unroll
+    for (int output = 0; output < OUTPUTS; output++) {
+      float value = bias;
+#pragma unroll
+      for (int k = 0; k < TAPS; k++) value = tap == k ? sums[output][k] : value;
+      shares[((slice * GROUPS + group) * OUTPUTS + output) * INPUTS + input] = value;
+    }
+    __syncthreads();
+    if (thread >= RESULTS * INPUTS) continue;
+    int output = thread / INPUTS, of = thread % INPUTS;
+    float sum = 0;
+    for (int k = 0; k < SLICES; k++) sum += shares[k * RESULTS * INPUTS + thread];
+    if (tap < TAPS && output < outputs && of < channels) {
+      long weight = (static_cast<long>(blockIdx.x) * it.outputs + first_output + output) * inputs + first_input + of;
+      it.weights[weight * TAPS + tap] = sum;
+    }
+    int biased = output / OUTPUTS * OUTPUTS + of;
+    if (tap == TAPS && output % OUTPUTS == 0 && biased < outputs && blockIdx.y == 0)
+      it.biases[blockIdx.x * it.outputs + first_output + biased] = sum;
+  }
+}
+
+int chunks(int channels, int of) { return (channels + of - 1) / of; }
+
+int numbers(const WeightGradient &it) { return INPUTS * it.band.stride + it.groups * OUTPUTS * it.result.stride; }
+
+// How the work is divided: the most groups and quads for which there is room, or the fewest.
+WeightGradient plan(PaigInput input, const float *gradient, int outputs, int frames, int side) {
+  WeightGradient it = {input, gradient, nullptr, nullptr, outputs, frames, 0, {}, {}, {}, {}, {}};
+  int most = paig_most_shared() / (2 * sizeof(float)), room = min(ROOM, most);
+  bool fits = false;
+  for (it.groups = outputs > 2 * OUTPUTS ? 4 : outputs > OUTPUTS ? 2 : 1; !fits; it.groups /= 2) {
+    for (int quads = QUADS; quads > 0 && !fits; quads /= 2) {
+      it.band = Band::of(side, quads, false);
+      it.result = it.band.with_border(0);
+      fits = numbers(it) <= room;
+    }
+    if (fits || it.groups == 1) break;
+  }
+  it.fill = Walk::through(it.band, THREADS);
+  it.fill_result = Walk::through(it.result, THREADS);
+  it.slices = Walk::of(it.band.quads, it.band.rows, THREADS / INPUTS / it.groups);
+  return it;
+}
+
+int shares_of(const WeightGradient &it) {
+  int inputs = it.input.first_channels + it.input.second_channels;
+  int all = chunks(it.frames, it.band.frames) * it.band.count();
+  int pairs = chunks(inputs, INPUTS) * chunks(it.outputs, OUTPUTS * it.groups);
+  return max(1, min(all, BLOCKS / pairs));
+}
+
+template <int GROUPS>
+bool launch(const WeightGradient &it, void *stream) {
+  int inputs = it.input.first_channels + it.input.second_channels;
+  dim3 grid(shares_of(it), chunks(inputs, INPUTS), chunks(it.outputs, OUTPUTS * GROUPS));
+  dim3 block(INPUTS, GROUPS, THREADS / INPUTS / GROUPS);
+  size_t shared = max(2 * numbers(it), THREADS * OUTPUTS) * sizeof(float);
+  return paig_launch(add_up<GROUPS>, grid, block, shared, stream, it);
+}
+
+}  // namespace
+
+// Whether there is shared memory enough for pictures of this side.
+extern "C" bool paig_gpu_weight_gradient_fits(int side) {
+  WeightGradient it = plan({nullptr, nullptr, INPUTS, 0, PAIG_AS_THEY_ARE}, nullptr, OUTPUTS, 1, side);
+  return 2 * numbers(it) * sizeof(float) <= paig_most_shared();
+}
+
+// Among how many blocks the work is shared out for each pair of chunks.
+extern "C" int paig_gpu_weight_gradient_shares(int inputs, int outputs, int frames, int side) {
+  return shares_of(plan({nullptr, nullptr, inputs, 0, PAIG_AS_THEY_ARE}, nullptr, outputs, frames, side));
+}
+
+// From what a convolution saw and the gradient [frames, outputs, side, side] of its result those of its weight [outputs,
+// inputs, 3, 3] and bias [outputs]. `workspace` has room for shares * outputs * (9 inputs + 1) numbers.
+extern "C" bool paig_gpu_weight_gradient(PaigInput input, const float *gradient, float *weight, float *bias, float *workspace,
+                                         int outputs, int frames, int side, void *stream) {
+  WeightGradient it = plan(input, gradient, outputs, frames, side);
+  int shares = shares_of(it);
+  long weights = static_cast<long>(outputs) * (input.first_channels + input.second_channels) * TAPS;
+  it.weights = workspace;
+  it.biases = workspace + shares * weights;
+  bool launched = it.groups == 4 ? launch<4>(it, stream) : it.groups == 2 ? launch<2>(it, stream) : launch<1>(it, stream);
+  return launched && paig_gpu_add_shares(it.weights, weight, shares, weights, stream) &&
+         paig_gpu_add_shares(it.biases, bias, shares, outputs, stream);
+}

@@ -12,7 +12,7 @@ const SOURCES: [&str; 5] = ["src", "runners", "configs", "data/assets", "Cargo.l
 const GIT_LOG: &str = ".git/logs/HEAD";
 
 /// In `src/kernels/gpu`.
-const GPU_KERNELS: [&str; 16] = [
+const GPU_KERNELS: [&str; 17] = [
     "adjoint.cu",
     "convolution.cu",
     "convolution.h",
@@ -23,6 +23,7 @@ const GPU_KERNELS: [&str; 16] = [
     "logits.cu",
     "masks.cu",
     "optimizer.cu",
+    "packs.h",
     "pictures.h",
     "roll_out.cu",
     "shares.cu",
@@ -135,62 +136,98 @@ fn compile_bridge(library: &str, cuda: Option<&str>) {
     }
 }
 
+/// CUDA's compiler, and where the runtime that goes with it is.
+struct Toolkit {
+    compiler: String,
+    version: String,
+    libraries: String,
+}
+
+impl Toolkit {
+    /// Beside libtorch's wheel, where `CUDA_HOME` says, or installed.
+    fn find(libtorch: &str) -> Option<Self> {
+        let beside = format!("{libtorch}/../../nvidia/cu13");
+        if Path::new(&beside).exists() {
+            println!("cargo:rerun-if-changed={beside}");
+        }
+        let home = std::env::var("CUDA_HOME").ok();
+        let roots = [beside].into_iter().chain(home).chain(["/usr/local/cuda", "/usr"].map(String::from));
+        let found = roots.into_iter().find_map(|root| Self::at(&root));
+        if found.is_none() {
+            println!(
+                "cargo:warning=CUDA's compiler (nvcc) was not found (set CUDA_HOME): libtorch computes on the GPU"
+            );
+        }
+        found
+    }
+
+    fn at(root: &str) -> Option<Self> {
+        let compiler = format!("{root}/bin/nvcc");
+        let said = Command::new(&compiler).arg("--version").output().ok().filter(|said| said.status.success())?;
+        let folders = ["lib", "lib64", "targets/x86_64-linux/lib", "lib/x86_64-linux-gnu"];
+        let mut folders = folders.into_iter().map(|folder| format!("{root}/{folder}"));
+        let libraries = folders.find(|folder| Path::new(folder).join("libcudart_static.a").exists())?;
+        Some(Toolkit { compiler, version: String::from_utf8_lossy(&said.stdout).into(), libraries })
+    }
+
+    /// Where the kernels of a file are, compiled; none where the compiler cannot.
+    fn compiled(&self, kernel: &str, out: &str) -> Option<String> {
+        let object = format!("{out}/{}.o", kernel.replace('/', "-"));
+        let gpus = GPUS.iter().flat_map(|gpu| ["-gencode", gpu]);
+        let arguments = ["-O3", "-std=c++17", "-Xcompiler", "-fPIC", "-c", kernel, "-o", &object];
+        let done = Command::new(&self.compiler).args(arguments.into_iter().chain(gpus)).status();
+        if done.is_ok_and(|status| status.success()) {
+            return Some(object);
+        }
+        println!("cargo:warning={} failed on {kernel}: libtorch computes on the GPU", self.compiler);
+        None
+    }
+}
+
 /// Compiles the kernels for GPUs: by CUDA's compiler where it is at hand, otherwise for the processor, which tests them there.
 fn compile_gpu_kernels(library: &str, cuda: Option<&str>) {
     const FOLDER: &str = "src/kernels/gpu";
     const DEVICE: &str = "src/kernels/gpu/device.cpp";
+    const FOR_GPUS: &str = "for GPUs";
     println!("cargo:rerun-if-changed={FOLDER}");
     let files = GPU_KERNELS.map(|name| format!("{FOLDER}/{name}"));
-    let compiler = cuda.and_then(|_| nvcc(library));
+    let kernels: Vec<_> = files.iter().filter(|file| file.ends_with(".cu")).collect();
+    let toolkit = cuda.and_then(|_| Toolkit::find(library));
     let sources: Vec<_> = files.iter().map(|file| std::fs::read_to_string(file).expect("sources are text")).collect();
-    let made_of = format!("{compiler:?}\n{GPUS:?}\n{}", sources.concat());
+    let by = toolkit.as_ref().map(|Toolkit { compiler, version, libraries }| [compiler, version, libraries]);
+    let made_of = format!("{by:?}\n{GPUS:?}\n{}", sources.concat());
     let out = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     let stamp = format!("{out}/gpu_kernels.stamp");
-    if std::fs::read_to_string(&stamp).is_ok_and(|stamp| stamp == made_of) {
+    let made = std::fs::read_to_string(&stamp).ok();
+    let made = made.and_then(|made| made.strip_prefix(&made_of).map(str::to_string));
+    let result = if let Some(result) = made {
         println!("cargo:rustc-link-search=native={out}");
         println!("cargo:rustc-link-lib=static=paig_gpu_kernels");
         println!("cargo:rustc-link-lib=stdc++");
+        result
     } else {
         let mut build = cc::Build::new();
-        let kernels = files.iter().filter(|file| file.ends_with(".cu"));
-        match &compiler {
-            Some(compiler) => {
-                build.objects(kernels.map(|kernel| compile_for_gpus(compiler, kernel, &out)));
+        let objects = |toolkit: &Toolkit| -> Option<Vec<String>> {
+            kernels.iter().map(|kernel| toolkit.compiled(kernel, &out)).collect()
+        };
+        let result = match toolkit.as_ref().and_then(objects) {
+            Some(objects) => {
+                build.objects(objects);
+                FOR_GPUS
             }
             None => {
-                build.cpp(true).std("c++17").warnings(false).flag("-xc++").files(kernels).file(DEVICE);
+                build.cpp(true).std("c++17").warnings(false).flag("-xc++").files(&kernels).file(DEVICE);
+                "for the processor"
             }
-        }
+        };
         build.compile("paig_gpu_kernels");
-        std::fs::write(stamp, made_of).expect("OUT_DIR can be written");
-    }
-    if compiler.is_some() {
-        let toolkit = std::env::var("CUDA_HOME").unwrap_or_else(|_| "/usr/local/cuda".into());
-        println!("cargo:rustc-link-search=native={library}/../../nvidia/cu13/lib");
-        println!("cargo:rustc-link-search=native={toolkit}/lib64");
+        std::fs::write(stamp, made_of + result).expect("OUT_DIR can be written");
+        result.to_string()
+    };
+    if let Some(toolkit) = toolkit.filter(|_| result == FOR_GPUS) {
+        println!("cargo:rustc-link-search=native={}", toolkit.libraries);
         println!("cargo:rustc-link-lib=static=cudart_static");
     }
-}
-
-/// Where the kernels of a file are, compiled by CUDA's compiler.
-fn compile_for_gpus(compiler: &str, kernel: &str, out: &str) -> String {
-    let object = format!("{out}/{}.o", kernel.replace('/', "-"));
-    let gpus = GPUS.iter().flat_map(|gpu| ["-gencode", gpu]);
-    let arguments = ["-O3", "-std=c++17", "-Xcompiler", "-fPIC", "-c", kernel, "-o", &object].into_iter().chain(gpus);
-    let done = Command::new(compiler).args(arguments).status();
-    assert!(done.is_ok_and(|status| status.success()), "{compiler} failed on {kernel}");
-    object
-}
-
-/// CUDA's compiler: beside libtorch's wheel, or of an installed toolkit.
-fn nvcc(library: &str) -> Option<String> {
-    let toolkit = std::env::var("CUDA_HOME").unwrap_or_else(|_| "/usr/local/cuda".into());
-    let places = [format!("{library}/../../nvidia/cu13/bin/nvcc"), format!("{toolkit}/bin/nvcc")];
-    let found = places.into_iter().find(|place| Path::new(place).exists());
-    if found.is_none() {
-        println!("cargo:warning=CUDA's compiler (nvcc) was not found (set CUDA_HOME): libtorch computes on the GPU");
-    }
-    found
 }
 
 /// The commit that is built, with a `+` where the sources differ from it; `unknown` outside a repository.

@@ -322,7 +322,9 @@ def main():
     kind, target = ("cuda" if arguments.cuda else "cpu"), arguments.target
     stamp = target / "COMPLETE"
     found = stamp.read_text().strip() if stamp.exists() else ""
-    if found in (f"{TORCH} {kind}", f"{TORCH} cuda"):
+    # Earlier versions fetched no compiler.
+    complete = kind == "cpu" or (target / "nvidia/cu13/bin/nvcc").exists()
+    if complete and found in (f"{TORCH} {kind}", f"{TORCH} cuda"):
         return say(f"{found} is ready in {target}")
     if sys.platform != "linux" or platform.machine() != "x86_64":
         fail(f"no recipe for {sys.platform} {platform.machine()}: install PyTorch 2.11 and set LIBTORCH_USE_PYTORCH=1")

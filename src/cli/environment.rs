@@ -5,6 +5,7 @@ use std::process::Command;
 
 use tch::{Cuda, Device};
 
+use crate::kernels::gpu;
 use crate::support::device::{COMMIT, LIBTORCH_VERSION};
 
 /// What the C libraries read from the environment before `main`, and why it is set. Results depend on none of it.
@@ -34,15 +35,17 @@ pub fn set() {
 
 /// The first line of every run: versions, device, threads.
 pub fn banner(device: Device, threads: usize) -> String {
-    let gpu = if Cuda::is_available() { format!("{} GPU(s) visible", Cuda::device_count()) } else { "no GPU".into() };
+    let visible =
+        if Cuda::is_available() { format!("{} GPU(s) visible", Cuda::device_count()) } else { "no GPU".into() };
     let device = match device {
         Device::Cpu => "cpu".to_string(),
-        Device::Cuda(n) => format!("cuda:{n}"),
+        Device::Cuda(n) if gpu::suits(n) => format!("cuda:{n}"),
+        Device::Cuda(n) => format!("cuda:{n}, by libtorch alone"),
         other => format!("{other:?}"),
     };
     let s = if threads == 1 { "" } else { "s" };
     format!(
-        "paig {} ({COMMIT}) | libtorch {LIBTORCH_VERSION} | device {device} ({gpu}) | {threads} thread{s}",
+        "paig {} ({COMMIT}) | libtorch {LIBTORCH_VERSION} | device {device} ({visible}) | {threads} thread{s}",
         env!("CARGO_PKG_VERSION")
     )
 }

@@ -46,15 +46,18 @@ bool paig_cuda_built() { return true; }
 // What this thread does on the device from now on goes through a stream of its own: a recording must not touch the default one.
 bool paig_cuda_stream(int device) {
   return done([=] {
+    c10::cuda::set_device(static_cast<c10::DeviceIndex>(device));
     auto stream = c10::cuda::getStreamFromPool(false, static_cast<c10::DeviceIndex>(device));
     c10::cuda::setCurrentCUDAStream(stream);
   });
 }
 
 // The stream in which this thread works on a device, for launches that follow at once.
-void *paig_cuda_current_stream(int device) {
-  c10::cuda::set_device(static_cast<c10::DeviceIndex>(device));
-  return c10::cuda::getCurrentCUDAStream(static_cast<c10::DeviceIndex>(device)).stream();
+bool paig_cuda_current_stream(int device, void **stream) {
+  return done([=] {
+    c10::cuda::set_device(static_cast<c10::DeviceIndex>(device));
+    *stream = c10::cuda::getCurrentCUDAStream(static_cast<c10::DeviceIndex>(device)).stream();
+  });
 }
 
 // Begins to record what is launched instead of doing it; null if that failed.
@@ -85,7 +88,7 @@ void paig_graph_free(void *graph) {
 
 bool paig_cuda_built() { return false; }
 bool paig_cuda_stream(int) { return true; }
-void *paig_cuda_current_stream(int) { return nullptr; }
+bool paig_cuda_current_stream(int, void **) { return true; }
 
 void *paig_graph_begin() {
   failure = "this program was built with a libtorch without CUDA";

@@ -9,8 +9,8 @@
 //!
 //! This is the only module with unsafe code: vectors of the processor's own width, chosen at run time; the tensors'
 //! memory; the processor's control register; the node in libtorch's autograd graph; work that is shared out among threads;
-//! and recorded work on a GPU. All pointers come from slices whose lengths are checked once for each operation, on the way
-//! into it; checks for every pixel would cost as much as the arithmetic.
+//! and work on a GPU, recorded or by kernels. All pointers come from slices whose lengths are checked once for each operation, on
+//! the way into it, or from tensors whose sizes are; checks for every pixel would cost as much as the arithmetic.
 
 use serde::{Deserialize, Serialize};
 

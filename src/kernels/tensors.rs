@@ -34,9 +34,11 @@ impl UNetKernel {
     /// Whether these frames, and weights of this kind, can be computed with, and should be; the gradient by the frames is
     /// not computed.
     pub fn serves(&self, frames: &Tensor, weight: &Tensor) -> bool {
-        let on_processor = serve(&[frames, weight]) && frames.size()[0] >= FEWEST_FRAMES;
-        let on_gpu = || gpu::serve(&[frames, weight]) && gpu::fits(self.0.shape().side);
-        (on_processor || on_gpu()) && !autograd::records(&[frames])
+        let tensors = [frames, weight];
+        let count = frames.size()[0];
+        let by_processor = serve(&tensors) && count >= FEWEST_FRAMES;
+        let by_gpu = || gpu::serve(&tensors) && count > 0 && gpu::fits(self.0.shape().side, frames);
+        (by_processor || by_gpu()) && !autograd::records(&[frames])
     }
 
     /// Frames `[frames, channels, S, S]` to logits `[frames, objects, S, S]`, differentiable by the weights. `layers` are

@@ -70,7 +70,7 @@ __global__ void double_backward(Pictures it, const float *doubled_gradient, cons
   gradient[place] = seen[place] <= 0 ? 0 : sum;
 }
 
-dim3 blocks(const Pictures &it) { return dim3((it.count * it.side * it.side + THREADS - 1) / THREADS); }
+dim3 blocks(const Pictures &it) { return dim3(paig_parts(it.count * it.side * it.side, THREADS)); }
 
 }  // namespace
 

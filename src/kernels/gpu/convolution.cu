@@ -16,6 +16,8 @@ constexpr int CHUNK = 4;
 constexpr int PIXEL_THREADS = 128;
 // Of few frames, smaller blocks, so that there is one for each of a GPU's processors; and what few are, in quads.
 constexpr int FEW_THREADS = 32, FEW = 1 << 16;
+// Shared memory of a block, at most, where fewer pixels need less: it leaves room for another, and every GPU has it.
+constexpr size_t ROOM = 96 << 10;
 
 struct Convolution {
   PaigInput input;
@@ -70,7 +72,7 @@ __device__ __forceinline__ void fetch(const Convolution &it, float *tile, int ch
   }
 }
 
-// grid: bands, groups of frames, groups of channels; block: pixels, GROUPS of PER_THREAD channels.
+// grid: groups of frames, bands, groups of channels; block: pixels, GROUPS of PER_THREAD channels.
 template <int GROUPS, int ROWS>
 __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it) {
   constexpr int CHANNELS = GROUPS * PER_THREAD;
@@ -81,7 +83,7 @@ __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it
   int room = CHUNK * (band.stride + 9 * CHANNELS);
   float *now = paig_shared(), *next = now + room;
   int thread = threadIdx.y * blockDim.x + threadIdx.x, threads = blockDim.x * GROUPS;
-  int first_row = blockIdx.x * band.rows, first_frame = blockIdx.y * band.frames;
+  int first_row = blockIdx.y * band.rows, first_frame = blockIdx.x * band.frames;
   int first_channel = blockIdx.z * CHANNELS;
 
   int quad = threadIdx.x % band.quads;
@@ -161,15 +163,18 @@ bool launch_blocks(Convolution it, int side, int pixel_threads, void *stream) {
   it.band = Band::of(side, pixel_threads * ROWS, ROWS == 2);
   int outputs = it.first_channels + it.second_channels;
   int pixels = it.band.frames * it.band.rows / ROWS * it.band.quads;
-  dim3 block((pixels + 31) / 32 * 32, GROUPS);
+  dim3 block(paig_parts(pixels, 32) * 32, GROUPS);
   it.walk = Walk::through(it.band, block.x * GROUPS);
-  dim3 grid(it.band.count(), (it.frames + it.band.frames - 1) / it.band.frames, (outputs + CHANNELS - 1) / CHANNELS);
+  dim3 grid(paig_parts(it.frames, it.band.frames), it.band.count(), paig_parts(outputs, CHANNELS));
   size_t shared = 2 * CHUNK * (it.band.stride + 9 * CHANNELS) * sizeof(float);
+  // Of the smallest pictures most is border.
+  if (shared > ROOM && pixel_threads > FEW_THREADS)
+    return launch_blocks<GROUPS, ROWS>(it, side, pixel_threads / 2, stream);
   return paig_launch(convolve<GROUPS, ROWS>, grid, block, shared, stream, it);
 }
 
 bool launch(const Convolution &it, int side, void *stream) {
-  int groups = (it.first_channels + it.second_channels + PER_THREAD - 1) / PER_THREAD;
+  int groups = paig_parts(it.first_channels + it.second_channels, PER_THREAD);
   long quads = static_cast<long>(it.frames) * side * ((side + 3) / 4) * groups;
   // A row of the widest pictures has more quads than a small block.
   if (quads < FEW && side <= 4 * FEW_THREADS) return launch_blocks<1, 1>(it, side, FEW_THREADS, stream);

@@ -5,7 +5,7 @@ use std::ffi::{c_int, c_long, c_void};
 
 use tch::Tensor;
 
-use super::launch::{empty_beside, floats, floats_mut, on_stream};
+use super::launch::{empty_beside, floats, floats_mut, index_of, on_stream};
 
 /// How pictures are read (`PaigReading` in `convolution.h`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,8 +58,14 @@ unsafe extern "C" {
         side: c_int,
         stream: *mut c_void,
     ) -> bool;
-    fn paig_gpu_weight_gradient_fits(side: c_int) -> bool;
-    fn paig_gpu_weight_gradient_shares(inputs: c_int, outputs: c_int, frames: c_int, side: c_int) -> c_int;
+    fn paig_gpu_weight_gradient_fits(side: c_int, device: c_int) -> bool;
+    fn paig_gpu_weight_gradient_shares(
+        inputs: c_int,
+        outputs: c_int,
+        frames: c_int,
+        side: c_int,
+        device: c_int,
+    ) -> c_int;
     fn paig_gpu_weight_gradient(
         input: Input,
         gradient: *const f32,
@@ -140,10 +146,10 @@ impl<'a> Seen<'a> {
     }
 }
 
-/// Whether a GPU has shared memory enough for pictures of this side.
-pub fn fits(side: usize) -> bool {
-    // SAFETY: computes with numbers alone.
-    unsafe { paig_gpu_weight_gradient_fits(side as c_int) }
+/// Whether the GPU of a tensor has shared memory enough for pictures of this side.
+pub fn fits(side: usize, tensor: &Tensor) -> bool {
+    // SAFETY: asks what a device is.
+    unsafe { paig_gpu_weight_gradient_fits(side as c_int, index_of(tensor)) }
 }
 
 /// A convolution with zero padding of what is seen, by a weight `[outputs, inputs, 3, 3]` and a bias, and a ReLU if there is to be
@@ -190,8 +196,9 @@ pub fn weight_gradient(seen: &Seen, gradient: &Tensor) -> [Tensor; 2] {
     let mut weight = empty_beside(gradient, &[outputs, inputs, 3, 3]);
     let mut bias = empty_beside(gradient, &[outputs]);
     let [of_inputs, of_outputs, of_frames, of_side] = [inputs, outputs, frames, side].map(|n| n as c_int);
-    // SAFETY: computes with numbers alone.
-    let shares = unsafe { paig_gpu_weight_gradient_shares(of_inputs, of_outputs, of_frames, of_side) };
+    let device = index_of(gradient);
+    // SAFETY: asks what a device is.
+    let shares = unsafe { paig_gpu_weight_gradient_shares(of_inputs, of_outputs, of_frames, of_side, device) };
     let mut workspace = empty_beside(gradient, &[i64::from(shares) * outputs * (9 * inputs + 1)]);
     let [to_weight, to_bias, room] = [&mut weight, &mut bias, &mut workspace].map(floats_mut);
     // SAFETY: as above, and room for all shares.

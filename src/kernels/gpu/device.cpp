@@ -1,5 +1,8 @@
 // Blocks of threads on the processor, for a program that is built without CUDA's compiler: see device.h.
 
+// With it glibc takes the stack of another fiber for an error.
+#undef _FORTIFY_SOURCE
+
 #include "device.h"
 
 #ifndef __CUDACC__
@@ -80,7 +83,7 @@ bool paig_run_blocks(dim3 grid, dim3 block, size_t shared, const std::function<v
   // As many as a block of a GPU may have: they must stay where they are.
   static thread_local std::vector<Fiber> fibers(1024);
   size_t count = static_cast<size_t>(block.x) * block.y * block.z;
-  if (count > fibers.size()) return false;
+  if (count > fibers.size() || shared > paig_most_shared(0)) return false;
   work = &thread;
   gridDim = grid;
   blockDim = block;

@@ -8,6 +8,9 @@
 #include <cstddef>
 #include <initializer_list>
 
+// How many parts of at most `of` so many make.
+inline int paig_parts(long count, long of) { return static_cast<int>((count + of - 1) / of); }
+
 // Why the last launch of this thread failed; null after one that did not.
 extern "C" const char *paig_gpu_launch_failure();
 
@@ -18,12 +21,18 @@ extern "C" const char *paig_gpu_launch_failure();
 // Shared memory that a kernel may always have; more has to be asked for.
 constexpr size_t PAIG_GRANTED_SHARED = 48 << 10;
 
-// Shared memory that a block may have at most on the device at hand.
-inline size_t paig_most_shared() {
-  int device = 0, most = 0;
-  cudaGetDevice(&device);
+// Shared memory that a block may have at most on a device.
+inline size_t paig_most_shared(int device) {
+  int most = 0;
   cudaDeviceGetAttribute(&most, cudaDevAttrMaxSharedMemoryPerBlockOptin, device);
   return static_cast<size_t>(most);
+}
+
+// The device that is set.
+inline int paig_device() {
+  int device = 0;
+  cudaGetDevice(&device);
+  return device;
 }
 
 // Launches `kernel` on a stream; true if that was accepted.
@@ -31,7 +40,7 @@ template <typename Kernel, typename... Arguments>
 bool paig_launch(Kernel kernel, dim3 grid, dim3 block, size_t shared, void *stream, Arguments... arguments) {
   // A kernel's limit is one for all threads of the program: always the same, so that none lowers it for another.
   if (shared > PAIG_GRANTED_SHARED)
-    cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(paig_most_shared()));
+    cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(paig_most_shared(paig_device())));
   kernel<<<grid, block, shared, static_cast<cudaStream_t>(stream)>>>(arguments...);
   return cudaPeekAtLastError() == cudaSuccess;
 }
@@ -92,7 +101,9 @@ bool paig_run_blocks(dim3 grid, dim3 block, size_t shared, const std::function<v
 float *paig_shared();
 
 // That of the smallest GPUs that are served.
-inline size_t paig_most_shared() { return 99 << 10; }
+inline size_t paig_most_shared(int) { return 99 << 10; }
+
+inline int paig_device() { return 0; }
 
 template <typename Numbers>
 void paig_begin_copy(Numbers *into, const Numbers *from) {

@@ -1,8 +1,7 @@
 // The sum of squared differences, and its gradient.
 
+#include "packs.h"
 #include "shares.h"
-
-#include <cstdint>
 
 // Two arrays [rows, width], the numbers of a row side by side, and the floats from the start of a row to the next.
 struct PaigCompared {
@@ -17,12 +16,7 @@ constexpr int THREADS = 256;
 // Four for each processor of a large GPU.
 constexpr int MOST_BLOCKS = 528;
 
-// Differences of numbers side by side, read and written at once.
-template <int SIZE>
-struct alignas(SIZE * sizeof(float)) Pack {
-  float at[SIZE];
-};
-
+// Differences of numbers side by side.
 template <int SIZE>
 __device__ Pack<SIZE> difference(const PaigCompared &compared, int pack) {
   int packs = compared.width / SIZE, row = pack / packs, column = pack % packs * SIZE;
@@ -44,13 +38,6 @@ __global__ void __launch_bounds__(THREADS) add_squares(PaigCompared compared, in
   if (threadIdx.x == 0) shares[blockIdx.x] = sum;
 }
 
-__global__ void __launch_bounds__(THREADS) add_shares(const float *__restrict__ shares, int count, float *total) {
-  float sum = 0.0f;
-  for (int i = threadIdx.x; i < count; i += THREADS) sum += shares[i];
-  sum = block_sum<THREADS>(sum);
-  if (threadIdx.x == 0) *total = sum;
-}
-
 template <int SIZE>
 __global__ void __launch_bounds__(THREADS)
     scale_differences(PaigCompared compared, int packs, const float *gradient, float *__restrict__ by_a) {
@@ -64,14 +51,12 @@ __global__ void __launch_bounds__(THREADS)
 
 // Numbers that can be taken at once.
 int pack_size(const PaigCompared &compared) {
-  uintptr_t places = reinterpret_cast<uintptr_t>(compared.a) | reinterpret_cast<uintptr_t>(compared.b);
-  bool in_fours = (compared.width | compared.stride_a | compared.stride_b) % 4 == 0 && places % 16 == 0;
-  return in_fours ? 4 : 1;
+  bool in_fours = (compared.width | compared.stride_a | compared.stride_b) % 4 == 0;
+  return in_fours && begin_with_packs(compared.a, compared.b) ? 4 : 1;
 }
 
 int blocks_of(int packs) {
-  int blocks = (packs + THREADS - 1) / THREADS;
-  return blocks < MOST_BLOCKS ? blocks : MOST_BLOCKS;
+  return min(paig_parts(packs, THREADS), MOST_BLOCKS);
 }
 
 }  // namespace
@@ -87,7 +72,7 @@ bool paig_gpu_squared_error(PaigCompared compared, float *workspace, float *tota
   constexpr size_t shared = THREADS * sizeof(float);
   auto kernel = size == 4 ? add_squares<4> : add_squares<1>;
   return (blocks == 0 || paig_launch(kernel, blocks, THREADS, shared, stream, compared, packs, workspace)) &&
-         paig_launch(add_shares, 1, THREADS, shared, stream, workspace, blocks, total);
+         paig_gpu_add_shares(workspace, total, blocks, 1, stream);
 }
 
 // Its gradient by a, [rows, width] from the beginning of an allocation, from that of the sum.

@@ -7,14 +7,20 @@ use tch::{Device, Kind, Tensor};
 unsafe extern "C" {
     fn paig_gpu_suits(device: c_int) -> bool;
     fn paig_gpu_launch_failure() -> *const c_char;
-    fn paig_cuda_current_stream(device: c_int) -> *mut c_void;
+    fn paig_cuda_current_stream(device: c_int, stream: *mut *mut c_void) -> bool;
+    fn paig_cuda_failure() -> *const c_char;
+}
+
+/// Whether the kernels were compiled for this GPU.
+pub fn suits(index: usize) -> bool {
+    // SAFETY: asks what a device is.
+    unsafe { paig_gpu_suits(index as c_int) }
 }
 
 /// Whether the kernels can compute with these tensors: float32 on a GPU that they were compiled for.
 pub fn serve(tensors: &[&Tensor]) -> bool {
     tensors.iter().all(|tensor| match tensor.device() {
-        // SAFETY: asks what a device is.
-        Device::Cuda(index) => tensor.kind() == Kind::Float && unsafe { paig_gpu_suits(index as c_int) },
+        Device::Cuda(index) => tensor.kind() == Kind::Float && suits(index),
         _ => false,
     })
 }
@@ -24,15 +30,26 @@ pub fn serve(tensors: &[&Tensor]) -> bool {
 /// # Panics
 /// A launch that fails.
 pub fn on_stream(tensor: &Tensor, launch: impl FnOnce(*mut c_void) -> bool) {
-    let stream = match tensor.device() {
-        // SAFETY: asks for this thread's stream.
-        Device::Cuda(index) => unsafe { paig_cuda_current_stream(index as c_int) },
-        _ => std::ptr::null_mut(),
-    };
-    if !launch(stream) {
+    let mut stream = std::ptr::null_mut();
+    let on_gpu = matches!(tensor.device(), Device::Cuda(_));
+    // SAFETY: asks for this thread's stream.
+    let (done, reason): (bool, unsafe extern "C" fn() -> *const c_char) =
+        match !on_gpu || unsafe { paig_cuda_current_stream(index_of(tensor), &raw mut stream) } {
+            true => (launch(stream), paig_gpu_launch_failure),
+            false => (false, paig_cuda_failure),
+        };
+    if !done {
         // SAFETY: a string that ends, or null.
-        let reason = unsafe { paig_gpu_launch_failure().as_ref().map(|reason| CStr::from_ptr(reason)) };
+        let reason = unsafe { reason().as_ref().map(|reason| CStr::from_ptr(reason)) };
         panic!("a kernel could not be launched on the GPU: {}", reason.unwrap_or_default().to_string_lossy());
+    }
+}
+
+/// The number of a tensor's GPU; 0 of what is on none.
+pub fn index_of(tensor: &Tensor) -> c_int {
+    match tensor.device() {
+        Device::Cuda(index) => index as c_int,
+        _ => 0,
     }
 }
 

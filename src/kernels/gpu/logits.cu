@@ -127,11 +127,9 @@ __global__ void weight_backward(Logits it, const float *logits_gradient, float *
   }
 }
 
-int chunks(int count, int of) { return (count + of - 1) / of; }
-
 dim3 grid_of(const Logits &it, int chunks_of_it) {
   long quads = static_cast<long>(it.frames) * (it.pixels / 4);
-  return dim3((quads + THREADS - 1) / THREADS, chunks_of_it);
+  return dim3(paig_parts(quads, THREADS), chunks_of_it);
 }
 
 }  // namespace
@@ -140,18 +138,22 @@ dim3 grid_of(const Logits &it, int chunks_of_it) {
 extern "C" bool paig_gpu_logits(const float *seen, const float *weight, const float *bias, float *logits, int channels, int objects,
                                 int frames, int pixels, void *stream) {
   Logits it = {seen, weight, bias, channels, objects, frames, pixels};
-  return paig_launch(forward, grid_of(it, chunks(objects, OBJECTS)), dim3(THREADS), 0, stream, it, logits);
+  return paig_launch(forward, grid_of(it, paig_parts(objects, OBJECTS)), dim3(THREADS), 0, stream, it, logits);
+}
+
+// Numbers of the workspace that the gradients need.
+extern "C" size_t paig_gpu_logits_workspace(int channels, int objects) {
+  return static_cast<size_t>(BLOCKS) * objects * (channels + 1);
 }
 
 // From the gradient of the logits those of what was seen (0 where that is not above 0), of the weight and of the bias.
-// `workspace` has room for 264 * objects * (channels + 1) numbers.
 extern "C" bool paig_gpu_logits_backward(const float *logits_gradient, const float *seen, const float *weight, float *gradient,
                                          float *weight_gradient, float *bias_gradient, float *workspace, int channels, int objects,
                                          int frames, int pixels, void *stream) {
   Logits it = {seen, weight, nullptr, channels, objects, frames, pixels};
   float *biases = workspace + static_cast<long>(BLOCKS) * objects * channels;
-  dim3 grid(BLOCKS, chunks(channels, CHANNELS), chunks(objects, OBJECTS));
-  return paig_launch(backward, grid_of(it, chunks(channels, CHANNELS)), dim3(THREADS), 0, stream, it, logits_gradient, gradient) &&
+  dim3 grid(BLOCKS, paig_parts(channels, CHANNELS), paig_parts(objects, OBJECTS));
+  return paig_launch(backward, grid_of(it, paig_parts(channels, CHANNELS)), dim3(THREADS), 0, stream, it, logits_gradient, gradient) &&
          paig_launch(weight_backward, grid, dim3(THREADS), THREADS * sizeof(float), stream, it, logits_gradient, workspace, biases) &&
          paig_gpu_add_shares(workspace, weight_gradient, BLOCKS, objects * channels, stream) &&
          paig_gpu_add_shares(biases, bias_gradient, BLOCKS, objects, stream);

@@ -6,9 +6,6 @@ use tch::Tensor;
 
 use super::launch::{empty_beside, floats, floats_mut, on_stream};
 
-/// Blocks whose sums are added (`BLOCKS` in `logits.cu`).
-const SHARES: i64 = 264;
-
 unsafe extern "C" {
     fn paig_gpu_logits(
         seen: *const f32,
@@ -21,6 +18,7 @@ unsafe extern "C" {
         pixels: c_int,
         stream: *mut c_void,
     ) -> bool;
+    fn paig_gpu_logits_workspace(channels: c_int, objects: c_int) -> usize;
     fn paig_gpu_logits_backward(
         logits_gradient: *const f32,
         seen: *const f32,
@@ -58,7 +56,9 @@ pub fn backward(logits_gradient: &Tensor, pictures: &Tensor, weight: &Tensor) ->
     let (frames, channels, side, _) = pictures.size4().expect("pictures");
     let objects = weight.size()[0];
     assert_eq!(logits_gradient.size(), [frames, objects, side, side], "a gradient of the logits");
-    let sizes = [pictures.size(), weight.size(), vec![objects], vec![SHARES * objects * (channels + 1)]];
+    // SAFETY: computes with numbers alone.
+    let room = unsafe { paig_gpu_logits_workspace(channels as c_int, objects as c_int) };
+    let sizes = [pictures.size(), weight.size(), vec![objects], vec![room as i64]];
     let mut results = sizes.map(|size| empty_beside(pictures, &size));
     let [gradient, weight_gradient, bias_gradient, workspace] = results.each_mut().map(floats_mut);
     let [channels, objects, frames, pixels] = [channels, objects, frames, side * side].map(|n| n as c_int);

@@ -2,8 +2,7 @@
 // channels], the order in which a dense layer reads them.
 
 #include "device.h"
-
-#include <cstdint>
+#include "packs.h"
 
 struct PaigParted {
   // Of the objects; the frames' masks have one more, the background's.
@@ -15,12 +14,6 @@ struct PaigParted {
 namespace {
 
 constexpr int THREADS = 128;
-
-// Pixels of a thread, side by side in memory, read and written at once.
-template <int SIZE>
-struct alignas(SIZE * sizeof(float)) Pack {
-  float at[SIZE];
-};
 
 template <int SIZE>
 __device__ Pack<SIZE> read(const float *from) {
@@ -133,11 +126,11 @@ __global__ void __launch_bounds__(THREADS)
 // Whether these pixels can be taken four at a time.
 template <typename... Arrays>
 bool in_fours(const PaigParted &sizes, const Arrays *...arrays) {
-  return sizes.pixels % 4 == 0 && ((reinterpret_cast<uintptr_t>(arrays) | ...) & 15) == 0;
+  return sizes.pixels % 4 == 0 && begin_with_packs(arrays...);
 }
 
 dim3 grid(const PaigParted &sizes, int size) {
-  return dim3(sizes.frames, (sizes.pixels + THREADS * size - 1) / (THREADS * size));
+  return dim3(sizes.frames, paig_parts(sizes.pixels, THREADS * size));
 }
 
 }  // namespace

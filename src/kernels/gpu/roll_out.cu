@@ -116,7 +116,9 @@ struct Slots {
   float *first;
   int step;
 
-  __device__ __forceinline__ float &operator[](int slot) const { return first[slot * (NEAR ? THREADS : step)]; }
+  __device__ __forceinline__ float &operator[](int slot) const {
+    return first[static_cast<size_t>(slot) * (NEAR ? THREADS : step)];
+  }
 };
 
 // Where things stand.
@@ -494,7 +496,7 @@ __global__ void sum_of_clips(const float *by_clip, float *sums, int batch) {
   if (threadIdx.x == 0) sums[blockIdx.x] = sum;
 }
 
-unsigned blocks(int batch) { return (batch + THREADS - 1) / THREADS; }
+unsigned blocks(int batch) { return paig_parts(batch, THREADS); }
 
 bool is_near(const Layout &layout, int sets) { return shared_for(layout, sets) <= MOST_SHARED; }
 

@@ -24,7 +24,7 @@ __global__ void add_shares(const float *from, float *into, int shares, long coun
 }  // namespace
 
 extern "C" bool paig_gpu_add_shares(const float *from, float *into, int shares, long count, void *stream) {
-  dim3 grid((count + COLUMNS - 1) / COLUMNS);
+  dim3 grid(paig_parts(count, COLUMNS));
   size_t shared = COLUMNS * DIVISION * sizeof(float);
   return paig_launch(add_shares, grid, dim3(COLUMNS, DIVISION), shared, stream, from, into, shares, count);
 }

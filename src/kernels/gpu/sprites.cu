@@ -44,8 +44,6 @@ constexpr int MOST_SLICES = 792, MOST_BACKGROUND_SLICES = 1056;
 // Of the shared memory of a processor, what leaves others room.
 constexpr size_t MOST_SHARED = 96 << 10;
 
-int ceiling(int number, int divisor) { return (number + divisor - 1) / divisor; }
-
 // Where a row or column falls in a sprite: between a pixel and the one a step further, with these weights; outside,
 // both weights are 0, and so is the step.
 struct Sample {
@@ -131,19 +129,19 @@ struct Shares {
 
   explicit Shares(const PaigScene &scene) {
     slots = scene.side < COLUMNS ? COLUMNS / scene.side : 1;
-    sets = ceiling(scene.frames, slots);
+    sets = paig_parts(scene.frames, slots);
     int most = scene.objects < MOST_SLICES ? MOST_SLICES / scene.objects : 1;
-    blocks = sets > 0 ? ceiling(sets, ceiling(sets, most)) : 0;
+    blocks = sets > 0 ? paig_parts(sets, paig_parts(sets, most)) : 0;
     size_t lanes = slots * scene.side;
     fixed = lanes + ROWS * (lanes | 1) + 2 * slots * scene.window;
     columns = (1 + scene.channels) * scene.window * lanes;
     in_shared = (fixed + columns) * sizeof(float) <= MOST_SHARED;
-    int tiles = ceiling(scene.side * scene.side, PIXELS);
+    int tiles = paig_parts(scene.side * scene.side, PIXELS);
     int most_background = tiles < MOST_BACKGROUND_SLICES ? MOST_BACKGROUND_SLICES / tiles : 1;
     background_slices = scene.frames < most_background ? scene.frames : most_background;
   }
 
-  int threads(const PaigScene &scene) const { return ceiling(slots * scene.side, 32) * 32; }
+  int threads(const PaigScene &scene) const { return paig_parts(slots * scene.side, 32) * 32; }
   size_t shared() const { return (fixed + (in_shared ? columns : 0)) * sizeof(float); }
 };
 
@@ -281,7 +279,7 @@ int background_numbers(const PaigScene &scene) { return scene.channels * scene.s
 
 template <int CHANNELS>
 bool draw(const PaigScene &scene, const PaigDrawn &drawn, float *frames, float *normaliser, void *stream) {
-  dim3 grid(scene.frames, ceiling(scene.side * scene.side, PIXELS));
+  dim3 grid(scene.frames, paig_parts(scene.side * scene.side, PIXELS));
   return paig_launch(draw_pixels<CHANNELS>, grid, PIXELS, 0, stream, scene, drawn, frames, normaliser);
 }
 
@@ -294,7 +292,7 @@ bool draw_backward(const PaigScene &scene, const PaigDrawn &drawn, const PaigSee
   bool traced = true;
   if (scene.frames > 0) {
     dim3 blocks(shares.blocks, scene.objects);
-    dim3 tiles(ceiling(scene.side * scene.side, PIXELS), shares.background_slices);
+    dim3 tiles(paig_parts(scene.side * scene.side, PIXELS), shares.background_slices);
     traced = paig_launch(trace_sprites<CHANNELS>, blocks, shares.threads(scene), shares.shared(), stream, scene, drawn,
                          seen, shares, by.rows, by.columns, workspace, spilled) &&
              paig_launch(trace_background<CHANNELS>, tiles, PIXELS, 0, stream, scene, seen, background);

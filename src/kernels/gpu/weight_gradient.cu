@@ -125,14 +125,12 @@ __global__ void __launch_bounds__(THREADS, 2) add_up(WeightGradient it) {
   }
 }
 
-int chunks(int channels, int of) { return (channels + of - 1) / of; }
-
 int numbers(const WeightGradient &it) { return INPUTS * it.band.stride + it.groups * OUTPUTS * it.result.stride; }
 
 // How the work is divided: the most groups and quads for which there is room, or the fewest.
-WeightGradient plan(PaigInput input, const float *gradient, int outputs, int frames, int side) {
+WeightGradient plan(PaigInput input, const float *gradient, int outputs, int frames, int side, int device) {
   WeightGradient it = {input, gradient, nullptr, nullptr, outputs, frames, 0, {}, {}, {}, {}, {}};
-  int most = paig_most_shared() / (2 * sizeof(float)), room = min(ROOM, most);
+  int most = paig_most_shared(device) / (2 * sizeof(float)), room = min(ROOM, most);
   bool fits = false;
   for (it.groups = outputs > 2 * OUTPUTS ? 4 : outputs > OUTPUTS ? 2 : 1; !fits; it.groups /= 2) {
     for (int quads = QUADS; quads > 0 && !fits; quads /= 2) {
@@ -150,15 +148,15 @@ WeightGradient plan(PaigInput input, const float *gradient, int outputs, int fra
 
 int shares_of(const WeightGradient &it) {
   int inputs = it.input.first_channels + it.input.second_channels;
-  int all = chunks(it.frames, it.band.frames) * it.band.count();
-  int pairs = chunks(inputs, INPUTS) * chunks(it.outputs, OUTPUTS * it.groups);
+  int all = paig_parts(it.frames, it.band.frames) * it.band.count();
+  int pairs = paig_parts(inputs, INPUTS) * paig_parts(it.outputs, OUTPUTS * it.groups);
   return max(1, min(all, BLOCKS / pairs));
 }
 
 template <int GROUPS>
 bool launch(const WeightGradient &it, void *stream) {
   int inputs = it.input.first_channels + it.input.second_channels;
-  dim3 grid(shares_of(it), chunks(inputs, INPUTS), chunks(it.outputs, OUTPUTS * GROUPS));
+  dim3 grid(shares_of(it), paig_parts(inputs, INPUTS), paig_parts(it.outputs, OUTPUTS * GROUPS));
   dim3 block(INPUTS, GROUPS, THREADS / INPUTS / GROUPS);
   size_t shared = max(2 * numbers(it), THREADS * OUTPUTS) * sizeof(float);
   return paig_launch(add_up<GROUPS>, grid, block, shared, stream, it);
@@ -166,22 +164,22 @@ bool launch(const WeightGradient &it, void *stream) {
 
 }  // namespace
 
-// Whether there is shared memory enough for pictures of this side.
-extern "C" bool paig_gpu_weight_gradient_fits(int side) {
-  WeightGradient it = plan({nullptr, nullptr, INPUTS, 0, PAIG_AS_THEY_ARE}, nullptr, OUTPUTS, 1, side);
-  return 2 * numbers(it) * sizeof(float) <= paig_most_shared();
+// Whether a device has shared memory enough for pictures of this side.
+extern "C" bool paig_gpu_weight_gradient_fits(int side, int device) {
+  WeightGradient it = plan({nullptr, nullptr, INPUTS, 0, PAIG_AS_THEY_ARE}, nullptr, OUTPUTS, 1, side, device);
+  return 2 * numbers(it) * sizeof(float) <= paig_most_shared(device);
 }
 
-// Among how many blocks the work is shared out for each pair of chunks.
-extern "C" int paig_gpu_weight_gradient_shares(int inputs, int outputs, int frames, int side) {
-  return shares_of(plan({nullptr, nullptr, inputs, 0, PAIG_AS_THEY_ARE}, nullptr, outputs, frames, side));
+// Among how many blocks of a device the work is shared out for each pair of chunks.
+extern "C" int paig_gpu_weight_gradient_shares(int inputs, int outputs, int frames, int side, int device) {
+  return shares_of(plan({nullptr, nullptr, inputs, 0, PAIG_AS_THEY_ARE}, nullptr, outputs, frames, side, device));
 }
 
 // From what a convolution saw and the gradient [frames, outputs, side, side] of its result those of its weight [outputs,
 // inputs, 3, 3] and bias [outputs]. `workspace` has room for shares * outputs * (9 inputs + 1) numbers.
 extern "C" bool paig_gpu_weight_gradient(PaigInput input, const float *gradient, float *weight, float *bias, float *workspace,
                                          int outputs, int frames, int side, void *stream) {
-  WeightGradient it = plan(input, gradient, outputs, frames, side);
+  WeightGradient it = plan(input, gradient, outputs, frames, side, paig_device());
   int shares = shares_of(it);
   long weights = static_cast<long>(outputs) * (input.first_channels + input.second_channels) * TAPS;
   it.weights = workspace;

@@ -317,7 +317,7 @@ mod tests {
     /// All variables at once, more than one launch takes, with gradients that are clipped and one that is no number.
     #[test]
     fn the_kernel_for_gpus_takes_the_same_steps() {
-        let Some(device) = gpu::test_device() else { return };
+        let Some(device) = gpu::testing::test_device() else { return };
         let rules = [OptimizerKind::RmsProp, OptimizerKind::Adam, OptimizerKind::Momentum, OptimizerKind::Sgd];
         for (rule, clip) in rules.into_iter().flat_map(|rule| [(rule, None), (rule, Some(0.5))]) {
             let [by_libtorch, by_kernel] = [false, true].map(|by_kernel| {

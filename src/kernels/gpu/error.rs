@@ -82,7 +82,7 @@ fn first_number(rows: &Tensor) -> *const f32 {
 mod tests {
     use tch::{Kind, Tensor};
 
-    use super::super::launch::test_device;
+    use super::super::testing::test_device;
     use super::squared_error;
 
     #[test]

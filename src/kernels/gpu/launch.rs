@@ -74,17 +74,3 @@ pub fn floats(tensor: &Tensor) -> *const f32 {
 pub fn floats_mut(tensor: &mut Tensor) -> *mut f32 {
     floats(tensor).cast_mut()
 }
-
-/// Where kernels can be tested: on a GPU, or in a program that was built without CUDA's compiler on the processor. Nowhere where
-/// there is a compiler and no GPU.
-#[cfg(test)]
-pub fn test_device() -> Option<Device> {
-    unsafe extern "C" {
-        fn paig_gpu_compiled() -> bool;
-    }
-    // SAFETY: tells how this program was built.
-    match unsafe { paig_gpu_compiled() } {
-        false => Some(Device::Cpu),
-        true => tch::Cuda::is_available().then_some(Device::Cuda(0)),
-    }
-}

@@ -108,7 +108,7 @@ fn with_product_gradient(sizes: Sizes, masked: Tensor, masks: &Tensor, frames: T
 mod tests {
     use tch::{Kind, Tensor};
 
-    use super::super::launch::test_device;
+    use super::super::testing::{assert_close, test_device};
     use super::parted;
 
     fn by_libtorch(background: f64, logits: &Tensor, frames: &Tensor) -> [Tensor; 2] {
@@ -117,12 +117,6 @@ mod tests {
         let masks = Tensor::cat(&[logits, &behind], 1).softmax(1, Kind::Float);
         let masked = masks.narrow(1, 0, objects).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0);
         [masks, masked]
-    }
-
-    fn assert_close(own: &Tensor, other: &Tensor) {
-        let scale = other.abs().max().double_value(&[]);
-        let error = (own - other).abs().max().double_value(&[]);
-        assert!(error <= 1e-5 * scale, "{error:e} of {scale}");
     }
 
     #[test]

@@ -13,12 +13,12 @@ mod masks;
 mod optimizer;
 pub mod roll_out;
 mod sprites;
+#[cfg(test)]
+pub mod testing;
 mod unet;
 
 pub use convolution::fits;
 pub use error::squared_error;
-#[cfg(test)]
-pub use launch::test_device;
 pub use launch::{serve, suits};
 pub use masks::parted;
 pub use optimizer::{Rule, Updated, descend};

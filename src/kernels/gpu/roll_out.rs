@@ -364,7 +364,7 @@ fn room(scalars: &Scalars, text: &Tensor, states: &Tensor, backward: bool) -> Te
 mod tests {
     use Operation::*;
 
-    use super::super::launch::test_device;
+    use super::super::testing::{scattered, test_device};
     use super::*;
 
     /// One coordinate, accelerated by what an operation gives of the position, the velocity and a parameter.
@@ -460,12 +460,6 @@ mod tests {
     /// The largest difference, in parts of the largest number.
     fn difference(a: &Tensor, b: &Tensor) -> f64 {
         (a - b).abs().max().double_value(&[]) / b.abs().max().double_value(&[]).max(1.0)
-    }
-
-    /// Numbers between -1 and 1, always the same.
-    fn scattered(size: &[i64], step: f64) -> Tensor {
-        let count: i64 = size.iter().product();
-        (Tensor::arange(count, (Kind::Float, Device::Cpu)) * step).sin().reshape(size)
     }
 
     /// States, and gradients of a weighted sum of them by the initial state and by the parameter.

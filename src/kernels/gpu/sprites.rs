@@ -134,7 +134,7 @@ fn drawn(values: &[Tensor; 4]) -> Drawn {
 mod tests {
     use tch::{Device, Kind, Tensor};
 
-    use super::super::launch::test_device;
+    use super::super::testing::{assert_close, test_device};
     use super::{Scene, draw};
 
     /// The matrix `[objects, frames, side, window]` of linear interpolation at pixels, 0 outside.
@@ -168,12 +168,6 @@ mod tests {
         let background = Tensor::rand([1, channels, side, side], (Kind::Float, device));
         let pixels = || Tensor::rand([objects, frames, side], (Kind::Float, device)) * (window + 3) as f64 - 2.0;
         [sprites, background, pixels(), pixels()].map(|input| input.set_requires_grad(true))
-    }
-
-    fn assert_close(own: &Tensor, other: &Tensor) {
-        let scale = other.abs().max().double_value(&[]);
-        let error = (own - other).abs().max().double_value(&[]);
-        assert!(error <= 1e-5 * scale, "{error:e} of {scale}");
     }
 
     #[test]

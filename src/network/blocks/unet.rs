@@ -135,7 +135,8 @@ mod tests {
 
     use super::*;
     use crate::kernels::allow_tf32;
-    use crate::kernels::gpu::{self, test_device};
+    use crate::kernels::gpu;
+    use crate::kernels::gpu::testing::test_device;
 
     /// The deep network and the shallow one, of sides that quads of pixels divide and that they do not, of one frame and of more
     /// than a block has.

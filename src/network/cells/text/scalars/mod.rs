@@ -118,7 +118,7 @@ mod tests {
 
     use super::*;
     use crate::kernels::gpu::roll_out::Operation;
-    use crate::kernels::gpu::test_device;
+    use crate::kernels::gpu::testing::{scattered, test_device};
     use crate::network::cells::{
         BOUNCING, Coordinates, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING,
     };
@@ -128,12 +128,6 @@ mod tests {
 
     fn text(table: &str, objects: usize) -> &'static CellKind {
         kind_of_text(&toml::from_str(table).unwrap(), objects).unwrap()
-    }
-
-    /// Numbers between -1 and 1, always the same.
-    fn scattered(size: &[i64], step: f64) -> Tensor {
-        let count: i64 = size.iter().product();
-        (Tensor::arange(count, (Kind::Float, Device::Cpu)) * step).sin().reshape(size)
     }
 
     /// States, and gradients of a weighted sum of them by the initial state and the raw parameters.

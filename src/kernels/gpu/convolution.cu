@@ -108,16 +108,8 @@ __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it
     for (int channel = 0; channel < channels; channel++) {
       float seen[ROWS + 2][6];
 #pragma unroll
-      for (int line = 0; line < ROWS + 2; line++) {
-        const float *from = now + own_pixels + channel * band.stride + line * band.pitch;
-        float4 middle = *reinterpret_cast<const float4 *>(from + 1);
-        seen[line][0] = from[0];
-        seen[line][1] = middle.x;
-        seen[line][2] = middle.y;
-        seen[line][3] = middle.z;
-        seen[line][4] = middle.w;
-        seen[line][5] = from[5];
-      }
+      for (int line = 0; line < ROWS + 2; line++)
+        six(now + own_pixels + channel * band.stride + line * band.pitch, seen[line]);
 #pragma unroll
       for (int tap = 0; tap < 9; tap++) {
         const float4 *by = reinterpret_cast<const float4 *>(now + own_weights + (channel * 9 + tap) * CHANNELS);

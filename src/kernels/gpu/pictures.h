@@ -79,6 +79,17 @@ namespace {
 
 __device__ __forceinline__ float larger(float a, float b) { return a > b || a != a ? a : b; }
 
+// A quad of a row in shared memory with its two neighbours; `row` is at the left one.
+__device__ __forceinline__ void six(const float *row, float *pixels) {
+  float4 quad = *reinterpret_cast<const float4 *>(row + 1);
+  pixels[0] = row[0];
+  pixels[1] = quad.x;
+  pixels[2] = quad.y;
+  pixels[3] = quad.z;
+  pixels[4] = quad.w;
+  pixels[5] = row[5];
+}
+
 // Four pixels of a row of pictures of twice the side, pooled.
 __device__ __forceinline__ void pooled(const float *picture, int side, int y, int x, float *four) {
   const float *upper = picture + 4L * y * side + 2 * x, *lower = upper + 2 * side;

@@ -71,16 +71,7 @@ __global__ void __launch_bounds__(THREADS, 2) add_up(WeightGradient it) {
       const float *of = now + own_results + of_result.place(at.picture, at.line, 4 * at.quad);
       float pixels[3][6];
 #pragma unroll
-      for (int line = 0; line < 3; line++) {
-        const float *row = from + line * band.pitch;
-        float4 middle = *reinterpret_cast<const float4 *>(row + 1);
-        pixels[line][0] = row[0];
-        pixels[line][1] = middle.x;
-        pixels[line][2] = middle.y;
-        pixels[line][3] = middle.z;
-        pixels[line][4] = middle.w;
-        pixels[line][5] = row[5];
-      }
+      for (int line = 0; line < 3; line++) six(from + line * band.pitch, pixels[line]);
 #pragma unroll
       for (int output = 0; output < OUTPUTS; output++) {
         float4 four = *reinterpret_cast<const float4 *>(of + output * of_result.stride);

@@ -13,6 +13,7 @@ use paig::generators::{Counts, DatasetJob, generate};
 use paig::support::device;
 use paig::tasks;
 use paig::tasks::scene::{Background, Look};
+use paig::training::layers::usual_data_folder;
 
 /// Makes the videos of a physical system: a training file of short clips and a test file of long ones.
 ///
@@ -29,9 +30,10 @@ use paig::tasks::scene::{Background, Look};
 struct Arguments {
     #[arg(long, help = format!("System to film: a task file (.toml), or one of {}", tasks::names()))]
     task: String,
-    /// Datasets folder; files go into the task's folder in it
-    #[arg(long, default_value = "data/datasets")]
-    out: PathBuf,
+    /// Datasets folder; files go into the task's folder in it [default: data/datasets; the folder of the task's file
+    /// where its data.folder is "."]
+    #[arg(long)]
+    out: Option<PathBuf>,
     /// Clips in the training array (the test file holds 10 of these)
     #[arg(long, default_value_t = 5000)]
     train: usize,
@@ -158,7 +160,8 @@ fn run(arguments: Arguments) -> Result<()> {
         variant,
         counts: Counts { train: arguments.train, valid: arguments.valid, test: arguments.test },
         images,
-        folder: arguments.out,
+        // Where a training looks for them.
+        folder: arguments.out.unwrap_or_else(|| usual_data_folder(&task, &arguments.task).into()),
         force: arguments.force,
     };
     let display = Display::default();

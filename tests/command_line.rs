@@ -157,6 +157,39 @@ fn data_of_another_system_are_refused_with_the_way_out() {
     assert!(!run.exists(), "a refused run left a folder");
 }
 
+/// A pendulum's true states are angles, by which no equation in x and y can be scored: said before the training.
+#[test]
+fn true_states_that_cannot_score_a_run_are_refused_with_the_way_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, file, run) = (folder.path().join("data"), folder.path().join("drop.toml"), folder.path().join("run"));
+    let mut generate = Command::new(env!("CARGO_BIN_EXE_generate"));
+    generate.args(["--task", "pendulum", "--train", "2", "--valid", "1", "--test", "1", "--out"]);
+    let made = generate.arg(&data).output().unwrap();
+    assert!(made.status.success(), "{}", text(&made));
+    let stem = |frames: usize| format!("color_pendulum_sl{frames}_g10_m1_l1_a1_u2_dt005");
+    let task = format!(
+        "name = \"drop\"\n\
+         [system]\nside = 64\nchannels = 3\nobjects = 1\ninput_steps = 4\npred_steps = 6\ndt = 0.05\n\
+         [system.equation]\nacceleration = \"vec(0, g)\"\n[system.equation.parameters]\ng = {{ unit = [1, -2] }}\n\
+         [data]\ntrain_frames = 14\ntest_frames = 30\nfolder = \"pendulum\"\n\
+         train_file = \"{}.npz\"\ntest_file = \"{}.npz\"\n",
+        stem(14),
+        stem(30)
+    );
+    fs::write(&file, task).unwrap();
+    let train = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_run_physics"));
+        command.arg("--task").arg(&file).arg("--data").arg(&data).arg("--out").arg(&run);
+        refused(command.args(["--set", "discover.frames=100000"]))
+    };
+    let states = format!("{}_states.npz", stem(30));
+    assert_says(&train(), &[&states, "coordinates in a frame: 1, of the system: 2", "move the file"]);
+    fs::rename(data.join("pendulum").join(&states), folder.path().join("away.npz")).unwrap();
+    // That way leads to the next check.
+    assert_says(&train(), &["discover.frames = 100000"]);
+    assert!(!run.exists(), "a refused run left a folder");
+}
+
 #[test]
 fn printed_config_is_complete_and_reads_back_the_same() {
     let folder = tempfile::tempdir().unwrap();
@@ -300,4 +333,14 @@ fn output_that_cannot_be_written_is_an_error() {
     let output = print.args(["--task", "spring_color", "--print-config"]).stdout(full()).output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", text(&output));
     assert_says(&text(&output), &["error: cannot write to standard output", "No space left"]);
+}
+
+/// As on a terminal that has closed: the error is lost, and no panic comes in its place.
+#[test]
+fn an_error_that_nobody_reads_keeps_its_exit_code() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut unread = Command::new(env!("CARGO_BIN_EXE_run_physics"));
+    let output = unread.args(["--task", "springs"]).stderr(writer).output().unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output));
 }

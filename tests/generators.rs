@@ -1,5 +1,6 @@
 //! The generators: frames against stored skimage output, motion against closed forms, rules, and determinism.
 
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
@@ -229,6 +230,30 @@ fn the_truth_of_changed_scenes_is_what_the_model_should_find() {
     ] {
         assert!(truth(task, changes).is_empty(), "{task}");
     }
+}
+
+/// The parameters of a text bear names of their own, or one of the scene's for something else.
+#[test]
+fn the_truth_of_an_equation_of_text_is_the_tasks() {
+    let text = include_str!("../configs/gallery/text_spring.toml").replace("2*l)", "2*half)");
+    let text = text.replace("\nl = ", "\nhalf = ");
+    let truth = |text: &str, changes: Changes| {
+        let task = Task::from_toml(text).unwrap();
+        let symbols: Vec<_> = task.truth.iter().map(|parameter| parameter.name.clone()).collect();
+        let values = Variant::new(&task, 0).unwrap().with(&changes).unwrap().truth();
+        symbols.into_iter().zip(values).collect::<BTreeMap<_, _>>()
+    };
+    let expected = |half: f64, k: f64| BTreeMap::from([("half".to_string(), half), ("k".to_string(), k)]);
+    let plain = Changes::default();
+    let stronger = Changes { k: Some(8.0), ..plain };
+    assert_eq!(truth(&text, plain), expected(6.0, 4.0));
+    // What has the scene's name and its value is its number, in other scenes, too.
+    assert_eq!(truth(&text, stronger), expected(6.0, 8.0));
+    // Nothing says what the rest length of another scene is to the equation.
+    assert!(truth(&text, Changes { equil: Some(5.0), ..plain }).is_empty());
+    let other = text.replace("\nk = 4.0", "\nk = 0.5");
+    assert_eq!(truth(&other, plain), expected(6.0, 0.5));
+    assert!(truth(&other, stronger).is_empty());
 }
 
 #[test]

@@ -300,12 +300,20 @@ fn a_part_that_is_too_short_is_left_out() {
     let path = pictures(&folder.path().join("film"), (0..80).map(levelled));
     let parts = vec![Part::Frames(3, Some(63)), Part::Frames(70, Some(74))];
     let plain = request(&[&path], &folder.path().join("out"));
-    let done = imported(&Request { parts, fps: Some(25.0), crop: CropChoice::Full, ..plain });
+    let done = imported(&Request { parts: parts.clone(), fps: Some(25.0), crop: CropChoice::Full, ..plain });
     assert!(done.warnings[0].contains("frames 70..74 are left out"), "{:?}", done.warnings);
     let task = tasks::find(done.task_file.to_str().unwrap()).unwrap();
     assert_eq!((task.video().unwrap().sources.len(), task.video().unwrap().sources[0].frames), (1, [3, 63]));
     let film = FilmFile::read(&folder.path().join("out/film.npz"), 1, 32, 3).unwrap();
     assert_eq!((film.videos[0].dim().0, film.numbers[0].to_vec()), (60, (3..63).collect()));
+    // Nor does its clock count: one frame of the other part is shown longer, all of its own are shown as long.
+    let uneven = folder.path().join("uneven.gif");
+    let shown = |number: usize| (levelled(number), if number == 30 { 50 } else { 40 });
+    gif(&uneven, &(0..80).map(shown).collect::<Vec<_>>());
+    let plain = request(&[&uneven], &folder.path().join("uneven"));
+    let done = imported(&Request { parts, crop: CropChoice::Full, ..plain });
+    // To the nanosecond, as it is written down.
+    assert!((done.interval - (59.0 * 0.04 + 0.01) / 59.0).abs() < 1e-9, "{}", done.interval);
 }
 
 #[test]

@@ -90,6 +90,21 @@ fn five_balls_are_generated_trained_scored_reported_predicted_and_resumed_from_a
     assert_eq!(shown(), steps);
 }
 
+/// What is generated lies where a training looks for it.
+#[test]
+fn clips_are_generated_beside_the_task_where_it_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::create_dir(folder.join("mine")).unwrap();
+    let task = FIVE_BALLS.replace("test_frames = 14", "test_frames = 14, folder = \".\"");
+    fs::write(folder.join("mine/five.toml"), task).unwrap();
+    run(folder, "generate", &["--task", "mine/five.toml", "--train", "2", "--valid", "1", "--test", "1"]);
+    assert!(folder.join("mine/color_bounce_vx6_vy6_sl9_r3_dt02.npz").exists());
+    let config = run(folder, "run_physics", &["--print-config", "--task", "mine/five.toml"]);
+    let says = |line: &str| config.contains(line);
+    assert!(says("folder = \"mine\"") && says("train_file = \"color_bounce_vx6_vy6_sl9_r3_dt02.npz\""), "{config}");
+}
+
 /// A block of the guide, by what stands behind its backticks and how it begins.
 fn block(guide: &str, language: &str, beginning: &str) -> String {
     let fence = format!("```{language}\n");

@@ -188,15 +188,27 @@ fn a_report_can_be_made_again_from_its_records_and_counts_no_run_twice() {
     let done = report(&[second.clone(), runs.clone()], &third);
     assert!(String::from_utf8(done.stdout).unwrap().contains("3 finished, 1 unfinished, 0 unreadable"));
     assert!(fs::read_to_string(third.join("report.md")).unwrap().contains("| 1 | cut off after 77 steps |"));
-    // A report that fails leaves the one before as it was.
-    fs::create_dir_all(runs.join("again/templates.png")).unwrap();
+    // What cannot be read of a run beside its config and its summary is left out.
+    fs::remove_file(runs.join("again/metrics.jsonl")).unwrap();
+    for name in ["templates.png", "metrics.jsonl"] {
+        fs::create_dir(runs.join("again").join(name)).unwrap();
+    }
+    let done = report(std::slice::from_ref(&runs), &third);
+    assert!(String::from_utf8(done.stdout).unwrap().contains("3 finished, 1 unfinished, 0 unreadable"));
+    assert!(third.join("records/spring_color/fast/seed=0/example0.png").exists());
+    assert!(!third.join("records/spring_color/fast/seed=0/templates.png").exists());
+    // A report that fails leaves the one before as it was: no file system has room for a folder of this recipe's name.
+    unfinished(&runs.join("endless"), "spring_color", 5, &[]);
+    let config = runs.join("endless/config.toml");
+    let endless = format!("recipe = {:?}", "fast".repeat(64));
+    fs::write(&config, fs::read_to_string(&config).unwrap().replace("recipe = \"fast\"", &endless)).unwrap();
     let before = read(&third.join("results.json"));
     let failed = report(std::slice::from_ref(&runs), &third);
-    assert!(!failed.status.success() && String::from_utf8(failed.stderr).unwrap().contains("templates.png"));
+    assert!(!failed.status.success() && String::from_utf8(failed.stderr).unwrap().contains("cannot create"));
     assert_eq!(read(&third.join("results.json")), before);
     assert!(third.join("records/spring_color/fast/seed=0/summary.json").exists());
     assert_eq!(fs::read_dir(&third).unwrap().count(), 5, "something is left of the report that failed");
-    fs::remove_dir(runs.join("again/templates.png")).unwrap();
+    fs::remove_dir_all(runs.join("endless")).unwrap();
     // Names of folders have an end.
     let place = "a folder of data with a long name/".repeat(9);
     finished(&runs.join("far"), 0, &[&format!("data.folder={place:?}")], (4.0, 6.0), 0.3);
@@ -376,6 +388,21 @@ fn the_records_that_come_with_the_program_are_all_read() {
     assert_eq!(results["format"], json!(1));
     let tried = results["tasks"].as_array().unwrap().iter().map(|task| task["tried"].as_u64().unwrap());
     assert_eq!(tried.sum::<u64>(), configs(&records) as u64);
+}
+
+/// Only with the scene's picture can it be said whether the usual options make the data.
+#[test]
+fn a_background_that_is_gone_costs_no_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let background = "task.scene.background={ kind = \"picture\", file = \"gone.png\" }";
+    finished(&runs.join("seed=0"), 0, &[background], (4.0, 6.0), 0.3);
+    add_scores(&runs.join("seed=0"), 0.2, 0.9);
+    let out = folder.path().join("report");
+    let done = report(&[runs], &out);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let page = fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(page.contains("# to be completed, the test file is made with: generator 1, task spring_color, seed 3"));
 }
 
 #[test]

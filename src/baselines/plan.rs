@@ -13,6 +13,7 @@ use crate::datasets::settings::Counts;
 use crate::generators::DatasetJob;
 use crate::generators::source_images::SourceImages;
 use crate::generators::variant::Variant;
+use crate::support::toml_values::quoted;
 use crate::sweep::{Job, SweepPlan};
 use crate::tasks;
 
@@ -105,7 +106,7 @@ impl Places {
         let Training { entry, task, clips, seed, rate, .. } = training;
         let mut set = entry.set.clone();
         if let Some(objects) = self.objects(list, training)? {
-            set.push(format!("discover.from={:?}", objects.folder.display().to_string()));
+            set.push(format!("discover.from={}", quoted(&objects.folder.display().to_string())));
         }
         if let (Some(key), Some(rate)) = (&entry.rate, rate) {
             set.push(format!("{key}={rate:e}"));

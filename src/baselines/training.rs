@@ -248,7 +248,8 @@ fn write_results(
     folder: &Path,
 ) -> Result<()> {
     let (mut input, mut output) = (Vec::new(), Vec::new());
-    frame_model::each_prediction(model, system, data.test, viz::SAVED_CLIPS, |clips, predicted| {
+    let saved = viz::saved_clips(system, data.test.time());
+    frame_model::each_prediction(model, system, data.test, saved, |clips, predicted| {
         input.push(clips.shallow_clone());
         output.push(predicted.shallow_clone());
         Ok(())

@@ -11,8 +11,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Error, Result};
+use nix::errno::Errno;
 
-use super::progress;
+use super::interrupt;
+use super::progress::{ensure_written, write_error_line};
 use crate::kernels::flush_subnormals;
 
 /// The input is sound and the work has begun.
@@ -31,16 +33,20 @@ pub fn begin_work() {
 }
 
 /// Runs a program to its end and gives its exit code. An error is printed with its causes on one line; where it marks a
-/// place in a text, with the lines that show it. Output that could not be written is an error.
+/// place in a text, with the lines that show it. Output that could not be written is an error, unless the terminal has
+/// closed and the program was asked to stop.
 pub fn exit_code(program: impl FnOnce() -> Result<ExitCode>) -> ExitCode {
     flush_subnormals();
     panic::set_hook(Box::new(note));
     one_line_on_abort();
     match panic::catch_unwind(AssertUnwindSafe(program)) {
-        Ok(Ok(code)) => progress::ensure_written().map_or_else(|error| failed(&error), |()| code),
+        Ok(Ok(code)) => match ensure_written() {
+            Err(error) if !(interrupt::asked() && is_hung_up(&error)) => failed(&error),
+            _ => code,
+        },
         Ok(Err(error)) => failed(&error),
         Err(panic) => {
-            eprintln!("error: {}", panicked(&*panic));
+            write_error_line(&format!("error: {}", panicked(&*panic)));
             ExitCode::FAILURE
         }
     }
@@ -60,18 +66,25 @@ fn one_line_on_abort() {
 fn failed(error: &Error) -> ExitCode {
     let text = text(error);
     let marks = |line: &str| line.contains('^') && line.chars().all(|c| c == '^' || c.is_whitespace());
-    if text.lines().any(marks) {
-        eprintln!("error: {}", text.trim_end());
-    } else {
-        eprintln!("error: {}", one_line(&text));
-    }
+    let said = if text.lines().any(marks) { text.trim_end().to_string() } else { one_line(&text) };
+    write_error_line(&format!("error: {said}"));
     if AT_WORK.load(Ordering::SeqCst) || is_full(error) { ExitCode::FAILURE } else { ExitCode::from(REFUSED) }
 }
 
 /// Whether a disk took no more: no fault of the input, whenever it shows.
 fn is_full(error: &Error) -> bool {
     let full = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded, ErrorKind::WriteZero, ErrorKind::ReadOnlyFilesystem];
-    error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>()).any(|error| full.contains(&error.kind()))
+    of_system(error).any(|error| full.contains(&error.kind()))
+}
+
+/// Whether output was lost as it is on a terminal that has closed: no failure of a program that a signal told so.
+fn is_hung_up(error: &Error) -> bool {
+    of_system(error).any(|error| error.raw_os_error() == Some(Errno::EIO as i32))
+}
+
+/// What the system said of the causes of an error.
+fn of_system(error: &Error) -> impl Iterator<Item = &io::Error> {
+    error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>())
 }
 
 /// An error with its causes, each said once: many an error repeats its cause in its own words.
@@ -122,6 +135,13 @@ mod tests {
         let error =
             anyhow::anyhow!("No space left (os error 28)").context("cannot write a: No space left (os error 28)");
         assert_eq!(text(&error.context("the run ended")), "the run ended: cannot write a: No space left (os error 28)");
+    }
+
+    #[test]
+    fn a_terminal_that_closed_is_no_full_disk() {
+        let unwritten = |code: Errno| Error::from(io::Error::from_raw_os_error(code as i32)).context("cannot write");
+        let (closed, full) = (unwritten(Errno::EIO), unwritten(Errno::ENOSPC));
+        assert!(is_hung_up(&closed) && !is_full(&closed) && is_full(&full) && !is_hung_up(&full));
     }
 
     #[test]

@@ -12,6 +12,9 @@ use anyhow::{Context, Result};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::iterator::Signals;
 
+use super::progress::write_error_line;
+use crate::sweep::SIGNALLED;
+
 /// The first signal that came; 0 before.
 static ASKED: AtomicI32 = AtomicI32::new(0);
 static INSTALL: Once = Once::new();
@@ -19,8 +22,6 @@ static INSTALL: Once = Once::new();
 /// Signals within this time of the first are one and the same request: whoever stops all processes of a job reaches a run
 /// more than once, by itself and through `sweep`.
 const ONE_REQUEST: Duration = Duration::from_secs(5);
-/// Added to a signal's number: the exit code that shells give.
-const SIGNALLED: i32 = 128;
 
 /// Catches the signals from now on; one that comes more than five seconds after the first ends the process at once.
 ///
@@ -44,7 +45,8 @@ fn watch(signals: &mut Signals) {
             None => {
                 first = Some(Instant::now());
                 ASKED.store(signal, Ordering::SeqCst);
-                eprintln!("stopping after this step; once more after {} s to stop at once", ONE_REQUEST.as_secs());
+                let seconds = ONE_REQUEST.as_secs();
+                write_error_line(&format!("stopping after this step; once more after {seconds} s to stop at once"));
             }
             Some(first) if first.elapsed() < ONE_REQUEST => {}
             Some(_) => std::process::exit(SIGNALLED + signal),

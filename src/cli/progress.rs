@@ -37,6 +37,11 @@ pub fn write_line(line: Arguments) {
     }
 }
 
+/// `eprintln!` that does not panic: where nobody reads it, as on a terminal that has closed, it is lost, no more.
+pub fn write_error_line(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
 /// # Errors
 /// A line that could not be written to standard output, to a full disk for example.
 pub fn ensure_written() -> Result<()> {

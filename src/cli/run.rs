@@ -207,13 +207,18 @@ impl RunArgs {
         config.data.folder = self.data.clone().unwrap_or(config.data.folder);
         let recipe = self.recipe.clone().unwrap_or(saved.recipe.clone());
         let seed = self.seed.unwrap_or(saved.seed);
-        let task = task.map_or_else(|| Ok(saved.task.clone()), |task| tasks::find(&task))?;
-        // Nothing given changes a recipe that the run may have begun with.
-        let asked = if self.config.is_none() && self.set.is_empty() {
-            Config { task, recipe, seed, ..saved.clone() }
-        } else {
+        let changes = self.config.is_some() || !self.set.is_empty();
+        let task = match task {
+            Some(task) if changes || tasks::builtin(&task).is_none() => tasks::find(&task)?,
+            // The name of a built-in task, alone, changes nothing in the task that the run may have begun with.
+            _ => saved.task.clone(),
+        };
+        let asked = if changes {
             let given = Overrides { recipe: Some(recipe), seed: Some(seed), ..self.overrides(None) };
             Config::load_task(task, self.config.as_deref(), &given)?
+        } else {
+            // Nor does nothing given change its recipe.
+            Config { task, recipe, seed, ..saved.clone() }
         };
         let (begun, asked) = (saved.differences(&asked), asked.differences(saved));
         ensure!(
@@ -259,7 +264,7 @@ impl TrainingData {
         let path = config.data.test_path();
         let test = Dataset::open(&path, &ClipShape::test(&config.task))?;
         check_settings(&path, config)?;
-        States::read(&path, &test).context("the run could not be scored at its end")?;
+        check_states(&path, &test, config).context("the run could not be scored at its end")?;
         drop(test);
         let clips = |split| training.clips(split, device);
         let checksums = training.learned_from();
@@ -294,6 +299,13 @@ fn check_settings(path: &Path, config: &Config) -> Result<()> {
             Ok(())
         }
     }
+}
+
+/// Refuses true states beside the test file that could not score the run.
+fn check_states(path: &Path, test: &Dataset, config: &Config) -> Result<()> {
+    let Some(states) = States::read(path, test)? else { return Ok(()) };
+    let context = || format!("true states {}", States::path_beside(path).display());
+    states.test.check(&config.task.system).with_context(context)
 }
 
 /// Scores a run's last checkpoint on the test file.
@@ -407,4 +419,28 @@ fn versions(state: &RunState) -> BTreeMap<String, String> {
         ("commit".to_string(), trained),
     ];
     versions.into_iter().chain(scored).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_with_a_changed_task_goes_on_by_the_tasks_name() {
+        let begun = Overrides {
+            task: Some("spring_color".into()),
+            set: vec!["task.system.dt=0.2".into()],
+            ..Overrides::default()
+        };
+        let saved = Config::load(None, &begun).unwrap();
+        let going_on = |words: &[&str]| {
+            let asked = ["run_physics", "--task", "spring_color", "--resume", "--out", "r"];
+            let AnyTask { task, run } = AnyTask::try_parse_from(asked.iter().chain(words)).unwrap();
+            run.going_on(&saved, task, Path::new("r"))
+        };
+        assert_eq!(going_on(&[]).unwrap(), saved);
+        assert_eq!(going_on(&["--set", "task.system.dt=0.2"]).unwrap(), saved);
+        let error = going_on(&["--set", "task.system.dt=0.1"]).unwrap_err().to_string();
+        assert!(error.contains("begun with another config") && error.contains("dt"), "{error}");
+    }
 }

@@ -19,6 +19,7 @@ use crate::network::cells::Coordinates;
 use crate::support::device;
 use crate::tasks::Task;
 use crate::training::base::Outcome;
+use crate::training::layers::usual_data_folder;
 use crate::{say, tasks};
 
 /// The same for all of these models; [`program`] adds what is each one's own.
@@ -27,9 +28,9 @@ use crate::{say, tasks};
 struct Arguments {
     #[arg(long, help = format!("What is filmed: a task file (.toml), or one of {}", tasks::names()))]
     task: String,
-    /// Folder of the datasets
-    #[arg(long, default_value = "data/datasets")]
-    data: PathBuf,
+    /// Folder of the datasets [default: data/datasets; the folder of the task's file where its data.folder is "."]
+    #[arg(long)]
+    data: Option<PathBuf>,
     /// Run folder [default: runs/TASK/MODEL/seed=N]
     #[arg(long)]
     out: Option<PathBuf>,
@@ -88,10 +89,12 @@ fn run(model: WholeModel, name: &str, arguments: Arguments) -> Result<ExitCode> 
     environment::set();
     let Arguments { task, data, out, seed, learning_rate, batch, steps, checkpoint_every, threads, device } = arguments;
     let device = device::parse(&device)?;
+    let filmed = tasks::find(&task)?;
+    let data = data.unwrap_or_else(|| usual_data_folder(&filmed, &task).into());
     let config = WholeConfig { model, task, data, seed, learning_rate, batch, steps, checkpoint_every };
     device::set_threads(threads)?;
     interrupt::catch()?;
-    let of_task = tasks::find(&config.task)?.name;
+    let of_task = filmed.name;
     let folder = out.unwrap_or_else(|| Path::new("runs").join(of_task).join(name).join(format!("seed={seed}")));
     if train(&config, &folder, device, &interrupt::asked)? == Outcome::Interrupted {
         say!("stopped; the same command goes on");

@@ -14,6 +14,7 @@ use ndarray::{Array1, Array3, Ix1, Ix3};
 use super::files::{Frames, Split};
 use super::npz;
 use super::settings::Provenance;
+use crate::network::System;
 
 /// States of the clips of one split, `[clips, frames, coordinates]`: two coordinates for each object, or one angle.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +23,25 @@ pub struct SplitStates {
     pub positions: Array3<f32>,
     /// The same per time unit.
     pub velocities: Array3<f32>,
+}
+
+impl SplitStates {
+    /// Refuses states by which no model of the system can be scored: a pendulum's angle, where an equation has x and y.
+    ///
+    /// # Errors
+    /// Another number of coordinates than the system has.
+    pub fn check(&self, system: &System) -> Result<()> {
+        let expected = system.coordinates();
+        [&self.positions, &self.velocities].into_iter().try_for_each(|states| {
+            let found = states.dim().2;
+            ensure!(
+                found == expected,
+                "coordinates in a frame: {found}, of the system: {expected}; move the file with the true states away, \
+                 and runs are not scored by positions"
+            );
+            Ok(())
+        })
+    }
 }
 
 /// States of a whole dataset file.

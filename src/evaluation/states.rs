@@ -7,7 +7,7 @@
 
 use std::f64::consts::TAU;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use tch::{Kind, Tensor};
 
 use crate::datasets::states::SplitStates;
@@ -29,15 +29,14 @@ pub(super) struct Seen {
 
 pub(super) fn errors(seen: &Seen, truth: &SplitStates, system: &System) -> Result<StateErrors> {
     let objects = system.objects;
-    let tensor = |states: &ndarray::Array3<f32>| -> Result<Tensor> {
-        let (clips, time, columns) = states.dim();
-        let expected = system.coordinates();
-        ensure!(columns == expected, "they hold {columns} coordinates, the system has {expected}");
+    truth.check(system)?;
+    let tensor = |states: &ndarray::Array3<f32>| {
+        let (clips, time, _) = states.dim();
         let values: Vec<f32> = states.iter().copied().collect();
         let values = Tensor::from_slice(&values).to_kind(Kind::Double).reshape([clips as i64, time as i64, -1]);
-        Ok(split(&values, objects))
+        split(&values, objects)
     };
-    let (true_positions, true_velocities) = (tensor(&truth.positions)?, tensor(&truth.velocities)?);
+    let (true_positions, true_velocities) = (tensor(&truth.positions), tensor(&truth.velocities));
     let [encoded, positions, velocities] =
         [&seen.encoded, &seen.positions, &seen.velocities].map(|x| split(x, objects));
     let coordinates = system.cell.coordinates;

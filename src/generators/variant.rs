@@ -202,25 +202,29 @@ impl Variant {
         camera.is_noisy() || self.background_look().is_random() || distractors.iter().any(Distractor::is_random)
     }
 
-    /// What a model of the task should find in these clips, in the order of the task's true parameters; empty where its
-    /// equation is not that of the clips: a number that the model takes as given is another one.
+    /// What a model of the task should find in these clips, in the order of the task's true parameters, one for each; empty
+    /// where its equation is not that of the clips: a number that the model takes as given is another one.
     pub fn truth(&self) -> Vec<f64> {
         let Some(usual) = &self.task.scene else { return Vec::new() };
         if self.scene.motion == (Motion::Equation {}) {
             return self.task.truth.iter().map(|parameter| parameter.value).collect();
         }
         let (mut here, mut usual) = (self.scene.motion, usual.motion);
+        // Of each true parameter the number of the scene that it is. One of a text may bear such a name and be another.
+        let numbers = self.task.truth.iter().map(|parameter| {
+            let number = number_of(&parameter.name);
+            usual.number(number).is_some_and(|value| *value == parameter.value).then_some(number)
+        });
+        let numbers: Vec<_> = numbers.collect();
         // A mass is learned only where the strength of gravity is given, and is given where that is learned.
-        let learned = |number: &str| {
-            let mut symbols = self.task.truth.iter().map(|parameter| parameter.name.as_str());
-            symbols.any(|symbol| symbol != "m" && number_of(symbol) == number)
-        };
+        let learned = |number: &str| number != "m" && numbers.contains(&Some(number));
         let mut given = LAW.into_iter().filter(|number| !learned(number));
         if given.any(|number| here.number(number) != usual.number(number)) {
             return Vec::new();
         }
-        let value = |symbol: &str| here.number(number_of(symbol)).map(|value| *value);
-        self.task.truth.iter().map(|parameter| parameter.name.as_str()).filter_map(value).collect()
+        let mut value = |number: &str| here.number(number).map(|value| *value);
+        let truth = self.task.truth.iter().zip(&numbers);
+        truth.map(|(parameter, number)| number.and_then(&mut value).unwrap_or(parameter.value)).collect()
     }
 
     /// Bytes of one frame.

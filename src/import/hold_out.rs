@@ -80,13 +80,13 @@ impl Cut {
                 "--clip-frames {clip}: must be at least input and predicted frames together, {least}"
             );
         }
-        // The shortest part that can hold a clip decides, so that all of those are tested.
+        // The shortest part that can hold a clip decides, so that all of those are trained on and tested.
         let needed = clip.unwrap_or(least);
         let shortest = |part: fn(&Parts) -> &Range<usize>| {
             parts.iter().map(|it| part(it).len()).filter(|frames| *frames >= needed).min().unwrap_or(0)
         };
-        let (valid, test) = (shortest(|it| &it.valid), shortest(|it| &it.test));
-        let train_frames = clip.unwrap_or_else(|| (least + FRAMES_BEYOND).min(valid).min(test).max(least));
+        let (train, valid, test) = (shortest(|it| &it.train), shortest(|it| &it.valid), shortest(|it| &it.test));
+        let train_frames = clip.unwrap_or_else(|| (least + FRAMES_BEYOND).min(train).min(valid).min(test).max(least));
         ensure!(
             valid.min(test) >= train_frames,
             "{} frames are too few for clips of {train_frames}: the last quarter is held out, half of it for validation and \
@@ -94,6 +94,12 @@ impl Cut {
              longer part, a smaller --step, fewer --input-steps and --pred-steps, or another video",
             parts.iter().map(Parts::frames).max().unwrap_or(0),
             8 * train_frames
+        );
+        ensure!(
+            train >= train_frames,
+            "no part to train on has the {train_frames} frames of a clip; the longest has {}. Use longer parts (--frames), a \
+             smaller --step or fewer --input-steps and --pred-steps",
+            parts.iter().map(|it| it.train.len()).max().unwrap_or(0)
         );
         let overlap_of_training = overlap.unwrap_or(train_frames - 1);
         ensure!(
@@ -140,6 +146,11 @@ mod tests {
         assert_eq!(held_out(|it| &it.test), [0, 0, 0, 0, 0, 0, 0, 0, 0, 24]);
         let cut = Cut::choose(&parts, 10, None, None, 2000).unwrap();
         assert_eq!((cut.train_frames, cut.test_frames), (12, 16));
+        // The shortest throw decides, also among those that are trained on; none of these may be too short.
+        let of_throws = |frames: [usize; 4]| Cut::choose(&Parts::of_all(&frames, 10), 10, None, None, 2000);
+        assert_eq!(of_throws([11, 11, 12, 12]).unwrap().train_frames, 11);
+        let refused = of_throws([9, 9, 12, 12]).unwrap_err().to_string();
+        assert!(refused.contains("no part to train on has the 10 frames of a clip; the longest has 9"), "{refused}");
         // Three are too few; of one that is long enough a quarter is held out, as of the others.
         assert!(Cut::choose(&Parts::of_all(&[24; 3], 10), 10, None, None, 2000).is_err());
         assert_eq!(Parts::of_all(&[24, 24, 24, 100], 10)[0], Parts::of(24));

@@ -82,11 +82,12 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     let (new_folder, name) = (request.folder_is_new()?, request.task_name()?);
     check_system(request)?;
     let mut reel = Reel::open(request, request.clip_frames.unwrap_or(request.least_frames()))?;
-    let dt = reel.dt(request)?;
     let parts = |reel: &Reel| reel.takes.iter().map(|take| take.parts.clone()).collect::<Vec<_>>();
     let cut = cut(request, &parts(&reel))?;
     let mut warnings = reel.leave_out_short(cut.train_frames);
     let parts = parts(&reel);
+    // Of the takes that are left, as what is written down of the videos: each has a clock of its own.
+    let dt = reel.dt(request)?;
     let square = reel.square(request, progress)?;
     let record = reel.record(request, square);
     let text = task_file::text(request, &name, dt, &cut, &record)?;

@@ -9,6 +9,7 @@ use super::request::Request;
 use crate::network::cells;
 use crate::network::cells::text::EquationTable;
 use crate::network::system::EquationEntry;
+use crate::support::toml_values::quoted;
 use crate::tasks::Task;
 use crate::tasks::video::Video;
 
@@ -124,8 +125,4 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
 fn as_table(equation: &EquationTable) -> Result<String> {
     let named = |name: &str, value: toml::Value| toml::Value::Table(Table::from_iter([(name.to_string(), value)]));
     Ok(toml::to_string(&named("system", named("equation", toml::Value::try_from(equation)?)))?)
-}
-
-fn quoted(text: &str) -> String {
-    toml::Value::from(text).to_string()
 }

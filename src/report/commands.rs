@@ -1,5 +1,7 @@
 //! The commands that make the data and the runs again.
 
+use std::path::{Path, PathBuf};
+
 use anyhow::Result;
 
 use super::groups::{Group, choices_of, without_place};
@@ -10,8 +12,9 @@ use crate::support::command_line::CommandOptions;
 /// Where data lie if the config says nothing else.
 const USUAL_DATA: &str = "data/datasets";
 
-/// All commands of a group in a shell's notation, one a line: the data, all runs at once, and each run by itself.
-pub(super) fn commands(group: &Group) -> Result<Vec<String>> {
+/// All commands of a group in a shell's notation, one a line: the data, all runs at once, and each run by itself. The records of
+/// its runs lie in these folders.
+pub(super) fn commands(group: &Group, records: &[PathBuf]) -> Result<Vec<String>> {
     let mut lines: Vec<String> = Vec::new();
     for run in &group.runs {
         let data = generate(run)?;
@@ -26,8 +29,8 @@ pub(super) fn commands(group: &Group) -> Result<Vec<String>> {
         }
         lines.push("# or one by one:".into());
     }
-    for run in &group.runs {
-        lines.push(one(run, group).shell("run_physics")?);
+    for (run, record) in group.runs.iter().zip(records) {
+        lines.push(one(run, group, record).shell("run_physics")?);
     }
     Ok(lines)
 }
@@ -44,7 +47,8 @@ fn generate(run: &Run) -> Result<Vec<String>> {
     let seed = data.seed();
     let options = options.with("test", test.to_string()).with_each("seed", seed.map(|seed| seed.to_string()));
     let counts = Counts { train: *train, valid: *valid, test: *test };
-    let plain = seed.map(|seed| plain_test_settings(task, counts, seed)).transpose()?.flatten();
+    // The scene's picture may be gone: then nobody can say whether these options are all.
+    let plain = seed.and_then(|seed| plain_test_settings(task, counts, seed).ok().flatten());
     let remark = match made_with {
         None => Some(unknown.into()),
         Some(_) if *made_with == plain => None,
@@ -77,14 +81,14 @@ fn runs_of_data(run: &Run, group: &Group) -> Option<String> {
     seed.map(|seed| format!("runs/data={seed}"))
 }
 
-/// The command for one run. With its own config file where `--set` cannot say what differs; what is changed goes to a
+/// The command for one run. With the config of its record where `--set` cannot say what differs; what is changed goes to a
 /// folder of its own, the one that `sweep` would give it.
-fn one(run: &Run, group: &Group) -> CommandOptions {
+fn one(run: &Run, group: &Group, record: &Path) -> CommandOptions {
     let options = task_and_recipe(group);
     let options = if said_by_changes(run, group) {
         options.with_each("set", &group.changes).with_each("data", data_folder(run))
     } else {
-        options.with("config", run.folder.join("config.toml"))
+        options.with("config", record.join("config.toml"))
     };
     let (task, recipe, seed) = (&group.task.name, &group.recipe, run.config.seed);
     let runs = runs_of_data(run, group);

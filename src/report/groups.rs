@@ -25,7 +25,8 @@ use crate::training::layers::Overrides;
 pub(super) struct Group {
     pub task: Task,
     pub recipe: String,
-    /// The recipe and what differs from it; no other group of the task has the same.
+    /// The recipe and what differs from it, with the training clips where another group differs in them alone; no other
+    /// group of the task has the same.
     pub label: String,
     /// What differs from the recipe, as `key=value`.
     pub changes: Vec<String>,
@@ -81,6 +82,11 @@ impl Group {
     pub(super) fn datasets(&self) -> usize {
         let made: BTreeSet<_> = self.runs.iter().filter_map(|run| run.data.as_ref()?.made_with.as_ref()).collect();
         made.len().max(1)
+    }
+
+    /// Training clips of each run, as far as the runs say.
+    fn training_clips(&self) -> Option<usize> {
+        clips_to_learn_from(&self.runs[0]).map(|[train, _]| train)
     }
 
     /// Whether the state at the start of a roll-out is refined on the input frames.
@@ -168,14 +174,11 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
             groups[place].runs.push(run);
             continue;
         }
-        let (task, recipe) = (run.config.task.clone(), run.config.recipe.clone());
-        let mut group =
-            Group { task: task.clone(), recipe, label: String::new(), changes: changes(&run.config), runs: vec![run] };
-        // Two versions of a recipe may differ in as many values.
-        let known = |label: &str| groups.iter().any(|other| other.task == task && other.label == label);
-        group.label = numbered(label(&group), |number| format!(" ({number})"), |label| !known(label));
-        groups.push(group);
+        let (task, recipe, changes) = (run.config.task.clone(), run.config.recipe.clone(), changes(&run.config));
+        groups.push(Group { task, recipe, label: String::new(), changes, runs: vec![run] });
     }
+    let labels = labels(&groups);
+    groups.iter_mut().zip(labels).for_each(|(group, label)| group.label = label);
     // The recipe as it is before what differs from it.
     let known: Vec<_> = tasks::all().map(|task| task.name).collect();
     let place = |group: &Group| known.iter().position(|name| *name == group.task.name).unwrap_or(known.len());
@@ -212,11 +215,18 @@ fn kind(run: &Run) -> Option<String> {
     run.data.as_ref().and_then(RunData::kind)
 }
 
+/// Training and validation clips of a run's files. How they were made does not say it: that is told of the test file, which
+/// has few of both.
+fn clips_to_learn_from(run: &Run) -> Option<[usize; 2]> {
+    run.data.as_ref().map(|data| [data.clips[0], data.clips[1]])
+}
+
 /// Whether two runs differ in nothing that decides what is learned. Where the data lie is not that, nor the seed that they
-/// were made with: what they show is.
+/// were made with: what they show is, and how many there are.
 fn alike(a: &Run, b: &Run) -> bool {
     let place = |run: &Run| run.config.choices.get(DATA_FOLDER).cloned();
-    same_choices(a, b) && kind(a) == kind(b) && (kind(a).is_some() || place(a) == place(b))
+    let same_data = kind(a) == kind(b) && clips_to_learn_from(a) == clips_to_learn_from(b);
+    same_choices(a, b) && same_data && (kind(a).is_some() || place(a) == place(b))
 }
 
 /// Whether two runs have the same task, recipe and choices, wherever their data lie.
@@ -242,6 +252,24 @@ pub(super) fn without_place(choices: &BTreeMap<String, String>) -> BTreeMap<Stri
 pub(super) fn numbered(name: String, mark: fn(usize) -> String, mut free: impl FnMut(&str) -> bool) -> String {
     let marks = std::iter::once(String::new()).chain((2..).map(mark));
     marks.map(|mark| name.clone() + &mark).find(|name| free(name)).expect("there is always one more")
+}
+
+/// Labels that tell the groups of each task apart: by what differs from the recipe; where that is the same, by the training
+/// clips; and where these are, too, by a number: two versions of a recipe may differ in as many values.
+fn labels(groups: &[Group]) -> Vec<String> {
+    let plain: Vec<_> = groups.iter().map(label).collect();
+    let mut labels: Vec<String> = Vec::new();
+    for (group, own) in groups.iter().zip(&plain) {
+        let same = groups.iter().zip(&plain).filter(|(other, label)| other.task == group.task && *label == own);
+        let mut clips = same.filter_map(|(other, _)| other.training_clips());
+        let own_clips = group.training_clips().filter(|own| clips.any(|other| other != *own));
+        let name = own_clips.map_or_else(|| own.clone(), |clips| format!("{own}, {clips} training clips"));
+        let known =
+            |name: &str| groups.iter().zip(&labels).any(|(other, label)| other.task == group.task && label == name);
+        let label = numbered(name, |number| format!(" ({number})"), |name| !known(name));
+        labels.push(label);
+    }
+    labels
 }
 
 fn label(group: &Group) -> String {
@@ -323,5 +351,19 @@ mod tests {
         // Nothing says to which of two kinds of data.
         let groups = group(vec![run(21, short), run(22, None), run(23, long)]);
         assert_eq!(sizes(&groups), [1, 1, 1]);
+    }
+
+    #[test]
+    fn runs_that_learned_from_more_clips_are_a_group_of_their_own_with_a_name_that_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        // The line of their test files is the same.
+        let on = |data: u64, train: usize| {
+            let run = run(folder.path(), data, Some("10 clips"));
+            let data = run.data.clone().map(|data| RunData { clips: [train, 10, 10], ..data });
+            Run { data, ..run }
+        };
+        let groups = group(vec![on(20, 5000), on(21, 200), on(22, 5000)]);
+        let found: Vec<_> = groups.iter().map(|group| (group.label.as_str(), group.runs.len())).collect();
+        assert_eq!(found, [("fast, 200 training clips", 1), ("fast, 5000 training clips", 2)]);
     }
 }

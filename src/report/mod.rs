@@ -59,7 +59,7 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
     storage().create_folder(out).with_context(|| format!("cannot create {}", out.display()))?;
     // Made aside, whole or not at all: whatever goes wrong, the earlier report and its records stay as they are.
     let new = out.join(NEW);
-    atomic::write_folder(&new, |new| fill(new, &groups, &found.unreadable, &places))?;
+    atomic::write_folder(&new, |new| fill(new, out, &groups, &found.unreadable, &places))?;
     put_in_place(out)?;
     Ok(RunCounts { finished, unfinished, unreadable: found.unreadable.len() })
 }
@@ -93,11 +93,18 @@ fn put_in_place(out: &Path) -> Result<()> {
     storage().remove_folder(&new).with_context(|| format!("cannot remove {}", new.display()))
 }
 
-/// Writes all of a report into an empty folder.
-fn fill(out: &Path, groups: &[Group], unreadable: &[(PathBuf, anyhow::Error)], places: &[String]) -> Result<()> {
-    let places_of_records = records::write(out, groups)?;
-    let pictures = pictures::write(out, groups, &places_of_records)?;
-    let markdown = page::page(groups, unreadable, &pictures, places)?;
+/// Writes all of a report into an empty folder, from where it moves to `place`.
+fn fill(
+    out: &Path,
+    place: &Path,
+    groups: &[Group],
+    unreadable: &[(PathBuf, anyhow::Error)],
+    searched: &[String],
+) -> Result<()> {
+    let records = records::write(out, groups)?;
+    let pictures = pictures::write(out, groups, &records)?;
+    let records: Vec<Vec<_>> = records.iter().map(|runs| runs.iter().map(|run| place.join(run)).collect()).collect();
+    let markdown = page::page(groups, unreadable, &pictures, &records, searched)?;
     let results = Results::of(groups);
     atomic::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
     atomic::write_file(&out.join(PAGE), |file| Ok(file.write_all(markdown.as_bytes())?))?;

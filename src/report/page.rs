@@ -14,15 +14,17 @@ use super::{hypotheses, template};
 use crate::network::physics_models::losses::Loss;
 use crate::tasks::published::published;
 
-/// The whole report. `unreadable`: folders, and what is wrong with them.
+/// The whole report. `unreadable`: folders, and what is wrong with them; `records`: where those of each group's runs lie.
 pub(super) fn page(
     groups: &[Group],
     unreadable: &[(PathBuf, anyhow::Error)],
     pictures: &[GroupPictures],
+    records: &[Vec<PathBuf>],
     folders: &[String],
 ) -> Result<String> {
+    let shown = groups.iter().zip(pictures).zip(records);
     let views: Vec<_> =
-        groups.iter().zip(pictures).map(|(group, pictures)| of_group(group, pictures)).collect::<Result<_>>()?;
+        shown.map(|((group, pictures), records)| of_group(group, pictures, records)).collect::<Result<_>>()?;
     let tasks = by_task(groups).into_iter();
     let tasks = tasks.map(|(task, places)| of_task(&task, &groups[places.clone()], &views[places]));
     let unreadable = unreadable.iter().map(|(folder, error)| {

@@ -71,7 +71,7 @@ fn of_group(out: &Path, number: usize, group: &Group, places: &[PathBuf]) -> Res
     Ok(pictures)
 }
 
-/// Copies what a run left into `out/place`; pictures that it did not make are left out.
+/// Copies what a run left into `out/place`; pictures that it did not make, or that cannot be read, are left out.
 fn of_run(out: &Path, place: &Path, run: &Run) -> Result<Vec<Picture>> {
     let mut copied = Vec::new();
     for name in OF_RUN {

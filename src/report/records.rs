@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 
 use super::groups::{Group, numbered};
 use crate::runs::find::{FoundRuns, find_runs};
-use crate::runs::names::RECORDS;
+use crate::runs::names::{CONFIG, RECORDS, SUMMARY};
 use crate::support::atomic;
 use crate::support::storage::{self, storage};
 
@@ -53,19 +53,29 @@ pub(super) fn write(out: &Path, groups: &[Group]) -> Result<Vec<Vec<PathBuf>>> {
     for (run, place) in groups.iter().flat_map(|group| &group.runs).zip(places.iter().flatten()) {
         let folder = out.join(place);
         storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        // What the report was made of may not be missing from its records.
+        let was_read = |name: &str| match name {
+            CONFIG => true,
+            SUMMARY => run.summary.is_some(),
+            _ => run.course.is_ok(),
+        };
         for name in RECORDS {
-            copy(&run.folder.join(name), &folder.join(name))?;
+            let from = run.folder.join(name);
+            let copied = copy(&from, &folder.join(name))?;
+            ensure!(
+                copied || !was_read(name),
+                "{} could be read before and cannot be now; make the report again",
+                from.display()
+            );
         }
     }
     Ok(places)
 }
 
-/// Copies a file of a run, if it has it; whether it did.
+/// Copies a file of a run, if it has it and it can be read: one run that is damaged costs the others no report. Whether it
+/// did.
 pub(super) fn copy(from: &Path, to: &Path) -> Result<bool> {
-    if !from.exists() {
-        return Ok(false);
-    }
-    let bytes = storage::read(from).with_context(|| format!("cannot read {}", from.display()))?;
+    let Ok(bytes) = storage::read(from) else { return Ok(false) };
     atomic::write_file(to, |file| Ok(file.write_all(&bytes)?))?;
     Ok(true)
 }

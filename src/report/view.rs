@@ -1,6 +1,7 @@
 //! What the report's template sees: the numbers of all tasks, groups, parameters and runs.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use anyhow::Result;
 use minijinja::{Value, context};
@@ -45,8 +46,8 @@ pub(super) fn of_task(task: &Task, groups: &[Group], views: &[Value]) -> Value {
     }
 }
 
-/// A group of runs. Spreads are over the finished runs.
-pub(super) fn of_group(group: &Group, pictures: &GroupPictures) -> Result<Value> {
+/// A group of runs, whose records lie in these folders. Spreads are over the finished runs.
+pub(super) fn of_group(group: &Group, pictures: &GroupPictures, records: &[PathBuf]) -> Result<Value> {
     Ok(context! {
         task => &group.task.name,
         recipe => group.recipe.clone(),
@@ -76,7 +77,7 @@ pub(super) fn of_group(group: &Group, pictures: &GroupPictures) -> Result<Value>
         frames => value(group.frames()),
         runs => group.runs.iter().map(|run| of_run(group, run)).collect::<Vec<_>>(),
         pictures => value(pictures),
-        commands => commands(group)?,
+        commands => commands(group, records)?,
     })
 }
 

@@ -4,6 +4,11 @@ use std::collections::BTreeMap;
 
 use toml::{Table, Value};
 
+/// A text as TOML writes it: Rust's own quotes escape some letters, such as combining accents, in a way TOML has not.
+pub fn quoted(text: &str) -> String {
+    Value::from(text).to_string()
+}
+
 /// All values by their full key, in TOML's notation.
 pub fn leaves(table: &Table) -> BTreeMap<String, String> {
     fn walk(table: &Table, prefix: &str, leaves: &mut BTreeMap<String, String>) {

@@ -9,5 +9,5 @@ mod status;
 
 pub use crate::runs::names::{DONE, OUTPUT};
 pub use plan::{Job, SweepPlan};
-pub use processes::{SweepEvent, SweepSummary, failure, forget_failure, last_line, note_failure, run};
+pub use processes::{SIGNALLED, SweepEvent, SweepSummary, failure, forget_failure, last_line, note_failure, run};
 pub use status::{RunState, RunStatus, status};

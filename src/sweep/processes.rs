@@ -2,9 +2,9 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow};
@@ -17,6 +17,8 @@ use crate::runs::names::{DONE, OUTPUT};
 use crate::support::atomic;
 use crate::support::storage::storage;
 
+/// Added to a signal's number it is the exit code of a run that was asked to stop and did: the one that shells give.
+pub const SIGNALLED: i32 = 128;
 /// How often the processes are looked at.
 const TICK: Duration = Duration::from_millis(100);
 /// Stands before the reason of a failure in what a run printed.
@@ -119,7 +121,7 @@ pub fn run(
                     Ok(()) => tell(SweepEvent::Finished(folder, one.since.elapsed())),
                     Err(error) => tell(SweepEvent::Failed(folder, &error)),
                 },
-                Some(_) if stopping => tell(SweepEvent::Stopped(folder)),
+                Some(status) if stopping && was_signalled(status) => tell(SweepEvent::Stopped(folder)),
                 // One that another process began in the same moment.
                 Some(_) if RunFolder::is_in_use(folder) => tell(SweepEvent::InUse(folder)),
                 Some(status) => {
@@ -133,6 +135,12 @@ pub fn run(
     }
     summary.stopped += waiting.count();
     Ok(summary)
+}
+
+/// Whether a signal ended a run: it saved and stopped, or was not yet so far that it could save. One that fails by
+/// itself has another exit code.
+fn was_signalled(status: ExitStatus) -> bool {
+    status.signal().is_some() || status.code().is_some_and(|code| code > SIGNALLED)
 }
 
 /// Starts or continues a run; none if it has finished before or cannot be started.
@@ -226,4 +234,19 @@ pub fn last_line(path: &Path) -> std::io::Result<String> {
     file.read_to_end(&mut tail)?;
     let tail = String::from_utf8_lossy(&tail);
     Ok(tail.lines().rfind(|line| !line.trim().is_empty()).unwrap_or_default().trim().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_fails_by_itself_was_not_stopped() {
+        let exited = |code: i32| ExitStatus::from_raw(code << 8);
+        let asked = [Signal::SIGINT, Signal::SIGTERM];
+        assert!(asked.into_iter().all(|signal| was_signalled(exited(SIGNALLED + signal as i32))));
+        assert!(was_signalled(ExitStatus::from_raw(Signal::SIGKILL as i32)));
+        // Failed, refused, a panic.
+        assert!(![1, 2, 101].into_iter().any(|code| was_signalled(exited(code))));
+    }
 }

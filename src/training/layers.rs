@@ -8,6 +8,7 @@ use toml::{Table, Value};
 
 use crate::runs::config_file;
 use crate::support::storage;
+use crate::support::toml_values::quoted;
 use crate::tasks::{self, Task};
 
 /// The recipes that come with the program, by name.
@@ -44,8 +45,7 @@ pub fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> 
     let (file_layer, command_line) = (file_layer(file)?, command_line_layer(overrides)?);
     let task = task_table(&file_layer, &command_line)?;
     let named = [overrides.task.as_deref(), file_layer.get("task").and_then(Value::as_str)];
-    let file_name = named.into_iter().flatten().next().filter(|name| name.ends_with(".toml"));
-    let folder = file_name.and_then(folder_of).map(String::from);
+    let folder = named.into_iter().flatten().next().and_then(folder_of).map(String::from);
     merged(task, folder.as_deref(), file_layer, command_line, file)
 }
 
@@ -61,10 +61,20 @@ pub fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Resu
     merged(table, None, file_layer, command_line, file)
 }
 
-/// The folder that a file lies in.
-fn folder_of(file: &str) -> Option<&str> {
-    let folder = Path::new(file).parent()?.to_str()?;
+/// The folder that a task's file lies in; none of the name of a built-in task.
+fn folder_of(named: &str) -> Option<&str> {
+    let folder = Path::new(named).parent().filter(|_| named.ends_with(".toml"))?.to_str()?;
     Some(if folder.is_empty() { "." } else { folder })
+}
+
+/// The folder of a task's datasets where nobody names another. `named`: the task's name or its file.
+pub fn usual_data_folder<'a>(task: &Task, named: &'a str) -> &'a str {
+    data_folder(task, folder_of(named))
+}
+
+/// The same; `folder` is where the task's file lies, if it is one.
+fn data_folder<'a>(task: &Task, folder: Option<&'a str>) -> &'a str {
+    folder.filter(|_| task.data_lie_beside()).unwrap_or("data/datasets")
 }
 
 fn file_layer(file: Option<&Path>) -> Result<Table> {
@@ -191,13 +201,14 @@ fn command_line_layer(overrides: &Overrides) -> Result<Table> {
 
 /// What a task contributes: itself, its files and the paper's rates, below the recipe.
 fn task_layer(task: &Task, folder: Option<&str>) -> Table {
-    let data = folder.filter(|_| task.data_lie_beside()).unwrap_or("data/datasets");
+    let data = data_folder(task, folder);
     let text = format!(
         "seed = 0\ndevice = \"cpu\"\nthreads = 0\n\
-         [data]\nfolder = {data:?}\ntrain_file = {:?}\ntest_file = {:?}\n\
+         [data]\nfolder = {}\ntrain_file = {}\ntest_file = {}\n\
          [join]\nlearning_rate = {lr}\nphysics_learning_rate = {lr}\nalpha = {:?}\n",
-        task.train_file,
-        task.test_file,
+        quoted(data),
+        quoted(&task.train_file),
+        quoted(&task.test_file),
         task.alpha,
         lr = Value::from(task.base_lr),
     );
@@ -213,7 +224,7 @@ fn parse_assignment(assignment: &str) -> Result<Table> {
         .with_context(|| format!("--set {assignment:?}: expected key=value, for example join.batch=50"))?;
     let (key, value) = (key.trim(), value.trim());
     config_file::parse(&format!("{key} = {value}"))
-        .or_else(|_| config_file::parse(&format!("{key} = {value:?}")))
+        .or_else(|_| config_file::parse(&format!("{key} = {}", quoted(value))))
         .with_context(|| format!("--set {assignment:?}"))
 }
 
@@ -241,5 +252,33 @@ fn merge(base: &mut Table, over: Table) {
                 base.insert(key, value);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An umlaut as macOS writes it, spaces that do not break, quotes and a backslash.
+    const FOLDER: &str = "Mu\u{308}ller/a\u{a0}b\u{202f}c \"d\" 'e' \\f";
+
+    #[test]
+    fn a_task_may_lie_in_a_folder_of_any_name() {
+        let mut table = tasks::builtin("spring_color").unwrap().to_table();
+        let data = table.get_mut("data").and_then(Value::as_table_mut).unwrap();
+        data.insert("folder".into(), Value::from("."));
+        let task: Task = Value::Table(table).try_into().unwrap();
+        let layer = task_layer(&task, Some(FOLDER));
+        assert_eq!(layer["data"]["folder"].as_str(), Some(FOLDER));
+        assert_eq!(layer["data"]["test_file"].as_str(), Some(task.test_file.as_str()));
+    }
+
+    #[test]
+    fn a_value_that_is_no_toml_is_taken_as_it_stands() {
+        let layer = parse_assignment(&format!("discover.from={FOLDER}")).unwrap();
+        assert_eq!(layer["discover"]["from"].as_str(), Some(FOLDER));
+        let layer = parse_assignment(&format!("discover.from={}", quoted(FOLDER))).unwrap();
+        assert_eq!(layer["discover"]["from"].as_str(), Some(FOLDER));
+        assert_eq!(parse_assignment("join.batch = 5").unwrap()["join"]["batch"].as_integer(), Some(5));
     }
 }

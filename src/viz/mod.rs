@@ -26,6 +26,7 @@ use anyhow::{Context, Result, ensure};
 
 use crate::datasets::iterators::Clips;
 use crate::evaluation::outputs::Outputs;
+use crate::network::System;
 use crate::network::physics_models::PhysicsNet;
 use crate::support::storage::storage;
 
@@ -38,7 +39,15 @@ pub use rollout::{check_rollout_folder, write_rollout};
 pub use strip::{read_strip, write_strip};
 
 /// Test clips whose arrays are saved, as in the original.
-pub const SAVED_CLIPS: usize = 100;
+const SAVED_CLIPS: usize = 100;
+/// Numbers that one of these arrays may hold, 256 MiB as float32: some five of them are in memory at a time.
+const SAVED_NUMBERS: usize = 1 << 26;
+
+/// Test clips of so many frames whose arrays are saved, if there are as many: 100, fewer of long or large ones.
+pub fn saved_clips(system: &System, frames: usize) -> usize {
+    let numbers = frames * system.channels * system.side * system.side;
+    (SAVED_NUMBERS / numbers.max(1)).clamp(1, SAVED_CLIPS)
+}
 
 /// Writes what a model makes of a test set into a run folder, replacing what stood there.
 ///
@@ -46,10 +55,10 @@ pub const SAVED_CLIPS: usize = 100;
 /// * `animation.gif`: the first clips in motion, truth above the model;
 /// * `templates.png`: the learned sprites and the background, if the decoder has any;
 /// * `encoder_masks.png`: how the encoder segments a few frames;
-/// * `outputs.npz`: float32, channels last, of the first 100 clips: `input` `[clips, T, S, S, C]`, `output`
-///   (the predictions) `[clips, T - L, S, S, C]`, `recons` `[clips, L + T_pred, S, S, C]`, `enc_pos`
-///   `[clips, L + T_pred, n]` (n coordinates of all objects), `pos_vel_seq` `[clips, 1 + T - L, 2 n]` (positions, then velocities, from
-///   the state at the last input frame on);
+/// * `outputs.npz`: float32, channels last, of the first 100 clips, fewer of long or large ones: `input`
+///   `[clips, T, S, S, C]`, `output` (the predictions) `[clips, T - L, S, S, C]`, `recons`
+///   `[clips, L + T_pred, S, S, C]`, `enc_pos` `[clips, L + T_pred, n]` (n coordinates of all objects), `pos_vel_seq`
+///   `[clips, 1 + T - L, 2 n]` (positions, then velocities, from the state at the last input frame on);
 /// * `extra_outputs.npz`: float32, channels last: `contents` `[N, S/2, S/2, C]` and `templates` `[N, S/2, S/2, 1]`
 ///   (logits), `background_content` `[1, S, S, C]` (colours), if the decoder has sprites; and for the F frames that one batch of clips
 ///   reconstructs `transf_contents` `[N + 1, F, S, S, C]`, `transf_masks` `[N + 1, F, S, S, 1]` (the background comes
@@ -61,13 +70,30 @@ pub fn write_artifacts(folder: &Path, model: &PhysicsNet, test: &Clips, examples
     let _guard = tch::no_grad_guard();
     ensure!(!test.is_empty(), "there are no test clips to show");
     storage().create_folder(folder).with_context(|| format!("cannot create the run folder {}", folder.display()))?;
-    let outputs = Outputs::of(model, test, SAVED_CLIPS.max(examples))?;
+    let saved = saved_clips(&model.system, test.time());
+    let outputs = Outputs::of(model, test, saved.max(examples))?;
     examples::write(folder, &model.system, &outputs, examples)?;
     animation::write(&folder.join("animation.gif"), &model.system, &outputs)?;
     if let Some(sprites) = model.decoder.sprites() {
         sprites::write(&folder.join("templates.png"), &model.system, &sprites)?;
     }
     masks::write(&folder.join("encoder_masks.png"), model, test)?;
-    arrays::write_outputs(&folder.join("outputs.npz"), &outputs, SAVED_CLIPS)?;
+    arrays::write_outputs(&folder.join("outputs.npz"), &outputs, saved)?;
     arrays::write_extra_outputs(&folder.join("extra_outputs.npz"), model, test)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{SAVED_CLIPS, saved_clips};
+    use crate::tasks;
+
+    #[test]
+    fn fewer_clips_are_saved_of_long_ones_alone() {
+        for task in tasks::all() {
+            assert_eq!(saved_clips(&task.system, task.test_frames), SAVED_CLIPS, "{}", task.name);
+        }
+        // 64 x 64 pixels of three channels: 12,288 numbers a frame.
+        let system = tasks::builtin("mnist_spring_color").unwrap().system;
+        assert_eq!([1_000, 1_000_000].map(|frames| saved_clips(&system, frames)), [5, 1]);
+    }
 }

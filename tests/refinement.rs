@@ -48,6 +48,31 @@ fn spring_states_are_found_from_positions_alone() {
     assert!(share > 0.98, "{share} of the states found");
 }
 
+/// The same clips with time in other units, as of a camera with 240 frames a second and in milliseconds.
+#[test]
+fn a_state_does_not_depend_on_the_unit_of_time() {
+    let refined_by = |unit: f64| {
+        let logs = [(4.0 / (unit * unit)).ln(), 6f64.ln()].map(|log| Tensor::from(log).to_kind(Kind::Double));
+        let cell = build(&SPRING, &logs);
+        let (_, first) = spring();
+        let (dt, first) = (0.3 * unit, State { pos: first.pos, vel: first.vel / unit });
+        let mut states = cell.roll_out(&first, &Actions::none(), dt, INPUT - 1);
+        let exact = Tensor::cat(&[first.pos.unsqueeze(1), State::positions(&states)], 1);
+        // What an encoder leaves: a tenth of a pixel.
+        let seen = exact + uniform("seen", INPUT as i64 * 4, -0.1, 0.1).reshape([CLIPS, INPUT as i64, 4]);
+        let estimate = states.pop().unwrap();
+        let refined =
+            refine(cell.as_ref(), dt, &seen, &Actions::none(), State { vel: estimate.vel.zeros_like(), ..estimate }, 3);
+        Tensor::cat(&[refined.pos, refined.vel * unit], 1)
+    };
+    let usual = refined_by(1.0);
+    for unit in [1.0 / 72.0, 110.0] {
+        let error = (refined_by(unit) - &usual).abs().max().double_value(&[]);
+        // Float64 rounding, enlarged by difference quotients over 0.1.
+        assert!(error < 1e-9, "in units of {unit} states differ by {error}");
+    }
+}
+
 /// One frame shows both objects half-way between their places, as an encoder does that cannot tell them apart.
 #[test]
 fn a_frame_that_was_misread_does_not_spoil_the_state() {

@@ -54,8 +54,7 @@ impl<'a> Eyes<'a> {
             let places: Vec<_> = self.places[window.clone()].iter().flatten().collect();
             self.vision.state(&places, &actions[window.start..now]).map_or(Sight::Lost, Sight::Seen)
         } else {
-            let ago = self.seen.iter().rev().take_while(|seen| !**seen).count();
-            foretold.map_or(Sight::Lost, |state| Sight::Foretold(state, ago))
+            foretold.map_or(Sight::Lost, |state| Sight::Foretold(state, self.blind(now)))
         };
         match &sight {
             Sight::Seen(state) | Sight::Foretold(state, _) => self.last = Some((now, state.clone())),
@@ -77,11 +76,10 @@ impl<'a> Eyes<'a> {
         }
     }
 
-    /// Fills what was not seen since the last estimate with what the model foretells; returns the state that it foretells
-    /// for now, unless nothing has been seen for too long.
+    /// Fills what was not seen since the last estimate with what the model foretells, as far as that is not too long after the
+    /// last sight; returns the state that it foretells for now, unless nothing has been seen for too long.
     fn foretell(&mut self, now: usize, actions: &[f64], model: &mut dyn Model) -> Result<Option<ControlState>> {
-        let blind = self.seen.iter().rev().take_while(|seen| !**seen).count();
-        let Some((from, state)) = self.last.as_ref().filter(|_| blind <= MOST_BLIND) else { return Ok(None) };
+        let Some((from, state)) = self.last.as_ref().filter(|_| self.blind(now) <= MOST_BLIND) else { return Ok(None) };
         if self.seen[from + 1..].iter().all(|seen| *seen) {
             return Ok(None);
         }
@@ -89,11 +87,16 @@ impl<'a> Eyes<'a> {
         let ahead = model.follow(state, &actions)?;
         let (from, last) = (*from, ahead.last().cloned().filter(ControlState::is_finite));
         for (frame, state) in (from + 1..).zip(&ahead).filter(|(_, state)| state.is_finite()) {
-            if self.places[frame].is_none() {
+            if self.places[frame].is_none() && self.blind(frame) <= MOST_BLIND {
                 self.places[frame] = Some(self.vision.places_of(state));
             }
         }
         Ok(last)
+    }
+
+    /// Frames since the last sight before or in this one.
+    fn blind(&self, frame: usize) -> usize {
+        self.seen[..=frame].iter().rev().take_while(|seen| !**seen).count()
     }
 
     /// The last frames, at most L, in which it is known where the objects were.
@@ -111,5 +114,46 @@ impl<'a> Eyes<'a> {
         let seen: Vec<f64> =
             self.seen[..frames].iter().flat_map(|seen| vec![f64::from(u8::from(*seen)); coordinates]).collect();
         Some((positions, Tensor::from_slice(&seen).unsqueeze(0)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::Device;
+
+    use super::*;
+    use crate::control::pendulum::FORMAT;
+    use crate::control::plans::{Plans, Trajectories};
+    use crate::network::physics_models::{ModelOptions, PhysicsNet};
+    use crate::tasks;
+
+    /// Foretells that nothing moves.
+    struct Still;
+
+    impl Model for Still {
+        fn roll_out(&mut self, _: &ControlState, _: &Plans, _: &mut Trajectories) -> Result<()> {
+            unreachable!("one sequence of actions is followed")
+        }
+
+        fn follow(&mut self, start: &ControlState, actions: &[f32]) -> Result<Vec<ControlState>> {
+            Ok(vec![start.clone(); actions.len()])
+        }
+    }
+
+    #[test]
+    fn a_long_gap_is_not_filled_to_its_end() {
+        let options = ModelOptions { exact_shift: true, ..ModelOptions::original() };
+        let net = PhysicsNet::new(&tasks::builtin("pendulum").unwrap().system, &options, Device::Cpu, 1).unwrap();
+        let mut eyes = Eyes::new(Vision::new(&net, FORMAT).unwrap());
+        let state = ControlState::new(vec![0.3], vec![0.0]);
+        let place = eyes.vision.places_of(&state);
+        // Seen in frames 0 to 3 and in 19.
+        eyes.seen = (0..20).map(|frame| frame < 4 || frame == 19).collect();
+        eyes.places = eyes.seen.iter().map(|seen| seen.then(|| place.clone())).collect();
+        eyes.last = Some((3, state));
+        eyes.foretell(19, &[0.0; 19], &mut Still).unwrap();
+        let known: Vec<usize> = (0..20).filter(|frame| eyes.places[*frame].is_some()).collect();
+        assert_eq!(known, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 19]);
+        assert_eq!(eyes.window(19), 19..20);
     }
 }

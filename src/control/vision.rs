@@ -31,13 +31,19 @@ pub struct Vision<'a> {
 
 impl<'a> Vision<'a> {
     /// # Errors
-    /// A model of a system on which nothing acts, or of other frames than the environment's.
+    /// A model of a system on which nothing acts, of other frames than the environment's, or with positions in the original's
+    /// unit.
     pub fn new(model: &'a PhysicsNet, format: FrameFormat) -> Result<Self> {
         let system = &model.system;
         ensure!(
             system.cell.can_be_driven(),
             "nothing acts on what equation {} moves; control needs a run of a task with actions (pendulum)",
             system.cell.name
+        );
+        ensure!(
+            system.cell.coordinates == Coordinates::Angle || model.options.exact_shift,
+            "the model has the original's unit of length (model.exact_shift=false), goals are in pixels; train it with \
+             --set model.exact_shift=true"
         );
         format.check(system)?;
         let mut vision = Vision { model, usual_masses: Vec::new() };

@@ -4,7 +4,7 @@
 use anyhow::{Context, Result, ensure};
 
 use super::Named;
-use super::bootstrap::{self, Uncertainty};
+use super::bootstrap;
 use super::explain::{Explained, explain};
 use super::fit::{Start, Track};
 use super::results::Alternative;
@@ -107,7 +107,6 @@ impl Subject<'_> {
         explained: &Explained,
         against: &[Named],
         tracks: &[Track],
-        uncertainty: &Uncertainty,
     ) -> Result<Vec<Alternative>> {
         if against.is_empty() {
             return Ok(Vec::new());
@@ -119,8 +118,11 @@ impl Subject<'_> {
             let explained = explained.with_context(|| format!("equation of {name}"))?;
             all.push((name.clone(), self.with_what_is_beside(tracks, &explained)?.unwrap_or(explained)));
         }
-        // The residuals of the best one say how many positions are independent.
-        let frames_in_one = uncertainty.frames_in_one;
+        // The residuals of the best one say how many positions are independent: those of a wrong one hang together for long.
+        let residual = |explained: &Explained| explained.fitted.usual_residual;
+        let best = all.iter().map(|(_, explained)| explained).min_by(|a, b| residual(a).total_cmp(&residual(b)));
+        let best = best.expect("the equation itself");
+        let frames_in_one = bootstrap::frames_in_one(&best.fitted, best.dynamics.coordinates());
         Ok(all
             .into_iter()
             .map(|(name, explained)| {

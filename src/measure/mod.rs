@@ -150,7 +150,7 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
         training_seconds: summary.map(|summary| summary.wall_seconds),
         seconds: 0.0,
     };
-    measurement.alternatives = subject.alternatives(&main, &explained, &against, &tracks, &uncertainty)?;
+    measurement.alternatives = subject.alternatives(&main, &explained, &against, &tracks)?;
     measurement.seconds = begun.elapsed().as_secs_f64();
     let measured = Measured { measurement, scale: subject.scale.clone(), videos, explained, frames: &passes };
     positions_file::write(&out.join("positions.csv"), &measured)?;

@@ -142,6 +142,9 @@ impl<'a> Subject<'a> {
                 _ => kind.fixed.is_none(),
             })
             .collect();
+        // What is not learned is given in every start.
+        let raw = learned.iter().zip(own.iter().zip(&learned_there));
+        let own: Vec<f64> = raw.map(|(learned, (own, there))| if *learned { *own } else { *there }).collect();
         let start = |raw| Start { raw, learned: learned.clone(), piece: self.piece() };
         let mut starts = vec![start(learned_there.clone())];
         if own != learned_there {

@@ -7,12 +7,14 @@ use tch::{Kind, Tensor};
 
 use crate::network::cells::{Actions, Cell, State};
 
-/// Damping of the normal equations where velocities are counted per frame.
+// Coordinates count in their unit (pixels or radians), velocities in that unit per frame, whatever the unit of time is.
+
+/// Damping of the normal equations.
 const DAMPING: f64 = 1e-2;
-/// Largest change of a coordinate in one step, in its unit (pixels, or pixels per time unit).
+/// Largest change in one step.
 const LARGEST_STEP: f64 = 5.0;
-/// Half the difference quotient's span, in a coordinate's unit: large against float32 rounding of positions up to 64 px
-/// over a few frames, small against the length on which forces vary.
+/// Half the difference quotient's span: large against float32 rounding of positions up to 64 px over a few frames, small
+/// against the length on which forces vary.
 const PROBE: f64 = 0.05;
 
 /// A residual of this size, in a coordinate's unit, counts half, larger ones ever less (Cauchy's weights): what the encoder
@@ -25,6 +27,8 @@ struct Input<'a> {
     dt: f64,
     /// Steps from the first input frame to the last.
     frames: usize,
+    /// What counts as 1 in each number of a state, `[state]`: a coordinate's unit, or that per frame.
+    units: Tensor,
 }
 
 /// The state at the last of `positions` (`[batch, L, coordinates * objects]`), refined by `steps` Gauss-Newton steps;
@@ -39,7 +43,8 @@ pub fn refine(cell: &dyn Cell, dt: f64, positions: &Tensor, actions: &Actions, e
     if steps == 0 || frames == 0 {
         return estimate;
     }
-    let input = Input { cell, dt, frames };
+    let ones = Tensor::ones(&estimate.pos.size()[1..], (estimate.pos.kind(), estimate.pos.device()));
+    let input = Input { cell, dt, frames, units: Tensor::cat(&[&ones, &(&ones / dt)], 0) };
     let start = input.best_start(positions, actions, &estimate, steps - 1);
     let first = input.gauss_newton_step(&start, actions, &positions.flatten(1, 2));
     cell.roll_out(&State::from_joined(&first), actions, dt, frames).pop().expect("at least one frame")
@@ -84,7 +89,8 @@ impl Input<'_> {
         let residual = self.trajectory(first, actions) - observed;
         let inverse = self.pseudo_inverse(&self.jacobian(&first.detach(), actions), &residual.detach());
         let step = inverse.bmm(&residual.unsqueeze(-1)).squeeze_dim(-1);
-        first - step.clamp(-LARGEST_STEP, LARGEST_STEP)
+        let largest = &self.units * LARGEST_STEP;
+        first - step.clamp_tensor(Some(-&largest), Some(largest))
     }
 
     /// Positions of all input frames from states `[batch, state]` at the first,
@@ -102,12 +108,13 @@ impl Input<'_> {
     fn jacobian(&self, first: &Tensor, actions: &Actions) -> Tensor {
         let _guard = tch::no_grad_guard();
         let (batch, unknowns) = first.size2().expect("states [batch, state]");
-        let probe = Tensor::eye(unknowns, (first.kind(), first.device())) * PROBE;
+        let span = &self.units * PROBE;
+        let probe = span.diag(0);
         let probes = Tensor::cat(&[&probe, &(-&probe)], 0);
         let copies = (first.unsqueeze(1) + probes).reshape([batch * 2 * unknowns, unknowns]);
         let actions = actions.each_repeated(2 * unknowns);
         let ends = self.trajectory(&copies, &actions).reshape([batch, 2, unknowns, -1]);
-        ((ends.select(1, 0) - ends.select(1, 1)) / (2.0 * PROBE)).transpose(1, 2)
+        ((ends.select(1, 0) - ends.select(1, 1)) / (span * 2.0).unsqueeze(1)).transpose(1, 2)
     }
 
     /// `(J^T W J + damping)^-1 J^T W` with the weights of these residuals, without gradient.
@@ -117,9 +124,7 @@ impl Input<'_> {
         let exact = jacobian.to_kind(Kind::Double);
         let transposed = exact.transpose(1, 2) * weight;
         let normal = transposed.bmm(&exact);
-        let half = [normal.size()[1] / 2];
-        let positions = Tensor::full(half, DAMPING, (Kind::Double, normal.device()));
-        let damping = Tensor::cat(&[&positions, &(&positions * self.dt.powi(2))], 0).diag(0);
-        Tensor::linalg_solve_ex(&(normal + damping), &transposed, true, false).0.to_kind(jacobian.kind())
+        let damping = self.units.to_kind(Kind::Double).square().reciprocal() * DAMPING;
+        Tensor::linalg_solve_ex(&(normal + damping.diag(0)), &transposed, true, false).0.to_kind(jacobian.kind())
     }
 }

@@ -1,5 +1,7 @@
 //! What explains the motion: the parameters, from the measure of the positions, the names and the start that fit best.
 
+use std::f64::consts::TAU;
+
 use anyhow::Result;
 use tch::{Kind, Tensor};
 
@@ -185,11 +187,16 @@ impl Fits<'_> {
         several.then(|| naming::follow(&self.seen.centroids, &unlike, time))
     }
 
-    /// Positions in pixels as coordinates of the equation, in the order of names, if there is one.
+    /// Positions in pixels as coordinates of the equation, in the order of names, if there is one. Angles of a clip begin within
+    /// half a turn of its centroids', so that one measure's fit can begin where the other's ended.
     fn coordinates(&self, at: &Tensor, order: Option<&Tensor>) -> Tensor {
-        match order {
+        let coordinates = |at: &Tensor| match order {
             Some(order) => self.model.clip_coordinates(&naming::renamed(at, order)),
             None => self.model.clip_coordinates(at),
+        };
+        match self.model.system.cell.coordinates {
+            Coordinates::Position => coordinates(at),
+            Coordinates::Angle => on_branch_of(coordinates(at), &coordinates(&self.seen.centroids)),
         }
     }
 
@@ -286,6 +293,13 @@ impl Fits<'_> {
     }
 }
 
+/// Angles `[clips, time, objects]`, by whole turns for a whole clip, so that each begins within half a turn of the others.
+fn on_branch_of(angles: Tensor, others: &Tensor) -> Tensor {
+    let first = |angles: &Tensor| angles.narrow(1, 0, 1);
+    let turns = ((first(&angles) - first(others)) / TAU).round();
+    angles - turns * TAU
+}
+
 /// 1 for the positions that are not far from where the fit has them, which at `least` are not, `[clips, frames * coordinates]`;
 /// if `whole_frames`, of a frame all or none.
 fn near(fit: &Fit, objects: usize, whole_frames: bool, least: f64) -> Tensor {
@@ -348,4 +362,21 @@ fn weights(residuals: &Tensor) -> Option<Tensor> {
     }
     let least = Tensor::eye(covariance.size()[0], (Kind::Double, covariance.device())) * LEAST_DEVIATION.powi(2);
     Some((covariance + least).linalg_cholesky(false).inverse() * scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::Device;
+
+    use super::*;
+
+    #[test]
+    fn both_measures_of_a_rod_that_hangs_begin_alike() {
+        let angles = |numbers: &[f64]| Tensor::from_slice(numbers).reshape([2, 3, 1]).to_device(Device::Cpu);
+        let centroids = angles(&[3.13, 3.2, 3.3, -3.1, -3.0, -2.9]);
+        let encoded = angles(&[-3.13, -3.08, -2.98, -3.12, -3.0, -2.9]);
+        let apart = on_branch_of(encoded, &centroids) - centroids;
+        // They differ by 2 pi - 6.26 at first.
+        assert!(apart.abs().max().double_value(&[]) < 0.025, "{apart:?}");
+    }
 }

@@ -24,7 +24,8 @@ pub struct Seen {
     /// The encoder's, aligned with the picture, without the offsets.
     pub encoded: Tensor,
     pub centroids: Tensor,
-    /// The encoder's minus the centroids', the median over the frames that have one, `[2 * objects]`.
+    /// The encoder's minus the centroids', the median over the frames that have one, `[2 * objects]`. 0 where coordinates are
+    /// angles: only the direction of what is seen counts there, and one and the same offset in pixels would turn it.
     pub offsets: Vec<f64>,
     /// Share of the frames in which each object's mask holds something that moves, and of all that moves how much it
     /// holds on average.
@@ -61,7 +62,9 @@ impl Seen {
                 all.push(part.reshape([chosen.len() as i64, time, -1]));
             }
         }
-        let (encoded, centroids, offsets) = two_measures(&on_cpu(&encoded), &on_cpu(&centroids), &on_cpu(&present));
+        let coordinates = model.system.cell.coordinates;
+        let (encoded, centroids, offsets) =
+            two_measures(coordinates, &on_cpu(&encoded), &on_cpu(&centroids), &on_cpu(&present));
         let mean = |parts: &[Tensor]| on_cpu(parts).mean_dim([0i64].as_slice(), false, Kind::Double);
         let numbers = |x: Tensor| -> Vec<f64> { x.try_into().expect("numbers") };
         Seen {
@@ -96,11 +99,20 @@ impl Seen {
 /// The encoder's positions without their offsets, the centroids with these in the place of those that are none, and the offsets
 /// `[2 * objects]`. Positions `[clips, time, 2 * objects]`; `present`: 1 where there is a centroid, 0 elsewhere,
 /// `[clips * time, objects]`.
-fn two_measures(encoded: &Tensor, centroids: &Tensor, present: &Tensor) -> (Tensor, Tensor, Tensor) {
+fn two_measures(
+    coordinates: Coordinates,
+    encoded: &Tensor,
+    centroids: &Tensor,
+    present: &Tensor,
+) -> (Tensor, Tensor, Tensor) {
     let present = present.gt(0.5).unsqueeze(2).expand([-1, -1, 2], false).reshape(encoded.size());
     let apart = (encoded - centroids).where_self(&present, &encoded.full_like(f64::NAN));
     // None of an object that never is present.
-    let offsets = apart.flatten(0, 1).nanmedian_dim(0, false).0.nan_to_num(0.0, None, None);
+    let apart = apart.flatten(0, 1).nanmedian_dim(0, false).0.nan_to_num(0.0, None, None);
+    let offsets = match coordinates {
+        Coordinates::Position => apart,
+        Coordinates::Angle => apart.zeros_like(),
+    };
     let encoded = encoded - &offsets;
     let centroids = centroids.where_self(&present, &encoded);
     (encoded, centroids, offsets)
@@ -146,10 +158,24 @@ mod tests {
         // Most frames have no mask: what stands for its centroid there is not counted.
         let present = Tensor::from_slice(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]).reshape([6, 1]);
         let seen = present.reshape([2, 3, 1]);
-        let (encoded, centroids, offsets) = two_measures(&encoded, &(&places * seen), &present);
+        let of = |encoded: &Tensor, centroids: &Tensor, present: &Tensor| {
+            two_measures(Coordinates::Position, encoded, centroids, present)
+        };
+        let (encoded, centroids, offsets) = of(&encoded, &(&places * seen), &present);
         assert_eq!(Vec::<f64>::try_from(offsets).unwrap(), [2.0, 0.0]);
         assert!(encoded.equal(&places) && centroids.equal(&places));
-        let (_, _, offsets) = two_measures(&places, &places, &present.zeros_like());
+        let (_, _, offsets) = of(&places, &places, &present.zeros_like());
+        assert_eq!(Vec::<f64>::try_from(offsets).unwrap(), [0.0, 0.0]);
+    }
+
+    /// A rod that the encoder sees farther from the middle than the centroid is: its directions are left as they are.
+    #[test]
+    fn a_direction_is_not_turned_by_a_distance() {
+        let angles = Tensor::arange(12, (Kind::Double, Device::Cpu)) * 0.3 - 0.5;
+        let at = |arm: f64| Tensor::stack(&[angles.sin() * arm, -angles.cos() * arm], 1).reshape([2, 6, 2]) + 16.0;
+        let present = Tensor::ones([12, 1], (Kind::Double, Device::Cpu));
+        let (encoded, centroids, offsets) = two_measures(Coordinates::Angle, &at(8.0), &at(7.0), &present);
+        assert!(encoded.equal(&at(8.0)) && centroids.equal(&at(7.0)));
         assert_eq!(Vec::<f64>::try_from(offsets).unwrap(), [0.0, 0.0]);
     }
 }

@@ -1,5 +1,8 @@
 # make demo      set up, generate the spring data, train, score
 # make test      set up, check format, lints and docs, run the tests
+# make lint      check format, lints and docs alone
+# make build     build all programs, into target/release
+# make data      generate the spring data alone
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
 # make baselines  other dynamics, decoders and models beside the physics: runs, reports/baselines (days; goes on)
@@ -9,9 +12,17 @@
 # make engines   sweeps of 200 tiny runs by GNU parallel, HyperQueue and Slurm on this machine (an hour; as root)
 # make control   a pendulum that is learned from few clips is swung up by what is seen (a few minutes)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
-# make bench     training steps and inference beside PyTorch's, eager and compiled, in turns; benches/
+# make bench     steps, inference, losses, fits beside PyTorch (eager, compiled) and TensorFlow, in turns; benches/
 # make cost      what a step costs against batch, clip length, side, objects, threads; benches/cost
 # make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
+# make clean     remove what was built and fetched (target, libtorch, compare/.venv); data and runs stay
+# make help      print this
+#
+# Variables (make stress JOBS=4):
+# JOBS           runs at a time of stress, baselines, ablations and gallery [2]
+# STRESS_SEEDS   data seeds of stress [4-8,10]
+# ABLATION_SEEDS seeds of ablations [0-2]
+# GALLERY_SEEDS  seeds of gallery [0-2]
 
 CARGO ?= cargo
 PYTHON ?= python3
@@ -23,7 +34,7 @@ JOBS ?= 2
 # Stands where the references' Python environment is complete.
 COMPARE_READY := compare/.venv/installed
 
-.PHONY: demo test lint libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean
+.PHONY: demo test lint libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
 
 demo: data
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -141,3 +152,7 @@ compare-defects: $(COMPARE_READY)
 
 clean:
 	rm -rf target libtorch compare/.venv
+
+# The lines at the head of this file.
+help:
+	@sed -n '/^#/!q; s/^# \{0,1\}//p' $(firstword $(MAKEFILE_LIST))

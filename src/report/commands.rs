@@ -8,9 +8,7 @@ use super::groups::{Group, choices_of, without_place};
 use crate::generators::{Counts, plain_test_settings};
 use crate::runs::run::{Run, RunData};
 use crate::support::command_line::CommandOptions;
-
-/// Where data lie if the config says nothing else.
-const USUAL_DATA: &str = "data/datasets";
+use crate::training::layers::USUAL_DATA;
 
 /// All commands of a group in a shell's notation, one a line: the data, all runs at once, and each run by itself. The records of
 /// its runs lie in these folders.

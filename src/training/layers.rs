@@ -67,6 +67,9 @@ fn folder_of(named: &str) -> Option<&str> {
     Some(if folder.is_empty() { "." } else { folder })
 }
 
+/// Where datasets lie if nothing is said of it.
+pub const USUAL_DATA: &str = "data/datasets";
+
 /// The folder of a task's datasets where nobody names another. `named`: the task's name or its file.
 pub fn usual_data_folder<'a>(task: &Task, named: &'a str) -> &'a str {
     data_folder(task, folder_of(named))
@@ -74,7 +77,7 @@ pub fn usual_data_folder<'a>(task: &Task, named: &'a str) -> &'a str {
 
 /// The same; `folder` is where the task's file lies, if it is one.
 fn data_folder<'a>(task: &Task, folder: Option<&'a str>) -> &'a str {
-    folder.filter(|_| task.data_lie_beside()).unwrap_or("data/datasets")
+    folder.filter(|_| task.data_lie_beside()).unwrap_or(USUAL_DATA)
 }
 
 fn file_layer(file: Option<&Path>) -> Result<Table> {

@@ -110,6 +110,30 @@ fn frames_of_an_mp4_come_in_display_order_with_their_times() {
     assert!(grey(39) && grey(47) && !grey(35) && !grey(51), "{:?}", frame[(43, 36)]);
 }
 
+/// Cut to frames 20 to 39 without being encoded anew: those from the key frame 16 on are in the file and hidden.
+#[test]
+fn what_an_edit_list_hides_is_not_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bytes = fs::read(numbered()).unwrap();
+    // Duration and beginning stand 12 bytes behind the name of the list's box. The first is in milliseconds; the film's clock
+    // has 512 ticks to a frame and is 1024 behind, for frames that are decoded before they are shown.
+    let edit = bytes.windows(4).position(|name| name == b"elst").unwrap() + 12;
+    bytes[edit..edit + 8].copy_from_slice(&[800, 1024 + 20 * 512].map(u32::to_be_bytes).concat());
+    let path = folder.path().join("cut.mp4");
+    fs::write(&path, &bytes).unwrap();
+    let video = Video::open(&path).unwrap();
+    let times = video.times.clone().unwrap();
+    assert_eq!((video.frames, times.len()), (20, 20));
+    assert!(times.iter().enumerate().all(|(place, time)| (time - place as f64 / 25.0).abs() < 1e-9), "{times:?}");
+    let mut frames = video.decode().unwrap();
+    let shown: Vec<_> = (0..20).map(|place| number(&frames.frame(place).unwrap())).collect();
+    assert_eq!(shown, (20..40).collect::<Vec<_>>());
+    assert_eq!(number(&video.decode().unwrap().frame(15).unwrap()), 35);
+    bytes[edit + 4..edit + 8].copy_from_slice(&(1_u32 << 20).to_be_bytes());
+    fs::write(&path, &bytes).unwrap();
+    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["cut.mp4", "hides all of its 60 frames"]);
+}
+
 #[test]
 fn rotated_films_stand_upright() {
     let folder = tempfile::tempdir().unwrap();
@@ -293,6 +317,24 @@ fn short_throws_of_one_video_are_held_out_whole() {
     assert_says(&refused(&Request { parts: parts[..3].to_vec(), ..again }), &["16 frames are too few", "4 throws"]);
 }
 
+/// The last of five throws is shorter than a clip: of the four that are left the last two are held out. Where too few are left, the
+/// refusal says why.
+#[test]
+fn a_short_last_throw_is_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = pictures(&folder.path().join("film"), (0..164).map(levelled));
+    let parts =
+        [(0, 24), (40, 64), (80, 104), (120, 144), (160, 164)].map(|(first, end)| Part::Frames(first, Some(end)));
+    let plain = Request { fps: Some(25.0), crop: CropChoice::Full, ..request(&[&path], &folder.path().join("out")) };
+    let done = imported(&Request { parts: parts.to_vec(), ..plain.clone() });
+    assert!(done.warnings[0].contains("frames 160..164 are left out; they give 4"), "{:?}", done.warnings);
+    let task = tasks::find(done.task_file.to_str().unwrap()).unwrap();
+    let sources = &task.video().unwrap().sources;
+    assert_eq!(sources.iter().map(|source| source.is_held_out()).collect::<Vec<_>>(), [false, false, true, true]);
+    let fewer = Request { parts: parts[2..].to_vec(), out: folder.path().join("fewer"), ..plain };
+    assert_says(&refused(&fewer), &["160..164 are left out", "24 frames are too few", "4 throws"]);
+}
+
 /// A part that is shorter than a clip can be neither learned from nor measured: it is in no file, and that is said.
 #[test]
 fn a_part_that_is_too_short_is_left_out() {
@@ -467,6 +509,11 @@ fn what_cannot_be_imported_is_refused() {
     assert_says(&refused(&Request { crop: outside, ..plain() }), &["40,0,30,30", "64 x 48"]);
     assert_says(&refused(&Request { parts: vec![Part::Frames(30, Some(70))], ..plain() }), &["30..70", "it has 60"]);
     assert_says(&refused(&Request { parts: vec![Part::Frames(0, Some(20))], ..plain() }), &["20 frames are too few"]);
+    // 2^54 frames of 3072 bytes are 0 bytes where numbers wrap around at 2^64.
+    for frames in [1 << 54, usize::MAX] {
+        let long = Request { clip_frames: Some(frames), ..plain() };
+        assert_says(&refused(&long), &[&format!("60 frames are too few for clips of {frames}")]);
+    }
     assert_says(&refused(&Request { side: 50, ..plain() }), &["side = 50", "48"]);
     assert_says(
         &refused(&Request { equation: EquationEntry::Name("fall".into()), ..plain() }),
@@ -568,7 +615,7 @@ fn other_films_are_decoded_by_ffmpeg() {
     fs::create_dir(place("bin")).unwrap();
     let script = format!(
         "#!/bin/sh\ncase \"$*\" in\n*broken*) echo first >&2; echo reason >&2; exit 1;;\n\
-         *framecrc*) exec /bin/cat {0}/list;;\n*rawvideo*) exec /bin/cat {0}/pixels;;\nesac\n",
+         *framecrc*) exec /bin/cat {0}/list;;\n*rawvideo*) echo >>{0}/passes; exec /bin/cat {0}/pixels;;\nesac\n",
         folder.path().display()
     );
     fs::write(place("bin/ffmpeg"), script).unwrap();
@@ -585,6 +632,12 @@ fn other_films_are_decoded_by_ffmpeg() {
     assert!(output.status.success(), "{}", text(&output));
     assert_says(&text(&output), &["clip.avi: 60 frames of 120 x 80, 20.000 a second"]);
     assert!(place("out/train.npz").exists());
+    // Of several throws, too, all are decoded in one pass for the crop and in one for the frames.
+    fs::remove_file(place("passes")).unwrap();
+    let mut throws = program("clip.avi");
+    let output = throws.args(["--force", "--frames", "0..14,15..29,30..44,45..60"]).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output));
+    assert_eq!(fs::read_to_string(place("passes")).unwrap(), "\n\n");
 }
 
 /// Cut off anywhere, or with bytes changed, a film ends in an error or in frames, and soon.

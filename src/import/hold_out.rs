@@ -1,6 +1,7 @@
 //! What is trained on and what is held out. A take is a part of a video that shows one motion from its beginning to its
 //! end. Of each take the first three quarters of the frames are trained on, the last quarter is held out, its first half for
-//! validation and its second for the test. Takes that are too short for that are held out whole, the last quarter of them.
+//! validation and its second for the test. Takes that are too short for that are held out whole, the last quarter of those
+//! that hold a clip.
 //! No clip reaches from one part into another.
 
 use std::ops::Range;
@@ -33,14 +34,27 @@ impl Parts {
         if takes.len() < LEAST_TAKES || each.iter().any(|parts| parts.valid.len() >= needed) {
             return each;
         }
-        let held_out = (takes.len() / 4).max(2);
-        let (valid, test) = (takes.len() - held_out, takes.len() - held_out.div_ceil(2));
-        let whole = |(take, &frames): (usize, &usize)| match take {
-            take if take < valid => Parts { train: 0..frames, valid: frames..frames, test: frames..frames },
-            take if take < test => Parts { train: 0..0, valid: 0..frames, test: frames..frames },
-            _ => Parts { train: 0..0, valid: 0..0, test: 0..frames },
+        // One that holds no clip would leave validation or test empty.
+        let long: Vec<usize> = (0..takes.len()).filter(|take| takes[*take] >= needed).collect();
+        let held_out = (long.len() / 4).max(2).min(long.len());
+        let (valid, test) = (long.len() - held_out, long.len() - held_out.div_ceil(2));
+        let whole = |(take, &frames): (usize, &usize)| match long.iter().position(|it| *it == take) {
+            Some(place) if place >= test => Parts { train: 0..0, valid: 0..0, test: 0..frames },
+            Some(place) if place >= valid => Parts { train: 0..0, valid: 0..frames, test: frames..frames },
+            _ => Parts { train: 0..frames, valid: frames..frames, test: frames..frames },
         };
         takes.iter().enumerate().map(whole).collect()
+    }
+
+    /// The same with each border moved past frames that are one and the same: a regular clock may show a frame twice.
+    /// `numbers` are those that the take's frames have in their video.
+    pub fn apart(&self, numbers: &[usize]) -> Self {
+        let past = |border: usize| {
+            let begins = |place: &usize| *place == 0 || numbers[*place] != numbers[place - 1];
+            (border..numbers.len()).find(begins).unwrap_or(numbers.len())
+        };
+        let (valid, test) = (past(self.train.end), past(self.valid.end));
+        Parts { train: 0..valid, valid: valid..test, test: test..self.frames() }
     }
 
     /// Frames of the take.
@@ -86,14 +100,15 @@ impl Cut {
             parts.iter().map(|it| part(it).len()).filter(|frames| *frames >= needed).min().unwrap_or(0)
         };
         let (train, valid, test) = (shortest(|it| &it.train), shortest(|it| &it.valid), shortest(|it| &it.test));
-        let train_frames = clip.unwrap_or_else(|| (least + FRAMES_BEYOND).min(train).min(valid).min(test).max(least));
+        let train_frames =
+            clip.unwrap_or_else(|| least.saturating_add(FRAMES_BEYOND).min(train).min(valid).min(test).max(least));
         ensure!(
             valid.min(test) >= train_frames,
             "{} frames are too few for clips of {train_frames}: the last quarter is held out, half of it for validation and \
              half for the test, so some {} are needed, or {LEAST_TAKES} throws and more (--frames 30..62,120..155,..). Use a \
              longer part, a smaller --step, fewer --input-steps and --pred-steps, or another video",
             parts.iter().map(Parts::frames).max().unwrap_or(0),
-            8 * train_frames
+            train_frames.saturating_mul(8)
         );
         ensure!(
             train >= train_frames,
@@ -151,9 +166,24 @@ mod tests {
         assert_eq!(of_throws([11, 11, 12, 12]).unwrap().train_frames, 11);
         let refused = of_throws([9, 9, 12, 12]).unwrap_err().to_string();
         assert!(refused.contains("no part to train on has the 10 frames of a clip; the longest has 9"), "{refused}");
+        // One without a clip is not held out; it teaches nothing, either.
+        let parts = Parts::of_all(&[12, 12, 12, 12, 9], 10);
+        let lengths = parts.iter().map(|it| [it.train.len(), it.valid.len(), it.test.len()]).collect::<Vec<_>>();
+        assert_eq!(lengths, [[12, 0, 0], [12, 0, 0], [0, 12, 0], [0, 0, 12], [9, 0, 0]]);
         // Three are too few; of one that is long enough a quarter is held out, as of the others.
         assert!(Cut::choose(&Parts::of_all(&[24; 3], 10), 10, None, None, 2000).is_err());
         assert_eq!(Parts::of_all(&[24, 24, 24, 100], 10)[0], Parts::of(24));
+    }
+
+    #[test]
+    fn a_frame_that_is_shown_twice_is_in_one_part() {
+        // Frame 5 would end the training frames and begin the validation's.
+        let numbers = [0, 1, 2, 3, 4, 5, 5, 6, 7, 7];
+        let parts = Parts { train: 0..6, valid: 6..9, test: 9..10 };
+        assert_eq!(parts.apart(&numbers), Parts { train: 0..7, valid: 7..10, test: 10..10 });
+        let whole = Parts { train: 0..0, valid: 0..10, test: 10..10 };
+        assert_eq!(whole.apart(&numbers), whole);
+        assert_eq!(Parts::of(8).apart(&[0, 1, 2, 3, 4, 5, 6, 7]), Parts::of(8));
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Filmed videos become a task: frames are chosen, cut out, scaled and cut into clips.
 //!
 //! A video is decoded frame by frame and never held as a whole; only the small frames that a model sees are. It is decoded
-//! once, or twice where the crop is to be found from what moves.
+//! once, or twice where the crop is to be found from what moves. Of H.264 only the given parts are, each from the last frame
+//! before it at which decoding can begin.
 
 mod clips;
 mod contact_sheet;
@@ -83,8 +84,10 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     check_system(request)?;
     let mut reel = Reel::open(request, request.clip_frames.unwrap_or(request.least_frames()))?;
     let parts = |reel: &Reel| reel.takes.iter().map(|take| take.parts.clone()).collect::<Vec<_>>();
-    let cut = cut(request, &parts(&reel))?;
-    let mut warnings = reel.leave_out_short(cut.train_frames);
+    let cut = cut(request, &parts(&reel));
+    // Where too little is left, that may be why.
+    let cut = if reel.left_out.is_empty() { cut } else { cut.with_context(|| reel.left_out.join("; ")) }?;
+    reel.leave_out_short(cut.train_frames);
     let parts = parts(&reel);
     // Of the takes that are left, as what is written down of the videos: each has a clock of its own.
     let dt = reel.dt(request)?;
@@ -128,6 +131,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
         frames: video.frames,
         kept: kept.clone(),
     });
+    let mut warnings = reel.left_out.clone();
     warnings.extend(warnings::of(request, &reel, square, &cut, &moving, counts));
     Ok(Imported {
         task_file: request.out.join("task.toml"),
@@ -160,7 +164,7 @@ fn check_system(request: &Request) -> Result<System> {
 /// How long clips are and how they overlap.
 fn cut(request: &Request, parts: &[Parts]) -> Result<Cut> {
     let least = request.least_frames();
-    let clip_bytes = request.frame_bytes() * request.clip_frames.unwrap_or(least).max(least);
+    let clip_bytes = request.frame_bytes().saturating_mul(request.clip_frames.unwrap_or(least).max(least));
     let most = MOST_TRAINING_CLIPS.min(MOST_TRAINING_BYTES / clip_bytes);
     Cut::choose(parts, least, request.clip_frames, request.overlap, most)
 }

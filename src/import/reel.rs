@@ -13,7 +13,7 @@ use super::crop::{CropChoice, Rectangle, Square};
 use super::hold_out::Parts;
 use super::motion::{self, Moving, spread};
 use super::request::Request;
-use super::sources::Video;
+use super::sources::{Passes, Video};
 use super::time_base::{Kept, Part};
 use super::{MOST_KEPT, Progress};
 use crate::tasks::video;
@@ -46,6 +46,8 @@ pub(super) struct Take {
 pub(super) struct Reel {
     pub takes: Vec<Take>,
     pub film_step: usize,
+    /// Which parts were left out and why, for people.
+    pub left_out: Vec<String>,
 }
 
 impl Reel {
@@ -73,12 +75,16 @@ impl Reel {
         let (film, film_step) = if fits { (all, 1) } else { (kept.clone(), request.step) };
         let most = MOST_KEPT.min(MOST_BYTES / request.frame_bytes().max(1));
         let frames = count(&kept);
-        let lengths: Vec<_> = kept.iter().map(|kept| kept.frames.len()).collect();
-        let held_out = Parts::of_all(&lengths, needed);
-        let takes = parts().zip(kept).zip(film).zip(held_out);
-        let takes = takes.map(|((((video, _), kept), film), parts)| Take { video: video.clone(), kept, parts, film });
-        let reel = Reel { takes: takes.collect(), film_step };
+        let takes = parts().zip(kept).zip(film).map(|(((video, _), kept), film)| {
+            // Decided by `hold_out`, once it is known which takes are left.
+            let parts = Parts::of(kept.frames.len());
+            Take { video: video.clone(), kept, parts, film }
+        });
+        let mut reel = Reel { takes: takes.collect(), film_step, left_out: Vec::new() };
         reel.check_apart()?;
+        // What is left out is not among those of which the last are held out, and its clock does not count.
+        reel.leave_out_short(needed);
+        reel.hold_out(needed);
         reel.check_alike()?;
         ensure!(
             frames <= most,
@@ -90,15 +96,27 @@ impl Reel {
     }
 
     /// Leaves out takes whose film has less than the frames of a clip: neither are clips cut from them, nor can a model look
-    /// at them. Says which.
-    pub(super) fn leave_out_short(&mut self, clip: usize) -> Vec<String> {
-        let short = self.takes.extract_if(.., |take| take.film.frames.len() < clip);
-        let said = short.map(|take| {
+    /// at them.
+    pub(super) fn leave_out_short(&mut self, clip: usize) {
+        let is_short = |take: &Take| take.film.frames.len() < clip;
+        // Where none is long enough, the choice of clips says how long one must be.
+        if self.takes.iter().all(is_short) {
+            return;
+        }
+        let short = self.takes.extract_if(.., |take| is_short(take));
+        self.left_out.extend(short.map(|take| {
             let ([first, end], frames) = (take.ends(), take.film.frames.len());
             let name = take.video.name();
-            format!("{name}: frames {first}..{end} are left out; they give {frames}, and a clip has {clip}")
-        });
-        said.collect()
+            format!("{name}: frames {first}..{end} are left out; they give {frames}, and a clip has at least {clip}")
+        }));
+    }
+
+    /// Decides what is held out, where a clip has at least `needed` frames.
+    fn hold_out(&mut self, needed: usize) {
+        let lengths: Vec<_> = self.takes.iter().map(|take| take.kept.frames.len()).collect();
+        for (take, parts) in self.takes.iter_mut().zip(Parts::of_all(&lengths, needed)) {
+            take.parts = parts.apart(&take.kept.frames);
+        }
     }
 
     /// What one take holds out, no other may train on.
@@ -168,11 +186,11 @@ impl Reel {
 
     fn around_what_moves(&self, progress: Progress) -> Result<Rectangle> {
         let [width, height] = self.size();
-        let mut around: Option<Rectangle> = None;
+        let (mut around, mut passes): (Option<Rectangle>, _) = (None, Passes::default());
         for Take { video, kept, .. } in &self.takes {
             let looked_at = motion::looked_at(kept.frames.len());
             let mut small = Vec::new();
-            let mut frames = video.decode()?;
+            let frames = passes.of(video)?;
             for (done, &place) in looked_at.iter().enumerate() {
                 let decoded =
                     frames.frame(kept.frames[place]).with_context(|| format!("video {}", video.path.display()));
@@ -204,12 +222,12 @@ impl Reel {
     ) -> Result<(Vec<Vec<RgbImage>>, Vec<SheetRow>)> {
         let total = self.takes.iter().map(|take| take.film.frames.len()).sum();
         let (mut all, mut rows, mut done) = (Vec::new(), Vec::new(), 0);
-        let ratio = self.film_ratio(request);
+        let (ratio, mut passes) = (self.film_ratio(request), Passes::default());
         for take in &self.takes {
             let Take { video, kept, film, .. } = take;
             let on_sheet = spread(kept.frames.len(), if rows.len() < SHEET_TAKES { SHEET_FRAMES } else { 0 });
             let (mut seen, mut cells) = (Vec::new(), Vec::new());
-            let mut frames = video.decode()?;
+            let frames = passes.of(video)?;
             for (tick, &number) in film.frames.iter().enumerate() {
                 let frame = frames.frame(number).with_context(|| format!("video {}", video.path.display()))?;
                 let small = square.cut(&frame, request.side as u32);

@@ -92,7 +92,7 @@ impl Request {
 
     /// Fewest frames of a clip: what the encoder sees and what is predicted.
     pub(super) fn least_frames(&self) -> usize {
-        self.input_steps + self.pred_steps
+        self.input_steps.saturating_add(self.pred_steps)
     }
 
     /// Bytes of such a frame.

@@ -10,6 +10,9 @@ use crate::support::statistics::upper_median;
 /// Frames that stand further from a regular clock than this part of its interval are put onto one: the nearest frame for
 /// each tick.
 const REGULAR: f64 = 0.25;
+/// A difference of two stamps that is off the median by no more than this part of it is one interval: coarse stamps round 1.5
+/// ticks to 1 or 2, and a missing frame doubles it.
+const ONE_INTERVAL: f64 = 0.6;
 
 /// A part of a video.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,12 +78,7 @@ impl Kept {
             let frames = range.step_by(step).collect();
             return Ok(Kept { frames, interval: mean * step as f64, first_seconds: first, clock: Clock::Regular });
         }
-        let tick = upper_median(times.windows(2).map(|pair| pair[1] - pair[0])).unwrap_or(0.0);
-        ensure!(
-            tick > 0.0,
-            "most of its frames have the time of the one before; say with --fps how many it has a second"
-        );
-        let nearest = on_clock(times, tick)?;
+        let (tick, nearest) = best_clock(times)?;
         let repeated = nearest.windows(2).filter(|pair| pair[0] == pair[1]).count();
         let left_out = times.len() - (nearest.len() - repeated);
         let frames = nearest.iter().step_by(step).map(|place| range.start + place).collect();
@@ -121,6 +119,29 @@ fn range(frames: usize, times: Option<&[f64]>, fps: Option<f64>, part: Part) -> 
     Ok(range)
 }
 
+/// The regular clock on which uneven times stand best: its interval, and for each tick the place of the nearest frame. Either
+/// most frames keep to one interval, or coarse stamps round all of them, and only their mean is right.
+fn best_clock(times: &[f64]) -> Result<(f64, Vec<usize>)> {
+    let differences: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let median = upper_median(differences.iter().copied()).unwrap_or(0.0);
+    ensure!(
+        median > 0.0,
+        "most of its frames have the time of the one before; say with --fps how many it has a second"
+    );
+    let single = || differences.iter().filter(|difference| (**difference / median - 1.0).abs() <= ONE_INTERVAL);
+    let mean = single().sum::<f64>() / single().count() as f64;
+    // Gaps count, too, once it is known how many intervals each spans.
+    let intervals: f64 = differences.iter().map(|difference| (difference / mean).round()).sum();
+    let mean = (times[times.len() - 1] - times[0]) / intervals;
+    // How far its frames are from their ticks, in intervals.
+    let off = |(tick, nearest): &(f64, Vec<usize>)| {
+        let of_tick = |(number, &place): (usize, &usize)| (times[place] - times[0] - tick * number as f64).abs();
+        nearest.iter().enumerate().map(of_tick).sum::<f64>() / (tick * nearest.len() as f64)
+    };
+    let (of_most, of_mean) = ((median, on_clock(times, median)?), (mean, on_clock(times, mean)?));
+    Ok(if off(&of_mean) < off(&of_most) { of_mean } else { of_most })
+}
+
 /// For each tick from the first time to the last the place of the nearest frame.
 fn on_clock(times: &[f64], tick: f64) -> Result<Vec<usize>> {
     let (first, last) = (times[0], times[times.len() - 1]);
@@ -152,6 +173,30 @@ mod tests {
         let kept = Kept::choose(9, Some(&uneven), None, Part::All, 1).unwrap();
         assert_eq!(kept.frames, [0, 1, 2, 3, 3, 4, 6, 7, 8]);
         assert_eq!(kept.clock, Clock::Resampled { repeated: 1, left_out: 1 });
+    }
+
+    /// One frame is missing: 60 frames a second with stamps in milliseconds (16, 17, 17, ..), and 30 in hundredths (3, 3, 4, ..)
+    /// as a gif has them. A median of the differences would be 17 ms, and 30 ms.
+    #[test]
+    fn coarse_stamps_do_not_change_the_rate() {
+        let milliseconds: fn(usize) -> f64 = |frame| ((1000 * frame + 30) / 60) as f64 / 1000.0;
+        let hundredths: fn(usize) -> f64 = |frame| (100 * frame / 30) as f64 / 100.0;
+        for (stamp, last, missing, rate) in [(milliseconds, 600, 300, 60.0), (hundredths, 90, 40, 30.0)] {
+            let times: Vec<f64> = (0..=last).filter(|frame| *frame != missing).map(stamp).collect();
+            let kept = Kept::choose(times.len(), Some(&times), None, Part::All, 1).unwrap();
+            // The first and the last stamp are exact.
+            assert!((kept.interval - 1.0 / rate).abs() < 1e-9, "{} for {rate}", kept.interval);
+            assert_eq!(kept.clock, Clock::Resampled { repeated: 1, left_out: 0 }, "{rate}");
+        }
+    }
+
+    /// Where the camera changes its rate, the one that it mostly has stays: a mean of both would fit neither.
+    #[test]
+    fn a_second_rate_does_not_change_the_first() {
+        let stamp = |frame: i32| f64::from(if frame < 40 { 4 * frame } else { 5 * frame - 40 }) / 120.0;
+        let times: Vec<f64> = (0..60).map(stamp).collect();
+        let kept = Kept::choose(60, Some(&times), None, Part::All, 1).unwrap();
+        assert!((kept.interval - 1.0 / 30.0).abs() < 1e-9, "{}", kept.interval);
     }
 
     #[test]

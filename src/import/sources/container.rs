@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail, ensure};
 use re_mp4::{Mp4, StsdBoxContent, TrakBox};
 
 use super::damage::{Bounded, guarded};
+use super::edits;
 use super::{MOST_FRAMES, check_size, check_square};
 
 /// Most bytes of the boxes that describe a film; an hour has some megabytes.
@@ -58,8 +59,8 @@ pub(super) struct Sample {
     pub size: u64,
     /// When it is shown, seconds from the first frame shown.
     pub time: f64,
-    /// Its number in display order.
-    pub number: usize,
+    /// Its number in display order; none of one that is not shown, but may be needed to decode others.
+    pub number: Option<usize>,
 }
 
 /// How the coded frames must be turned to stand upright, clockwise.
@@ -95,10 +96,17 @@ impl Track {
         check_square(aspect.or_else(|| aspect_shown(described, coded, turn)).unwrap_or(1.0))?;
         ensure!(track.samples.len() <= MOST_FRAMES, "it claims {} frames", track.samples.len());
         ensure!(track.timescale > 0, "its clock has no ticks; is it damaged?");
-        let mut order: Vec<usize> = (0..track.samples.len()).collect();
+        let shown = edits::shown(&mp4, described, track)?;
+        let is_shown = |sample: &usize| shown.contains(&i128::from(track.samples[*sample].composition_timestamp));
+        let mut order: Vec<usize> = (0..track.samples.len()).filter(is_shown).collect();
+        ensure!(
+            !order.is_empty() || track.samples.is_empty(),
+            "its edit list hides all of its {} frames; is it damaged?",
+            track.samples.len()
+        );
         order.sort_by_key(|&sample| track.samples[sample].composition_timestamp);
-        let mut numbers = vec![0; order.len()];
-        order.iter().enumerate().for_each(|(number, &sample)| numbers[sample] = number);
+        let mut numbers = vec![None; track.samples.len()];
+        order.iter().enumerate().for_each(|(number, &sample)| numbers[sample] = Some(number));
         let first = order.first().map_or(0, |&sample| track.samples[sample].composition_timestamp);
         let samples: Vec<_> = track
             .samples
@@ -130,9 +138,10 @@ impl Track {
         }
     }
 
-    /// In display order.
+    /// Of the frames that are shown, in display order.
     pub(super) fn times(&self) -> Vec<f64> {
-        let mut times: Vec<_> = self.samples.iter().map(|sample| sample.time).collect();
+        let shown = self.samples.iter().filter(|sample| sample.number.is_some());
+        let mut times: Vec<_> = shown.map(|sample| sample.time).collect();
         times.sort_by(f64::total_cmp);
         times
     }

@@ -58,9 +58,10 @@ impl<'a> Film<'a> {
     /// The last sample at which decoding can begin and after which nothing is missing that is shown from `number` on.
     fn entry(&mut self, number: usize) -> Result<usize> {
         let samples = &self.track.samples;
-        let wanted = samples.iter().position(|sample| sample.number == number).context("there is no such frame")?;
+        let wanted =
+            samples.iter().position(|sample| sample.number == Some(number)).context("there is no such frame")?;
         // Frames that are shown from the wanted one on may be coded before it.
-        let earliest = samples.iter().position(|sample| sample.number >= number).unwrap_or(wanted);
+        let earliest = samples.iter().position(|sample| sample.number >= Some(number)).unwrap_or(wanted);
         for place in (0..=earliest).rev() {
             if is_entry(&read(&mut self.file, &samples[place])?, self.sets.length_bytes) {
                 return Ok(place);
@@ -79,7 +80,10 @@ impl Frames for Film<'_> {
         self.waiting.retain(|&shown, _| shown >= number);
         while !self.waiting.contains_key(&number) {
             let sample = self.track.samples.get(next).with_context(|| format!("frame {number} is missing"))?;
-            let frame = format!("frame {} at {:.3} s", sample.number, sample.time);
+            let frame = match sample.number {
+                Some(shown) => format!("frame {shown} at {:.3} s", sample.time),
+                None => "a frame that is not shown".into(),
+            };
             let bytes = read(&mut self.file, sample).with_context(|| frame.clone())?;
             match self.decoder.decode(&bytes).with_context(|| frame.clone())? {
                 Decoded::Unsupported(what) => {
@@ -87,12 +91,16 @@ impl Frames for Film<'_> {
                         "{frame}: H.264 with {what} is not decoded here; convert the video to plain H.264 with ffmpeg"
                     )
                 }
-                Decoded::Frame(yuv) if sample.number >= number => {
-                    let picture = upright(to_rgb(&yuv), self.track.turn);
-                    ensure!(picture.dimensions() == self.track.size(), "{frame}: the size changes within the video");
-                    self.waiting.insert(sample.number, picture);
+                Decoded::Frame(yuv) => {
+                    if let Some(shown) = sample.number.filter(|shown| *shown >= number) {
+                        let picture = upright(to_rgb(&yuv), self.track.turn);
+                        ensure!(
+                            picture.dimensions() == self.track.size(),
+                            "{frame}: the size changes within the video"
+                        );
+                        self.waiting.insert(shown, picture);
+                    }
                 }
-                Decoded::Frame(_) => {}
             }
             ensure!(self.waiting.len() <= MOST_WAITING, "{frame}: the order of the frames is damaged");
             next += 1;

@@ -3,6 +3,7 @@
 mod colour;
 mod container;
 mod damage;
+mod edits;
 mod ffmpeg;
 mod film;
 mod gif;
@@ -97,10 +98,40 @@ impl Video {
         })
     }
 
+    /// Whether a new decoder goes to the first frame it is asked for at once, or nearly so; else it decodes all before it.
+    fn is_entered_anywhere(&self) -> bool {
+        match &self.source {
+            Source::H264(_) | Source::Pictures(_) | Source::Array(_) => true,
+            Source::Ffmpeg | Source::Gif => false,
+        }
+    }
+
     /// The file's name, for people.
     pub fn name(&self) -> String {
         let name = self.path.file_name().unwrap_or(self.path.as_os_str());
         name.to_string_lossy().into_owned()
+    }
+}
+
+/// Decodes parts of videos, one after the other. Parts of one video that follow each other are decoded in one pass, unless a
+/// new decoder gets to the next one sooner.
+#[derive(Default)]
+pub struct Passes<'a> {
+    open: Option<(&'a Video, Box<dyn Frames + 'a>)>,
+}
+
+impl<'a> Passes<'a> {
+    /// A decoder for the next part. Its frames come after all that the decoder before was asked for.
+    ///
+    /// # Errors
+    /// As [`Video::decode`].
+    pub fn of(&mut self, video: &'a Video) -> Result<&mut (dyn Frames + 'a)> {
+        let goes_on = !video.is_entered_anywhere();
+        let open = match self.open.take().filter(|(open, _)| goes_on && std::ptr::eq(*open, video)) {
+            Some(open) => open,
+            None => (video, video.decode()?),
+        };
+        Ok(self.open.insert(open).1.as_mut())
     }
 }
 
@@ -138,7 +169,8 @@ fn mp4(path: &Path) -> Result<(Source, Facts)> {
     let why = match tried {
         Ok(coded) => {
             track.coded = coded;
-            let facts = Facts { size: track.size(), frames: track.samples.len(), times: Some(track.times()) };
+            let times = track.times();
+            let facts = Facts { size: track.size(), frames: times.len(), times: Some(times) };
             return Ok((Source::H264(track), facts));
         }
         Err(why) => why,

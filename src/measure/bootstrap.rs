@@ -17,6 +17,7 @@ use super::dynamics::Dynamics;
 use super::errors::Errors;
 use super::fit::{Fitted, Problem, Track};
 use super::normal_equations::NormalEquations;
+use super::shown::{Shown, jacobian, of_unknowns};
 use crate::support::random::{named_generator, normal};
 
 /// Draws of what might have been found.
@@ -41,8 +42,8 @@ pub struct Uncertainty {
     pub frames_in_one: f64,
     /// Frames of a block.
     pub block: usize,
-    /// Of each raw number, whether it changes anything that is seen. What does not has no interval: its draws are all alike.
-    pub shown: Vec<bool>,
+    /// Of each raw number. The draws of what does not show by itself say nothing.
+    pub shown: Vec<Shown>,
     /// Second derivatives of the cost by the raw numbers that are learned, all states following.
     pub curvature: Tensor,
     /// What might have been found.
@@ -54,7 +55,7 @@ pub struct Uncertainty {
 pub struct Draw {
     /// Raw numbers of all parameters.
     pub raw: Vec<f64>,
-    /// Of each video at its first frame.
+    /// Of each video that teaches, at its first frame.
     pub states: Vec<Vec<f64>>,
     /// Normal numbers that stand for the errors of scale and time.
     pub scale: f64,
@@ -81,12 +82,12 @@ pub fn bootstrap(
     let normal_matrix = jacobian.transpose() * &jacobian * (counted / all as f64);
     let equations = NormalEquations::new(&normal_matrix).context("the motion does not tell all unknowns apart")?;
     let inverse = equations.inverse();
-    let longest = tracks.iter().map(|track| track.trained).max().unwrap_or(1);
+    let longest = problem.tracks.iter().map(|track| track.trained).max().unwrap_or(1);
     let (autocorrelation, frames_in_one, reach) = autocorrelation(&bounded);
     let least = (longest as f64).cbrt().ceil() as usize;
     let block = (2 * reach).max(least).min((longest / LONGEST_BLOCK).max(1));
-    let seen: usize =
-        tracks.iter().map(|it| it.positions[..it.trained * coordinates].iter().filter(|x| !x.is_nan()).count()).sum();
+    let seen = |it: &&Track| it.positions[..it.trained * coordinates].iter().filter(|x| !x.is_nan()).count();
+    let seen: usize = problem.tracks.iter().map(seen).sum();
     let errors = Errors::likely(&jacobian, &bounded);
     let free = (seen as f64 / errors.frames_in_one() - jacobian.ncols() as f64).max(LEAST_FREE);
     let quantile = StudentsT::new(0.0, 1.0, free)?.inverse_cdf(0.975) / NORMAL_QUANTILE;
@@ -96,17 +97,15 @@ pub fn bootstrap(
     let changes: Vec<_> = (0..DRAWS).map(|_| &to_unknowns * resampled(&bounded, block, &mut random)).collect();
     let count = problem.learned.len();
     let drawn = |unknown: usize| changes.iter().map(|change| change[unknown].powi(2)).sum::<f64>() / DRAWS as f64;
-    let narrow = (0..count).map(|unknown| expected[unknown] / drawn(unknown)).filter(|ratio| ratio.is_finite());
+    let shown = of_unknowns(&problem, fitted, &jacobian, &equations);
+    let by_itself = (0..count).filter(|unknown| shown[problem.learned[*unknown]] == Shown::ByItself);
+    let narrow = by_itself.map(|unknown| expected[unknown] / drawn(unknown)).filter(|ratio| ratio.is_finite());
     let widened = quantile * narrow.fold(1.0, f64::max).sqrt();
     let draws = changes
         .into_iter()
         .map(|change| draw(&problem, fitted, &(change * widened), [normal(&mut random), normal(&mut random)]));
     let draws = draws.collect();
     let curvature = curvature(&normal_matrix, count);
-    let mut shown = vec![true; fitted.raw.len()];
-    for (column, place) in problem.learned.iter().enumerate() {
-        shown[*place] = jacobian.column(column).amax() > 0.0;
-    }
     Ok(Uncertainty { autocorrelation, frames_in_one, block, shown, curvature, draws })
 }
 
@@ -130,23 +129,6 @@ fn draw(problem: &Problem, fitted: &Fitted, change: &DVector<f64>, [scale, time]
     problem.learned.iter().zip(&mut change).for_each(|(place, change)| raw[*place] += change);
     states.iter_mut().flatten().zip(change).for_each(|(state, change)| *state += change);
     Draw { raw, states, scale, time }
-}
-
-/// Derivatives of all rolled-out positions by the raw numbers that are learned, then by the states of each video.
-fn jacobian(problem: &Problem, fitted: &Fitted) -> DMatrix<f64> {
-    let parts: Vec<_> =
-        (0..fitted.states.len()).map(|track| problem.of_track(track, &fitted.raw, &fitted.states[track])).collect();
-    let rows = parts.iter().map(|part| part.residual.len()).sum();
-    let (count, state) = (problem.learned.len(), fitted.states.first().map_or(0, Vec::len));
-    let mut jacobian = DMatrix::zeros(rows, count + state * parts.len());
-    let mut row = 0;
-    for (track, part) in parts.iter().enumerate() {
-        let length = part.residual.len();
-        jacobian.view_mut((row, 0), (length, count)).copy_from(&part.by_raw);
-        jacobian.view_mut((row, count + state * track), (length, state)).copy_from(&part.by_state);
-        row += length;
-    }
-    jacobian
 }
 
 /// The normal equations of the first unknowns, the others eliminated.
@@ -235,7 +217,8 @@ mod tests {
         let fitted = fit(&dynamics, &tracks, &start).unwrap();
         let uncertainty = bootstrap(&dynamics, &tracks, &learned, &fitted, 0).unwrap();
         for (parameter, shown) in parameters.iter().zip(uncertainty.shown) {
-            assert_eq!(shown, parameter.name == "g", "{}", parameter.name);
+            let expected = if parameter.name == "g" { Shown::ByItself } else { Shown::Not };
+            assert_eq!(shown, expected, "{}", parameter.name);
         }
     }
 }

@@ -81,10 +81,39 @@ impl Dynamics {
     /// with the camera, by so much in a unit of `dt`. Of several each is seen so much more beside its middle than the first
     /// one: light falls from one side, or a sprite is not round.
     pub fn beside(&self, raw: &[f64], tick: usize, coordinate: usize) -> f64 {
-        let numbers = &raw[self.system.cell.parameters.len().min(raw.len())..];
         match self.system.objects {
-            1 => numbers.get(coordinate).map_or(0.0, |drift| drift * self.dt * tick as f64),
-            _ => coordinate.checked_sub(2).and_then(|place| numbers.get(place)).copied().unwrap_or(0.0),
+            1 => self.drift(raw, coordinate) * self.dt * tick as f64,
+            _ => coordinate.checked_sub(2).map_or(0.0, |place| self.number_beside(raw, place)),
+        }
+    }
+
+    /// By how much that grows in a unit of `dt`.
+    pub fn drift(&self, raw: &[f64], coordinate: usize) -> f64 {
+        if self.system.objects == 1 { self.number_beside(raw, coordinate) } else { 0.0 }
+    }
+
+    /// One of the raw numbers behind the parameters'; 0 where it does not stand.
+    fn number_beside(&self, raw: &[f64], place: usize) -> f64 {
+        raw.get(self.system.cell.parameters.len() + place).copied().unwrap_or(0.0)
+    }
+
+    /// What a raw number stands for: a parameter, or what is seen beside the state.
+    pub(super) fn name(&self, place: usize) -> String {
+        let parameters = self.system.cell.parameters;
+        let Some(beside) = place.checked_sub(parameters.len()) else { return parameters[place].name.to_string() };
+        let axis = ["x", "y"][beside % 2];
+        match self.system.objects {
+            1 => format!("drift_of_what_is_seen_{axis}"),
+            _ => format!("object_{}_seen_beside_{axis}", beside / 2 + 2),
+        }
+    }
+
+    /// Whether something turns the objects back: the frame's edges, or walls that the equation names.
+    pub(super) fn has_walls(&self) -> bool {
+        let cell = self.exact.unwrap_or(self.system.cell);
+        match cell.build {
+            Build::Text(equation) => equation.table().walls != WallTable::default(),
+            Build::Rust(_) => cell.walls,
         }
     }
 
@@ -101,4 +130,19 @@ fn finely(table: EquationTable) -> EquationTable {
     let few = table.integrator == Integrator::Euler && table.walls == WallTable::default();
     let substeps = if few { table.substeps.div_ceil(2) } else { table.substeps };
     EquationTable { integrator: Integrator::Rk4, substeps, ..table }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tasks;
+
+    #[test]
+    fn walls_are_those_of_the_frame_and_those_that_are_named() {
+        let has_walls = |system: System| Dynamics::new(system, 0.1).unwrap().has_walls();
+        assert!(has_walls(tasks::builtin("bouncing_balls").unwrap().system));
+        let of_text = |text: &str| has_walls(tasks::Task::from_toml(text).unwrap().system);
+        assert!(of_text(include_str!("../../configs/gallery/bounce_on_a_floor.toml")));
+        assert!(!of_text(include_str!("../../configs/gallery/swing.toml")));
+    }
 }

@@ -1,6 +1,6 @@
 //! One equation and what is seen of some videos: the fit, the prediction of what was held out, and how good both are.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 
 use super::dynamics::Dynamics;
 use super::fit::{Fitted, Start, Track, fit};
@@ -20,7 +20,7 @@ pub struct Explained {
 /// coordinate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Errors {
-    /// Of the frames that were learned from.
+    /// Of the frames that taught.
     pub learned: f64,
     /// Of those that were held out.
     pub held_out: f64,
@@ -29,15 +29,17 @@ pub struct Errors {
 /// Over a whole video a good fit leaves at most so many times what it leaves over short pieces.
 const GOOD: f64 = 1.5;
 
-/// Fits from one start after the other until a fit is good, and keeps what leaves least.
+/// Fits from one start after the other until a fit is good, and keeps what leaves least. What videos too short for pieces leave
+/// is compared with nothing: of those all starts are tried.
 ///
 /// # Errors
 /// No start that leads anywhere.
 pub fn explain(dynamics: &Dynamics, tracks: &[Track], starts: &[Start]) -> Result<Explained> {
+    let good = |fitted: &Fitted| fitted.piecewise_residual.is_some_and(|least| fitted.usual_residual <= GOOD * least);
     let mut best: Option<(Fitted, &Start)> = None;
     let mut failure = None;
     for start in starts {
-        if best.as_ref().is_some_and(|(best, _)| best.usual_residual <= GOOD * best.piecewise_residual) {
+        if best.as_ref().is_some_and(|(best, _)| good(best)) {
             break;
         }
         match fit(dynamics, tracks, start) {
@@ -55,11 +57,15 @@ pub fn explain(dynamics: &Dynamics, tracks: &[Track], starts: &[Start]) -> Resul
         }
     };
     let coordinates = dynamics.coordinates();
-    let states: Vec<_> = tracks
-        .iter()
-        .zip(&fitted.states)
-        .map(|(track, state)| dynamics.roll_out(&fitted.raw, state, 0, track.duration()))
-        .collect();
+    let mut found = fitted.states.iter();
+    let rolled_out = |track: &Track| -> Result<Vec<f64>> {
+        let state = match track.teaches {
+            true => found.next().expect("a state of each video that teaches").clone(),
+            false => begin(dynamics, track, &fitted.raw, start.piece)?,
+        };
+        Ok(dynamics.roll_out(&fitted.raw, &state, 0, track.duration()))
+    };
+    let states = tracks.iter().map(rolled_out).collect::<Result<Vec<_>>>()?;
     let at_frames = |(track, states): (&Track, &Vec<f64>)| {
         let mut positions = track.at_frames(&positions_of(states, coordinates), coordinates);
         for (frame, tick) in track.ticks.iter().enumerate() {
@@ -74,6 +80,14 @@ pub fn explain(dynamics: &Dynamics, tracks: &[Track], starts: &[Start]) -> Resul
     Ok(Explained { dynamics: dynamics.clone(), learned: start.learned.clone(), fitted, states, errors })
 }
 
+/// The state in which a video that teaches nothing begins, the raw numbers as they are.
+fn begin(dynamics: &Dynamics, track: &Track, raw: &[f64], piece: usize) -> Result<Vec<f64>> {
+    let alone = [Track { teaches: true, ..track.clone() }];
+    let start = Start { raw: raw.to_vec(), learned: vec![false; raw.len()], piece };
+    let fitted = fit(dynamics, &alone, &start).context("how a video that was held out whole begins")?;
+    Ok(fitted.states.concat())
+}
+
 /// The positions of states.
 pub fn positions_of(states: &[f64], coordinates: usize) -> Vec<f64> {
     states.chunks(2 * coordinates).flat_map(|state| &state[..coordinates]).copied().collect()
@@ -86,7 +100,7 @@ impl Errors {
         let coordinates = dynamics.coordinates();
         let mean = |held_out: bool| {
             let (mut sum, mut count) = (0.0, 0);
-            for (track, predicted) in tracks.iter().zip(predicted) {
+            for (track, predicted) in tracks.iter().zip(predicted).filter(|(track, _)| held_out || track.teaches) {
                 let first = track.trained * coordinates;
                 let range = if held_out { first..track.positions.len() } else { 0..first };
                 let pairs = track.positions[range.clone()].chunks(per_object).zip(predicted[range].chunks(per_object));
@@ -171,9 +185,55 @@ mod tests {
         // Every third frame is missing.
         let ticks: Vec<usize> = (0..30).filter(|tick| tick % 3 != 2).collect();
         let positions = ticks.iter().flat_map(|&tick| [3.0 + 0.5 * tick as f64, 40.0 - 1.25 * tick as f64]).collect();
-        let tracks = [Track { positions, ticks, trained: 12 }];
+        let tracks = [Track { positions, ticks, trained: 12, teaches: true }];
         let errors = Errors::of(&tracks, &constant_velocity(&tracks, 2), &dynamics);
         // Rounding of float64.
         assert!(errors.learned == 0.0 && errors.held_out < 1e-9, "{errors:?}");
+    }
+
+    /// A throw without errors, of 20 frames: the first 14 teach, or only say how it begins.
+    fn throw(dynamics: &Dynamics, g: f64, speed: f64, teaches: bool) -> Track {
+        let positions = dynamics.positions(&[g.ln()], &[3.0, 20.0, speed, -8.0], 0, 20);
+        Track { teaches, ..Track::even(positions, 2, 14) }
+    }
+
+    fn one_ball() -> Dynamics {
+        let system = crate::tasks::builtin("falling").unwrap().system;
+        Dynamics::new(crate::network::System { objects: 1, ..system }, 0.1).unwrap()
+    }
+
+    #[test]
+    fn throws_are_too_short_for_pieces_so_all_starts_are_tried() {
+        let dynamics = one_ball();
+        let tracks = [1.0, 2.0].map(|speed| throw(&dynamics, 7.0, speed, true));
+        // The first start holds g where it is not.
+        let starts = [false, true].map(|learned| Start { raw: vec![6.0_f64.ln()], learned: vec![learned], piece: 12 });
+        let explained = explain(&dynamics, &tracks, &starts).unwrap();
+        assert_eq!(explained.fitted.piecewise_residual, None);
+        // The positions have no errors.
+        assert!((explained.fitted.raw[0].exp() - 7.0).abs() < 1e-4, "{}", explained.fitted.raw[0].exp());
+        let long = Track { trained: 20, ..tracks[0].clone() };
+        assert!(explain(&dynamics, &[long], &starts).unwrap().fitted.piecewise_residual.is_some());
+    }
+
+    /// On the way of a throw that was held out another g holds: it changes nothing of what is found, and is predicted with
+    /// what was found, from how it begins.
+    #[test]
+    fn a_video_that_was_held_out_teaches_nothing() {
+        let dynamics = one_ball();
+        let all = [(7.0, 1.0, true), (7.0, 2.0, true), (9.0, 3.0, false)];
+        let tracks = all.map(|(g, speed, teaches)| throw(&dynamics, g, speed, teaches));
+        let start = Start { raw: vec![6.0_f64.ln()], learned: vec![true], piece: 12 };
+        let explained = explain(&dynamics, &tracks, &[start]).unwrap();
+        // The positions have no errors.
+        assert!((explained.fitted.raw[0].exp() - 7.0).abs() < 1e-4, "{}", explained.fitted.raw[0].exp());
+        assert_eq!((explained.fitted.states.len(), explained.states.len()), (2, 3));
+        assert!(explained.errors.learned < 1e-3, "{:?}", explained.errors);
+        // A speed of 3 along x is found, whatever g is; a wrong g shows in the prediction of the third throw.
+        assert!(
+            (explained.states[2][2] - 3.0).abs() < 1e-6 && explained.errors.held_out > 0.1,
+            "{:?}",
+            explained.errors
+        );
     }
 }

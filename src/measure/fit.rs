@@ -40,13 +40,15 @@ pub struct Track {
     pub ticks: Vec<usize>,
     /// Frames that may be learned from. Those after them are held out.
     pub trained: usize,
+    /// Whether those frames teach the parameters. Of a video that was held out whole they only say how its motion begins.
+    pub teaches: bool,
 }
 
 impl Track {
     /// Frames at even times; `coordinates` numbers each.
     pub fn even(positions: Vec<f64>, coordinates: usize, trained: usize) -> Self {
         let ticks = (0..positions.len() / coordinates).collect();
-        Track { positions, ticks, trained }
+        Track { positions, ticks, trained, teaches: true }
     }
 
     /// Frames of an even clock from the first frame to the last, both counted.
@@ -75,14 +77,15 @@ pub struct Start {
 pub struct Fitted {
     /// Raw numbers of all parameters.
     pub raw: Vec<f64>,
-    /// Of each video at its first frame: positions, velocities.
+    /// Of each video that teaches, at its first frame: positions, velocities.
     pub states: Vec<Vec<f64>>,
-    /// Of each video, of the frames that were learned from: seen minus rolled-out, frame by frame.
+    /// Of each video that teaches, of the frames that were learned from: seen minus rolled-out, frame by frame.
     pub residuals: Vec<Vec<f64>>,
     /// What a residual usually is: from the median of their sizes.
     pub usual_residual: f64,
-    /// The same while each of the first pieces had a state of its own.
-    pub piecewise_residual: f64,
+    /// The same while each of the first pieces had a state of its own; none of videos too short for two pieces, of which the
+    /// pieces say no more than the whole.
+    pub piecewise_residual: Option<f64>,
     /// Residuals beyond this counted linearly.
     pub huber: f64,
 }
@@ -122,23 +125,26 @@ struct Goal<'a> {
 
 pub(super) struct Problem<'a> {
     pub dynamics: &'a Dynamics,
-    pub tracks: &'a [Track],
+    /// Those that teach.
+    pub tracks: Vec<&'a Track>,
     /// Places of the parameters that are learned.
     pub learned: Vec<usize>,
 }
 
-/// Fits an equation to what is seen of some videos.
+/// Fits an equation to what is seen of the videos that teach.
 ///
 /// # Errors
 /// Too few frames, an equation that leads to infinity wherever the fit goes.
 pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitted> {
     let problem = Problem::new(dynamics, tracks, &start.learned);
-    for track in tracks {
+    ensure!(!problem.tracks.is_empty(), "all videos are held out whole; a fit needs one to learn from");
+    for track in &problem.tracks {
         ensure!(track.trained >= 3, "a video of {} frames is too short to be fitted", track.trained);
     }
-    let longest = tracks.iter().map(|track| track.trained).max().unwrap_or(0);
+    let longest = problem.tracks.iter().map(|track| track.trained).max().unwrap_or(0);
     let mut length = start.piece.clamp(3, longest);
     let mut unknowns = Unknowns { raw: start.raw.clone(), pieces: problem.first_pieces(length) };
+    let in_pieces = unknowns.pieces.len() >= 2 * problem.tracks.len();
     let mut huber = f64::INFINITY;
     let mut piecewise = None;
     loop {
@@ -150,7 +156,7 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitte
             problem.minimise(&mut unknowns, &goal, if last { CONVERGED } else { NEAR_ENOUGH });
             huber = HUBER * problem.usual(&unknowns);
         }
-        piecewise.get_or_insert(huber / HUBER);
+        piecewise = piecewise.or(in_pieces.then_some(huber / HUBER));
         if length == longest {
             break;
         }
@@ -168,7 +174,7 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitte
     );
     Ok(Fitted {
         usual_residual: huber / HUBER,
-        piecewise_residual: piecewise.unwrap_or_default(),
+        piecewise_residual: piecewise,
         states: unknowns.pieces.iter().map(|piece| piece.state.clone()).collect(),
         raw: unknowns.raw,
         residuals,
@@ -179,7 +185,7 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitte
 impl<'a> Problem<'a> {
     pub(super) fn new(dynamics: &'a Dynamics, tracks: &'a [Track], learned: &[bool]) -> Self {
         let learned = (0..learned.len()).filter(|place| learned[*place]).collect();
-        Problem { dynamics, tracks, learned }
+        Problem { dynamics, tracks: tracks.iter().filter(|track| track.teaches).collect(), learned }
     }
 
     /// Derivatives of a whole video's training part.
@@ -195,7 +201,7 @@ impl<'a> Problem<'a> {
 
     /// Where pieces of so many frames begin: what is left at the end and is shorter than half a piece joins the last.
     fn cut(&self, length: usize) -> Vec<(usize, usize, usize)> {
-        let of_track = |(place, track): (usize, &Track)| {
+        let of_track = |(place, track): (usize, &&Track)| {
             let count = ((track.trained + length / 2) / length).max(1);
             let end = move |piece: usize| if piece + 1 == count { track.trained } else { (piece + 1) * length };
             (0..count).map(move |piece| (place, piece * length, end(piece) - piece * length)).collect::<Vec<_>>()

@@ -21,6 +21,7 @@ mod positions_file;
 mod quantities;
 pub mod results;
 pub mod scale;
+pub mod shown;
 pub mod sight;
 mod source;
 mod subject;
@@ -88,6 +89,8 @@ struct Seen {
     /// `(x, y)` of each object, pixels of a frame, frame by frame.
     pixels: Vec<f64>,
     trained: usize,
+    /// Whether those frames taught, or only said how the motion begins.
+    teaches: bool,
     /// When each frame was filmed.
     ticks: Vec<usize>,
 }
@@ -125,7 +128,7 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     if !verdict.is_none_or(|verdict| verdict.found) {
         notes.push("the run's own verdict is \"not found\": do not trust these numbers before you know why".into());
     }
-    notes.extend(subject.notes(&explained, &uncertainty));
+    notes.extend(subject.notes(&tracks, &explained, &uncertainty));
     if let Err(error) = &tracker {
         notes.push(format!("colour tracker: {error:#}"));
     }
@@ -138,7 +141,7 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
         task: config.task.name.clone(),
         videos: videos.iter().map(|video| video.name.clone()).collect(),
         frames: tracks.iter().map(|track| track.positions.len() / explained.dynamics.coordinates()).sum(),
-        learned_frames: tracks.iter().map(|track| track.trained).sum(),
+        learned_frames: tracks.iter().filter(|track| track.teaches).map(|track| track.trained).sum(),
         seconds_between_frames: subject.scale.seconds * explained.dynamics.dt,
         equation: main.name.clone(),
         by: if by_encoder { "the encoder's positions" } else { "the masks' centroids" }.into(),

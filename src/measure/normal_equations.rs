@@ -2,8 +2,12 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// Added to the diagonal, which is 1: unknowns that cannot be told apart come out with a width that says so.
+/// Added to the diagonal, which is 1, so that unknowns that cannot be told apart have a solution, too. It says nothing of them:
+/// see [`NormalEquations::are_indistinct`].
 const RIDGE: f64 = 1e-11;
+/// A combination of unknowns, of one scaled length, that has less of an eigenvalue does not show. Of what is exactly one, the
+/// ridge and rounding leave 1e-11; films that tell their unknowns apart leave 1e-5 and more.
+const FLAT: f64 = 1e-8;
 
 /// A symmetric matrix, scaled to a diagonal of 1 and factored.
 #[derive(Debug)]
@@ -29,6 +33,21 @@ impl NormalEquations {
     /// The unknowns for this right side.
     pub fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
         self.factor.solve(&right.component_mul(&self.scale)).component_mul(&self.scale)
+    }
+
+    /// Of each unknown, whether it has a part in a combination that does not show. Then nothing is known of it, however narrow
+    /// it comes out: what is seen is multiplied by no more than rounding, and divided by the ridge.
+    pub fn are_indistinct(&self) -> Vec<bool> {
+        let lower = self.factor.l();
+        let eigen = (&lower * lower.transpose()).symmetric_eigen();
+        let mut parts = DVector::zeros(lower.nrows());
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value < FLAT {
+                parts += vector.component_mul(&vector);
+            }
+        }
+        // From here on the combination widens it by more than it would be wide if all others were known.
+        parts.iter().map(|part| *part > FLAT).collect()
     }
 
     /// The logarithm of the determinant.
@@ -57,5 +76,19 @@ mod tests {
         let inverse = equations.inverse();
         assert!((inverse[(1, 1)] * determinant / 4e12 - 1.0).abs() < 1e-9, "{inverse}");
         assert!(NormalEquations::new(&DMatrix::from_element(2, 2, f64::NAN)).is_none());
+    }
+
+    /// The third unknown does what the first does, but for a part that is rounding, or that shows.
+    #[test]
+    fn unknowns_that_are_one_are_told() {
+        let indistinct = |own: f64| {
+            let slopes = DMatrix::from_fn(20, 3, |row, column| {
+                let t = row as f64 / 20.0;
+                [t, t * t, 300.0 * (t + own * t.powi(3))][column]
+            });
+            NormalEquations::new(&(slopes.transpose() * &slopes)).unwrap().are_indistinct()
+        };
+        assert_eq!(indistinct(1e-10), [true, false, true]);
+        assert_eq!(indistinct(0.1), [false; 3]);
     }
 }

@@ -84,6 +84,13 @@ fn text(measured: &Measured) -> Result<String> {
         it.by,
         it.learned_frames
     )?;
+    let beginnings = it.frames - it.learned_frames - it.held_out.frames;
+    if beginnings > 0 {
+        writeln!(
+            page,
+            "{beginnings} frames are of videos that were held out whole: they only say how these begin, and teach no parameter.\n"
+        )?;
+    }
     writeln!(page, "{}", quantities(&it.quantities)?)?;
     writeln!(
         page,
@@ -115,12 +122,15 @@ fn text(measured: &Measured) -> Result<String> {
     writeln!(page, "\n![positions]({POSITIONS})\n\n![overlay](overlay.gif)\n")?;
     writeln!(page, "Green: seen. Blue: fitted. Orange: predicted.\n\n## What the fit leaves\n")?;
     let left = &it.residuals;
+    let in_pieces = match left.usual_in_pieces {
+        Some(usual) => format!("{} {} in short parts with a state of their own", digits(usual), left.unit),
+        None => "too short a video for parts with a state of their own, against which it could be held".into(),
+    };
     writeln!(
         page,
-        "Usually {} {unit} of a coordinate ({} {unit} in short parts with a state of their own). Neighbouring frames' residuals \
-         correlate by {:.2}; {:.1} frames together hold as much as one independent one. Blocks of the bootstrap had {} frames.\n",
+        "Usually {} {unit} of a coordinate ({in_pieces}). Neighbouring frames' residuals correlate by {:.2}; {:.1} frames together \
+         hold as much as one independent one. Blocks of the bootstrap had {} frames.\n",
         digits(left.usual),
-        digits(left.usual_in_pieces),
         left.autocorrelation.first().copied().unwrap_or(0.0),
         left.frames_in_one,
         left.block,

@@ -5,16 +5,28 @@ use std::path::Path;
 
 use anyhow::Result;
 
+use super::dynamics::Dynamics;
 use super::{Measured, Seen};
 use crate::network::cells::Coordinates;
 use crate::support::atomic;
 use crate::support::statistics::upper_median;
 
-/// Where the equation has an object in one frame: pixels of a frame, and those per unit of `dt`.
+/// Where the equation has what is seen of an object in one frame: pixels of a frame, and those per unit of `dt`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
     pub at: [f64; 2],
     pub velocity: [f64; 2],
+}
+
+impl Place {
+    /// The same with what is seen beside the state.
+    fn beside(self, dynamics: &Dynamics, raw: &[f64], object: usize, tick: usize) -> Self {
+        let coordinate = |axis: usize| 2 * object + axis;
+        Place {
+            at: [0, 1].map(|axis| self.at[axis] + dynamics.beside(raw, tick, coordinate(axis))),
+            velocity: [0, 1].map(|axis| self.velocity[axis] + dynamics.drift(raw, coordinate(axis))),
+        }
+    }
 }
 
 impl Measured<'_> {
@@ -45,16 +57,11 @@ impl Measured<'_> {
         };
         let states: Vec<_> = self.explained.states[video].chunks(state_size).collect();
         let dynamics = &self.explained.dynamics;
-        let beside = |object: usize, mut place: Place, tick: usize| {
-            for (axis, at) in place.at.iter_mut().enumerate() {
-                *at += dynamics.beside(&self.explained.fitted.raw, tick, 2 * object + axis);
-            }
-            place
-        };
+        let raw = &self.explained.fitted.raw;
         let ticks = self.videos[video].ticks.iter();
         let of_tick = |tick: usize| {
             let places = of_state(states[tick]).into_iter().enumerate();
-            places.map(move |(object, place)| beside(object, place, tick))
+            places.map(move |(object, place)| place.beside(dynamics, raw, object, tick))
         };
         ticks.flat_map(|tick| of_tick(*tick)).collect()
     }
@@ -86,7 +93,11 @@ pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
             let places = measured.places(video);
             for (row, (at, fitted)) in seen.pixels.chunks(2).zip(places).enumerate() {
                 let (frame, object) = (row / objects, row % objects + 1);
-                let part = if frame < seen.trained { "learned" } else { "held out" };
+                let part = match frame < seen.trained {
+                    true if seen.teaches => "learned",
+                    true => "begin",
+                    false => "held out",
+                };
                 let name = seen.name.replace(',', "_");
                 let seconds = seen.first_seconds + second * seen.ticks[frame] as f64;
                 write!(file, "{name},{frame},{seconds:.6},{object},{part}")?;
@@ -106,4 +117,25 @@ pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
         }
         Ok(())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::System;
+
+    /// What drifts moves as fast as its places say.
+    #[test]
+    fn a_drift_is_in_the_velocity_too() {
+        let system = crate::tasks::builtin("falling").unwrap().system;
+        let dynamics = Dynamics::new(System { objects: 1, ..system }, 0.1).unwrap();
+        let raw = [12.0_f64.ln(), 0.5, -2.0];
+        let rests = Place { at: [3.0, 4.0], velocity: [0.0, 0.0] };
+        let [first, later] = [0, 10].map(|tick| rests.beside(&dynamics, &raw, 0, tick));
+        assert_eq!((first.at, first.velocity), (rests.at, [0.5, -2.0]));
+        // Ten frames are a unit of `dt`; rounding of float64.
+        for axis in 0..2 {
+            assert!((later.at[axis] - first.at[axis] - first.velocity[axis]).abs() < 1e-12, "{later:?}");
+        }
+    }
 }

@@ -3,13 +3,14 @@
 
 use std::collections::BTreeMap;
 
-use super::bootstrap::Uncertainty;
+use super::bootstrap::{Draw, Uncertainty};
 use super::dynamics::Dynamics;
 use super::explain::{Explained, positions_of};
 use super::fit::Track;
 use super::motion;
 use super::results::Quantity;
 use super::scale::Scale;
+use super::shown::Shown;
 use super::subject::{Subject, trained_ticks};
 use crate::network::cells::PhysicalParameter;
 
@@ -32,7 +33,7 @@ impl Subject<'_> {
             let value = |raw: &[f64]| parameter.bounds.value(raw[place]);
             let in_frames = value(&explained.fitted.raw);
             let factor = powers.map_or(1.0, |powers| self.scale.factor(powers));
-            let draws = uncertainty.draws.iter().filter(|_| uncertainty.shown[place]);
+            let draws = of_shown(uncertainty, place);
             let draws =
                 draws.map(|draw| value(&draw.raw) * powers.map_or(1.0, |powers| self.scale.drawn(powers, draw)));
             Quantity::new(parameter.name, factor * in_frames, draws.collect())
@@ -50,22 +51,19 @@ impl Subject<'_> {
     /// pixels of each object beside its middle, more than the first one.
     fn beside(&self, explained: &Explained, uncertainty: &Uncertainty) -> Vec<Quantity> {
         let Dynamics { system, .. } = &explained.dynamics;
-        let first = system.cell.parameters.len();
-        let drifts = system.objects == 1;
-        let times = self.scale.video_pixels / if drifts { self.scale.seconds } else { 1.0 };
-        let quantity = |(place, number): (usize, &f64)| {
-            let axis = ["x", "y"][place % 2];
-            let (name, unit) = match drifts {
-                true => (format!("drift_of_what_is_seen_{axis}"), "px/s"),
-                false => (format!("object_{}_seen_beside_{axis}", place / 2 + 2), "px"),
-            };
-            let draws = uncertainty.draws.iter().map(|draw| times * draw.raw[first + place]);
-            Quantity::new(&name, times * number, draws.collect()).in_unit(unit.into())
+        let (seconds, unit) = if system.objects == 1 { (self.scale.seconds, "px/s") } else { (1.0, "px") };
+        let times = self.scale.video_pixels / seconds;
+        let quantity = |place: usize| {
+            let draws = of_shown(uncertainty, place).map(|draw| times * draw.raw[place]);
+            let value = times * explained.fitted.raw[place];
+            Quantity::new(&explained.dynamics.name(place), value, draws.collect()).in_unit(unit.into())
         };
-        explained.fitted.raw[first..].iter().enumerate().map(quantity).collect()
+        let learned = (system.cell.parameters.len()..explained.learned.len()).filter(|place| explained.learned[*place]);
+        learned.map(quantity).collect()
     }
 
-    /// Period and effective length of a motion that swings, in the first video.
+    /// Period, effective length and amplitude of a motion that swings, in the first video. What walls turn back is no simple
+    /// pendulum, however evenly it swings.
     fn of_the_swing(
         &self,
         tracks: &[Track],
@@ -91,19 +89,28 @@ impl Subject<'_> {
         let length = |period: f64| STANDARD_GRAVITY * (period / std::f64::consts::TAU).powi(2);
         let lengths = periods.iter().map(|period| length(*period)).collect();
         let (times, unit) = self.per_coordinate();
-        vec![
-            Quantity::new("period", second * frames, periods).in_unit("s".into()).of_tracker(of_tracker),
+        let hangs = !explained.dynamics.has_walls();
+        let length = hangs.then(|| {
             Quantity::new("length_of_a_simple_pendulum", length(second * frames), lengths)
                 .in_unit("m".into())
-                .of_tracker(of_tracker.map(length)),
-            Quantity::new(
-                "amplitude",
-                times * motion::amplitude(&along[..trained_ticks(&tracks[0])]),
-                amplitudes.into_iter().map(|amplitude| times * amplitude).collect(),
-            )
-            .in_unit(unit.into()),
-        ]
+                .of_tracker(of_tracker.map(length))
+        });
+        let amplitude = Quantity::new(
+            "amplitude",
+            times * motion::amplitude(&along[..trained_ticks(&tracks[0])]),
+            amplitudes.into_iter().map(|amplitude| times * amplitude).collect(),
+        );
+        let mut quantities =
+            vec![Quantity::new("period", second * frames, periods).in_unit("s".into()).of_tracker(of_tracker)];
+        quantities.extend(length);
+        quantities.push(amplitude.in_unit(unit.into()));
+        quantities
     }
+}
+
+/// The draws in which a raw number says something: none of what does not show by itself.
+fn of_shown(uncertainty: &Uncertainty, place: usize) -> impl Iterator<Item = &Draw> {
+    uncertainty.draws.iter().filter(move |_| uncertainty.shown[place] == Shown::ByItself)
 }
 
 impl Explained {

@@ -44,7 +44,8 @@ pub struct Measurement {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Quantity {
     pub name: String,
-    /// In its unit; with a scale, metres and seconds. `?`: as in the equation, whose unit is not known.
+    /// In its unit. Parameters and times come in metres, if the scale is known, and seconds; an amplitude and what is seen beside
+    /// the state always in pixels of the video. `?`: as in the equation, whose unit is not known.
     pub value: f64,
     /// 95 % interval; none of what does not show in the motion.
     pub low: Option<f64>,
@@ -78,10 +79,12 @@ pub struct HeldOut {
 pub struct Residuals {
     /// `px` of the video, or `rad`.
     pub unit: String,
-    /// What a residual of one coordinate usually is, over the whole video and over short parts with a state of their own.
+    /// What a residual of one coordinate usually is, over the whole video and over short parts with a state of their own; none of
+    /// videos too short for parts.
     pub usual: f64,
-    pub usual_in_pieces: f64,
-    /// Root mean square distance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub usual_in_pieces: Option<f64>,
+    /// Root mean square distance, of the frames that were learned from.
     pub distance: f64,
     /// From 1 frame apart on.
     pub autocorrelation: Vec<f64>,

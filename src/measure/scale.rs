@@ -79,6 +79,21 @@ impl Scale {
         parameter.time_power.map(|time| [parameter.length_power, time])
     }
 
+    /// That what is said of scale and time is in no draw of those that are learned and whose unit is not known, if something is
+    /// said and there are some.
+    pub fn unsaid<'a>(&self, learned: impl Iterator<Item = &'a PhysicalParameter>) -> Option<String> {
+        let said = self.metres.is_some() && self.video.scale_percent > 0.0 || self.video.time_percent > 0.0;
+        let unknown = learned.filter(|parameter| said && Self::powers(parameter).is_none());
+        let names: Vec<_> = unknown.map(|parameter| parameter.name).collect();
+        let text = || {
+            format!(
+                "the equation does not say the unit of {}: the interval holds nothing of what is said of scale and time",
+                names.join(", ")
+            )
+        };
+        (!names.is_empty()).then(text)
+    }
+
     /// A place in a frame, pixels of it, as a place in the filmed video.
     pub fn in_video(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [left, top, _] = self.video.crop;
@@ -168,6 +183,18 @@ mod tests {
         let draw = Draw { raw: Vec::new(), states: Vec::new(), scale: 1.0, time: 1.0 };
         assert!((metres.drawn([1, -2], &draw) - 0.1 / 1.01 / 1.02f64.powi(2)).abs() < 1e-12);
         assert_eq!(scale(0.0, None).unit([1, -1]), "px/s");
+    }
+
+    #[test]
+    fn an_interval_without_the_errors_of_scale_and_time_is_told() {
+        let (length, speed) =
+            (PhysicalParameter::learned("l", "log_l", 0), PhysicalParameter::learned("v", "log_v", 1).with_time(-1));
+        let mut metres = scale(0.0, Some(100.0));
+        let said = metres.unsaid([&length, &speed].into_iter()).unwrap();
+        assert!(said.contains("unit of l:"), "{said}");
+        assert_eq!(metres.unsaid([&speed].into_iter()), None);
+        (metres.video.scale_percent, metres.video.time_percent) = (0.0, 0.0);
+        assert_eq!(metres.unsaid([&length].into_iter()), None);
     }
 
     #[test]

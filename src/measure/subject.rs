@@ -76,17 +76,22 @@ impl<'a> Subject<'a> {
     }
 
     /// Frames of a video that may be learned from: those from which clips for training were cut. Of one that was held out
-    /// whole it is the first half, which says where its motion begins.
+    /// whole it is the first half, which says how its motion begins.
     pub(super) fn trained(&self, video: usize) -> usize {
         let frames = self.film.videos[video].dim().0;
         let source = &self.record.sources[video];
         if source.is_learned_from() {
             return frames;
         }
-        if source.is_held_out() {
+        if !self.teaches(video) {
             return frames.div_ceil(2);
         }
         (Parts::of(frames.div_ceil(self.ratio)).valid.start * self.ratio).min(frames)
+    }
+
+    /// Whether the frames of a video that may be learned from teach the parameters.
+    pub(super) fn teaches(&self, video: usize) -> bool {
+        !self.record.sources[video].is_held_out()
     }
 
     pub(super) fn tracks<'b>(&self, positions: impl Iterator<Item = &'b Positions>) -> Vec<Track> {
@@ -94,6 +99,7 @@ impl<'a> Subject<'a> {
             positions: positions.coordinates.clone(),
             ticks: self.clocks[video].ticks.clone(),
             trained: self.trained(video),
+            teaches: self.teaches(video),
         };
         positions.enumerate().map(track).collect()
     }
@@ -160,6 +166,7 @@ impl<'a> Subject<'a> {
             first_seconds: self.record.sources[video].first_seconds,
             pixels: if by_encoder { &sight.encoded } else { &sight.centroids }.pixels.clone(),
             trained: self.trained(video),
+            teaches: self.teaches(video),
             ticks: self.clocks[video].ticks.clone(),
         };
         sights.iter().enumerate().map(seen).collect()

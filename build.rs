@@ -7,9 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// What a result depends on.
-const SOURCES: [&str; 5] = ["src", "runners", "configs", "data/assets", "Cargo.lock"];
-/// Changes with every commit.
-const GIT_LOG: &str = ".git/logs/HEAD";
+const SOURCES: [&str; 7] = ["src", "runners", "configs", "data/assets", "build.rs", "Cargo.toml", "Cargo.lock"];
 
 /// In `src/kernels/gpu`.
 const GPU_KERNELS: [&str; 17] = [
@@ -189,6 +187,7 @@ fn compile_gpu_kernels(library: &str, cuda: Option<&str>) {
     const FOLDER: &str = "src/kernels/gpu";
     const DEVICE: &str = "src/kernels/gpu/device.cpp";
     const FOR_GPUS: &str = "for GPUs";
+    const FOR_THE_PROCESSOR: &str = "for the processor";
     println!("cargo:rerun-if-changed={FOLDER}");
     let files = GPU_KERNELS.map(|name| format!("{FOLDER}/{name}"));
     let kernels: Vec<_> = files.iter().filter(|file| file.ends_with(".cu")).collect();
@@ -199,7 +198,9 @@ fn compile_gpu_kernels(library: &str, cuda: Option<&str>) {
     let out = std::env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     let stamp = format!("{out}/gpu_kernels.stamp");
     let made = std::fs::read_to_string(&stamp).ok();
-    let made = made.and_then(|made| made.strip_prefix(&made_of).map(str::to_string));
+    // A compiler that failed is tried again: what it lacked may be there by now.
+    let best = if toolkit.is_some() { FOR_GPUS } else { FOR_THE_PROCESSOR };
+    let made = made.and_then(|made| made.strip_prefix(&made_of).map(str::to_string)).filter(|made| made == best);
     let result = if let Some(result) = made {
         println!("cargo:rustc-link-search=native={out}");
         println!("cargo:rustc-link-lib=static=paig_gpu_kernels");
@@ -217,7 +218,7 @@ fn compile_gpu_kernels(library: &str, cuda: Option<&str>) {
             }
             None => {
                 build.cpp(true).std("c++17").warnings(false).flag("-xc++").files(&kernels).file(DEVICE);
-                "for the processor"
+                FOR_THE_PROCESSOR
             }
         };
         build.compile("paig_gpu_kernels");
@@ -232,9 +233,12 @@ fn compile_gpu_kernels(library: &str, cuda: Option<&str>) {
 
 /// The commit that is built, with a `+` where the sources differ from it; `unknown` outside a repository.
 fn commit() -> String {
-    for path in SOURCES.into_iter().chain([GIT_LOG]).filter(|path| Path::new(path).exists()) {
-        println!("cargo:rerun-if-changed={path}");
-    }
+    let rerun_if_changed = |path: &str| {
+        if Path::new(path).exists() {
+            println!("cargo:rerun-if-changed={path}");
+        }
+    };
+    SOURCES.into_iter().for_each(rerun_if_changed);
     // The sources of a release may lie within a repository of something else.
     if !Path::new(".git").exists() {
         return "unknown".into();
@@ -243,6 +247,10 @@ fn commit() -> String {
         let output = Command::new("git").args(arguments).output().ok().filter(|output| output.status.success())?;
         Some(String::from_utf8_lossy(&output.stdout).trim().to_string())
     };
+    // Changes with every commit; of a worktree it lies elsewhere.
+    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
+        rerun_if_changed(&log);
+    }
     let Some(commit) = git(&["rev-parse", "--short=10", "HEAD"]) else { return "unknown".into() };
     let clean = git(&[&["status", "--porcelain", "--"], &SOURCES[..]].concat());
     if clean.is_some_and(|changes| changes.is_empty()) { commit } else { commit + "+" }

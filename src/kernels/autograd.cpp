@@ -30,6 +30,8 @@ struct ForeignFunction : torch::autograd::Node {
   std::string name() const override { return "paig"; }
 
   variable_list apply(variable_list &&gradients) override {
+    // With create_graph: what is computed outside libtorch would be missing in the second derivatives, silently.
+    TORCH_CHECK(!at::GradMode::is_enabled(), "the kernels have no second derivatives; take model.kernels=\"libtorch\"");
     std::lock_guard<std::mutex> lock(mutex_);
     variable_list results(inputs);
     if (!gradients[0].defined()) return results;

@@ -121,7 +121,7 @@ fn repetition<'a>(
 ) -> Result<Box<dyn FnMut() -> Result<()> + 'a>> {
     let (system, join) = (&config.task.system, &config.join);
     let variables = model.named_variables();
-    let mut optimizer = Optimizer::new(join.optimizer, Some(join.clip_gradients), &variables);
+    let mut optimizer = Optimizer::of_config(join.optimizer, join.clip_gradients, &variables);
     let rates = vec![join.learning_rate; variables.len()];
     let device = model.variables.device();
     let mut repeated = Repeated::on(device);
@@ -173,16 +173,7 @@ fn repetition<'a>(
         What::Identify => {
             let frames = config.task.train_frames;
             let positions = trajectories(&config.task, arguments.batch, frames);
-            let horizons = [3, 4, 6, 8].into_iter().filter(|horizon| *horizon < frames).chain([frames]).collect();
-            let identify = Identify {
-                clips: arguments.batch,
-                horizons,
-                max_iterations: 30,
-                huber: 1.0,
-                recentre: false,
-                velocity_steps: 0,
-                velocity_learning_rate: None,
-            };
+            let identify = Identify { clips: arguments.batch, ..Identify::usual(frames) };
             Box::new(move || {
                 let start = Start::of(model);
                 fit(&identify, system, &positions, &Actions::none(), &start, &Trust::default()).map(drop)

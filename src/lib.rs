@@ -30,8 +30,11 @@
 //! that name. Folders in the order of their imports: support, kernels, network, tasks, datasets, generators, runs, evaluation,
 //! training, viz, report, sweep, stress, baselines, import, measure, control, cli.
 
+#![deny(clippy::print_stdout, clippy::print_stderr, clippy::exit)]
+
 pub mod baselines;
 #[cfg(feature = "cli")]
+#[expect(clippy::exit, reason = "a second signal ends a program at once")]
 pub mod cli;
 pub mod control;
 pub mod datasets;

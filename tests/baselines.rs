@@ -1,5 +1,8 @@
 //! The paper's comparison: the list, whole other models, and a small comparison from data to report.
 
+#[path = "common/random.rs"]
+mod random;
+
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -10,6 +13,8 @@ use paig::baselines::list::Comparison;
 use paig::baselines::training::WholeModel;
 use paig::network::cells::Actions;
 use paig::tasks;
+use rand::Rng;
+use random::numbers;
 use serde_json::Value;
 use tch::{Device, Kind, Tensor};
 
@@ -25,8 +30,7 @@ fn built(model: WholeModel) -> Box<dyn FrameModel> {
 }
 
 fn clips(count: i64, time: i64) -> Tensor {
-    tch::manual_seed(0);
-    Tensor::rand([count, time, 3, 32, 32], (Kind::Float, Device::Cpu))
+    numbers(0, "clips", &[count, time, 3, 32, 32], |random| random.random::<f32>())
 }
 
 /// The sizes that docs/baselines.md states.

@@ -1,20 +1,21 @@
 //! The model of a turning object that is driven from outside, and which parameters a model learns.
 
+#[path = "common/random.rs"]
+mod random;
+
 use std::collections::BTreeMap;
 
 use paig::network::cells::{Actions, State};
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::network::stn;
-use paig::support::random::named_generator;
 use paig::tasks::find;
 use rand::Rng;
+use random::numbers;
 use tch::{Device, Kind, Tensor};
 
 /// Uniform in \[0, 1).
 fn uniform(purpose: &str, shape: &[i64]) -> Tensor {
-    let mut random = named_generator(5, purpose);
-    let values: Vec<f32> = (0..shape.iter().product::<i64>()).map(|_| random.random()).collect();
-    Tensor::from_slice(&values).reshape(shape)
+    numbers(5, purpose, shape, |random| random.random::<f32>())
 }
 
 /// The roll-out begins at the last input frame, so it takes the torques from that frame on.

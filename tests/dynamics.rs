@@ -1,11 +1,16 @@
 //! Black-box dynamics, the black-box decoder and separate gradients: closed forms, symmetries, who learns from what.
 
+#[path = "common/random.rs"]
+mod random;
+
 use paig::network::cells::Actions;
 use paig::network::dynamics::DynamicsKind;
 use paig::network::physics_models::losses::{Losses, latent_error};
 use paig::network::physics_models::{DecoderKind, Gradients, ModelOptions, PhysicsNet, VariableGroup};
 use paig::tasks;
 use paig::training::optimizers::{Optimizer, OptimizerKind};
+use rand::Rng;
+use random::numbers;
 use tch::{Device, Kind, Tensor};
 
 const BLACK_BOXES: [DynamicsKind; 5] =
@@ -26,12 +31,17 @@ fn weights(model: &PhysicsNet, group: VariableGroup) -> usize {
 }
 
 /// Paths of uniform motion, `[batch, frames, coordinates]`, pixels.
-fn uniform_motion(batch: i64, frames: i64, coordinates: i64, seed: i64) -> Tensor {
-    tch::manual_seed(seed);
-    let options = (Kind::Float, Device::Cpu);
-    let start = Tensor::rand([batch, 1, coordinates], options) * 16.0 + 8.0;
-    let speed = Tensor::rand([batch, 1, coordinates], options) * 2.0 - 1.0;
-    start + speed * Tensor::arange(frames, options).reshape([1, -1, 1])
+fn uniform_motion(batch: i64, frames: i64, coordinates: i64, seed: u64) -> Tensor {
+    let between = |purpose: &str, low: f32, high: f32| {
+        numbers(seed, purpose, &[batch, 1, coordinates], |random| random.random_range(low..high))
+    };
+    let time = Tensor::arange(frames, (Kind::Float, Device::Cpu)).reshape([1, -1, 1]);
+    between("start", 8.0, 24.0) + between("speed", -1.0, 1.0) * time
+}
+
+/// Clips of a spring's frames that are noise, `[batch, frames, 3, 32, 32]`.
+fn noise(batch: i64, frames: i64) -> Tensor {
+    numbers(0, "noise", &[batch, frames, 3, 32, 32], |random| random.random::<f32>())
 }
 
 /// A linear predictor with the weights of `change = p_t - p_{t-1}` goes on in a straight line for ever.
@@ -111,7 +121,7 @@ fn every_black_box_learns_uniform_motion() {
         let variables: Vec<_> =
             model.named_variables().into_iter().filter(|(name, _)| name.starts_with("dyn")).collect();
         let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
-        let error = |seed: i64| {
+        let error = |seed: u64| {
             let paths = uniform_motion(50, 8, 4, seed);
             let (_, states) = model.roll_out(&paths.narrow(1, 0, 4), &Actions::none(), 4);
             let rolled: Vec<_> = states.into_iter().map(|state| state.pos).collect();
@@ -137,8 +147,7 @@ fn separate_gradients_keep_the_losses_apart() {
         (DynamicsKind::Physics, DecoderKind::Mlp),
     ] {
         let model = model("spring_color", dynamics, decoder);
-        tch::manual_seed(0);
-        let clips = Tensor::rand([2, 10, 3, 32, 32], (Kind::Float, Device::Cpu));
+        let clips = noise(2, 10);
         let reached = |gradients: Gradients, prediction: bool| {
             let pass = model.forward_with(&clips, &Actions::none(), None, gradients).unwrap();
             let losses = Losses::new(&pass, &clips, &model.system);
@@ -173,7 +182,7 @@ fn separate_gradients_keep_the_losses_apart() {
 #[test]
 fn separate_gradients_predict_the_same() {
     let model = black_box("spring_color", DynamicsKind::Physics);
-    let clips = Tensor::rand([2, 12, 3, 32, 32], (Kind::Float, Device::Cpu));
+    let clips = noise(2, 12);
     let [joint, separate] = [Gradients::Joint, Gradients::Separate]
         .map(|gradients| model.forward_with(&clips, &Actions::none(), None, gradients).unwrap().predictions);
     assert!((joint - separate).abs().max().double_value(&[]) < 1e-5);
@@ -192,8 +201,7 @@ fn a_step_follows_the_order_that_is_known_before() {
         ..ModelOptions::original()
     };
     let model = PhysicsNet::new(&system, &options, Device::Cpu, 4).unwrap();
-    tch::manual_seed(5);
-    let clips = Tensor::rand([6, 10, 3, 32, 32], (Kind::Float, Device::Cpu));
+    let clips = noise(6, 10);
     let pass = |order: Option<&Tensor>| {
         let pass = model.forward_with(&clips, &Actions::none(), order, Gradients::Joint).unwrap();
         [pass.positions.detach(), pass.predictions.detach()]

@@ -36,13 +36,14 @@ use paig::runs::weights;
 use paig::support::atomic;
 use paig::support::device::set_threads;
 use paig::sweep::{self, SweepPlan};
+use paig::training::base::Outcome;
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
 use paig::training::recorder::Recorder;
 use paig::training::saved::load_model;
 use paig::training::trainer::Trainer;
 use paig::{report, tasks, viz};
-use tch::Device;
+use tch::{Device, Tensor};
 use tempfile::TempDir;
 
 /// A training of all phases that takes a second.
@@ -107,11 +108,15 @@ fn config() -> Config {
     Config::load(None, &overrides).unwrap()
 }
 
+/// Clips to learn from and to validate on.
+fn clips(config: &Config) -> Result<[Clips; 2]> {
+    let file = DatasetFile::read(&config.data.train_path(), &ClipShape::training(&config.task))?;
+    Ok([Split::Train, Split::Valid].map(|split| Clips::new(file.split(split), None, Device::Cpu)))
+}
+
 /// Trains in a folder to the end, from where it stands.
 fn train(config: &Config, folder: &Path) -> Result<()> {
-    let file = DatasetFile::read(&config.data.train_path(), &ClipShape::training(&config.task))?;
-    let clips = |split| Clips::new(file.split(split), None, Device::Cpu);
-    let (train, valid) = (clips(Split::Train), clips(Split::Valid));
+    let [train, valid] = clips(config)?;
     let run = if folder.join("config.toml").exists() {
         RunFolder::reopen(folder)?
     } else {
@@ -162,6 +167,26 @@ fn last_weights(run: &Path) -> Vec<u8> {
 fn records(run: &Path) -> Vec<metrics::Record> {
     let records = metrics::read(&run.join("metrics.jsonl")).unwrap();
     records.into_iter().map(|record| metrics::Record { seconds: None, ..record }).collect()
+}
+
+/// The weights of a training that saves nothing, and how often it stopped, which it does after each step if it `stops`.
+fn in_memory(config: &Config, stops: bool) -> (Vec<(String, Tensor)>, usize) {
+    let [train, valid] = clips(config).unwrap();
+    let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, config.seed).unwrap();
+    let mut trainer = Trainer::new(config, &model, &train, &valid).unwrap().stop_when(|| stops);
+    let stopped =
+        std::iter::repeat_with(|| trainer.run().unwrap()).take_while(|it| *it == Outcome::Interrupted).count();
+    (model.named_variables().into_iter().map(|(name, variable)| (name, variable.detach().copy())).collect(), stopped)
+}
+
+#[test]
+fn a_training_in_memory_goes_on_to_the_same_bits() {
+    let config = config();
+    let ((whole, never), (parts, often)) = (in_memory(&config, false), in_memory(&config, true));
+    assert!(never == 0 && often > 3, "stopped {often} times");
+    for ((name, whole), (_, parts)) in whole.iter().zip(&parts) {
+        assert!(whole.equal(parts), "{name}");
+    }
 }
 
 #[test]

@@ -3,6 +3,8 @@
 
 #[path = "common/programs.rs"]
 mod programs;
+#[path = "common/random.rs"]
+mod random;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,13 +15,13 @@ use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, generate_clips};
 use paig::network::cells::{Actions, CellKind, Coordinates, PhysicalParameter, State};
-use paig::support::random::named_generator;
 use paig::tasks::Task;
 use paig::tasks::scene::Motion;
 use paig::training::identify::Identify;
 use paig::training::identify::fit::{Fit, Start, Trust, fit};
 use programs::run;
 use rand::Rng;
+use random::numbers;
 use tch::{Device, Kind, Tensor};
 
 const CLIPS: i64 = 100;
@@ -42,10 +44,7 @@ fn gallery() -> BTreeMap<String, Task> {
 
 /// Numbers of variance 1 that are the same in every run.
 fn normal(purpose: &str, n: usize) -> Tensor {
-    let mut random = named_generator(11, purpose);
-    let values: Vec<f64> =
-        (0..CLIPS as usize * n).map(|_| (0..12).map(|_| random.random::<f64>() - 0.5).sum()).collect();
-    Tensor::from_slice(&values).reshape([CLIPS, n as i64])
+    numbers(11, purpose, &[CLIPS, n as i64], |random| (0..12).map(|_| random.random::<f64>() - 0.5).sum::<f64>())
 }
 
 /// The times of the frames of all clips, each of which begins at another.
@@ -87,20 +86,12 @@ fn fitted(task: &Task, states: &[State], actions: &Actions) -> Fit {
     let raw = parameters.iter().map(|p| p.fixed.or(p.start).map_or(0.0, |value| p.bounds.raw(value)));
     // Where a pendulum hangs and where its ball is seen beside its middle cannot be told apart.
     let start = Start {
-        logs: raw.collect(),
+        raw: raw.collect(),
         learned: parameters.iter().map(|parameter| parameter.fixed.is_none()).collect(),
         free_offsets: false,
         states: None,
     };
-    let settings = Identify {
-        clips: CLIPS as usize,
-        horizons: vec![3, 4, 6, 8, FRAMES],
-        max_iterations: 30,
-        huber: 1.0,
-        recentre: false,
-        velocity_steps: 0,
-        velocity_learning_rate: None,
-    };
+    let settings = Identify { clips: CLIPS as usize, ..Identify::usual(FRAMES) };
     fit(&settings, &task.system, &(seen + noise), actions, &start, &Trust::default()).unwrap()
 }
 
@@ -165,7 +156,7 @@ fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
         let states = rolled_out(&task, first, &actions, FRAMES);
         let fit = fitted(&task, &states, &actions);
         let found: Vec<_> =
-            task.system.cell.parameters.iter().zip(&fit.logs).map(|(p, raw)| (p, p.bounds.value(*raw))).collect();
+            task.system.cell.parameters.iter().zip(&fit.raw).map(|(p, raw)| (p, p.bounds.value(*raw))).collect();
         println!(
             "{name}: {:?}, residual {:.4}",
             found.iter().map(|(p, value)| (p.name, value)).collect::<Vec<_>>(),
@@ -174,7 +165,7 @@ fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
         for (place, (parameter, value)) in found.iter().enumerate() {
             let truth = task.truth_of(parameter.name).or(parameter.fixed).unwrap();
             // Within a few of its own standard deviations, and these are small.
-            let off = (fit.logs[place] - parameter.bounds.raw(truth)).abs();
+            let off = (fit.raw[place] - parameter.bounds.raw(truth)).abs();
             assert!(
                 off <= 5.0 * fit.deviations[place] + 1e-3,
                 "{name}: {} = {value}, true {truth}, {off} off",

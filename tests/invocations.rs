@@ -5,6 +5,8 @@
 
 #[expect(dead_code, reason = "tests of single runs need more of it")]
 mod common;
+#[path = "common/tiny.rs"]
+mod tiny;
 
 use std::fmt::Write;
 use std::fs;
@@ -15,11 +17,9 @@ use std::time::{Duration, Instant};
 use common::{spring, text, write_config};
 use paig::support::device::{cores, most_threads};
 use rayon::prelude::*;
+use tiny::TINY;
 
 const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/bad_invocations.txt");
-/// A run that takes a second.
-const TINY: &str = "[discover]\nframes = 4\nmax_steps = 2\n[identify]\nclips = 2\nhorizons = [3]\nmax_iterations = 1\n\
-    [join]\nbatch = 2\nmax_steps = 2\nvalidation_clips = 2\n[output]\nexamples = 0\n";
 /// A refusal comes before anything slow. Machines of tests are busy.
 const AT_ONCE: Duration = Duration::from_secs(60);
 

@@ -3,7 +3,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use paig::kernels::{self, ConvolutionKernel, Instructions, Kernels, Shape, UNetKernel};
+use paig::kernels::{self, AdamStep, ConvolutionKernel, Instructions, Kernels, UNetKernel};
 use paig::network::System;
 use paig::network::blocks::{Layers, Precision, UNet};
 use paig::network::cells::Actions;
@@ -46,11 +46,6 @@ fn network(side: usize, channels: usize, objects: usize) -> (VarStore, UNet, Vec
     (store, net, layers)
 }
 
-fn shape(side: usize, channels: usize, objects: usize) -> Shape {
-    let (base, poolings) = if side >= 40 { (16, 3) } else { (8, 2) };
-    Shape { side, channels, objects, base, poolings }
-}
-
 fn gradients(layers: &[(Tensor, Tensor)], logits: &Tensor, weight: &Tensor) -> Vec<Tensor> {
     let variables: Vec<_> = layers.iter().flat_map(|(weight, bias)| [weight, bias]).collect();
     variables.iter().for_each(|variable| variable.shallow_clone().zero_grad());
@@ -78,7 +73,7 @@ fn logits_and_gradients_are_those_of_libtorch() {
         let their_gradients = gradients(&layers, &theirs, &weight);
         let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
         for instructions in Instructions::all() {
-            let kernel = UNetKernel::new(instructions, shape(side, channels, objects));
+            let kernel = UNetKernel::new(instructions, UNet::shape(side, channels, objects));
             // Twice: the second pass is in used memory.
             for _ in 0..2 {
                 let ours = kernel.forward(&borrowed, &frames);
@@ -112,7 +107,8 @@ fn what_is_not_a_number_reaches_the_logits() {
                 let Some((weight, _)) = layers.get(layer) else { break };
                 let _ = weight.view(-1).narrow(0, 0, 1).fill_(wrong);
                 let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
-                let logits = UNetKernel::new(instructions, shape(side, channels, objects)).forward(&borrowed, &frames);
+                let logits =
+                    UNetKernel::new(instructions, UNet::shape(side, channels, objects)).forward(&borrowed, &frames);
                 let all_finite = bool::try_from(logits.isfinite().all()).unwrap();
                 assert!(!all_finite, "{instructions:?}: {wrong} in layer {layer}");
             }
@@ -194,7 +190,7 @@ fn threads_do_not_change_a_bit() {
         let (_store, _, layers) = network(side, 3, 2);
         let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
         let frames = Tensor::rand([frames, 3, side as i64, side as i64], (Kind::Float, Device::Cpu));
-        let kernel = UNetKernel::new(Instructions::best(), shape(side, 3, 2));
+        let kernel = UNetKernel::new(Instructions::best(), UNet::shape(side, 3, 2));
         let [once, again] = [1, 3].map(|threads| {
             tch::set_num_threads(threads);
             let logits = kernel.forward(&borrowed, &frames);
@@ -242,6 +238,17 @@ fn products_of_a_dense_layer_are_those_of_libtorch() {
         tch::set_num_threads(given);
         assert!(once.iter().zip(&again).all(|(once, again)| once.equal(again)), "{rows} x {inputs} x {outputs}");
     }
+}
+
+/// Half of them would be missing without a word.
+#[test]
+fn second_derivatives_are_refused() {
+    let [x, weight, bias] = [&[2i64, 3][..], &[4, 3], &[4]]
+        .map(|size| Tensor::ones(size, (Kind::Float, Device::Cpu)).set_requires_grad(true));
+    let sum = kernels::linear(&x, &weight, &bias).square().sum(Kind::Float);
+    assert!(Tensor::f_run_backward(&[&sum], &[&x], true, false).is_ok());
+    let refused = Tensor::f_run_backward(&[&sum], &[&x], true, true).unwrap_err().to_string();
+    assert!(refused.contains("no second derivatives"), "{refused}");
 }
 
 /// What a layer that is applied twice gives, `[results, results of the results]`, and the gradients of what it sees first,
@@ -381,6 +388,17 @@ fn steps_of_adam_are_those_of_libtorch() {
         let apart = (own - libtorch).abs().max().double_value(&[]);
         assert!(apart < 2e-6, "{apart}");
     }
+}
+
+#[test]
+#[should_panic(expected = "each has memory of its own")]
+fn adam_refuses_numbers_that_overlap() {
+    let mut apart = [(); 2].map(|()| Tensor::zeros([4], (Kind::Float, Device::Cpu)));
+    let [variable, square] = &mut apart;
+    let both = Tensor::zeros([5], (Kind::Float, Device::Cpu));
+    let [mut gradient, mut mean] = [0, 1].map(|start| both.narrow(0, start, 4));
+    let step = AdamStep { betas: [0.9, 0.999], rate: 0.1, epsilon: 1e-8 };
+    kernels::adam(step, [variable, &mut gradient, &mut mean, square]);
 }
 
 /// Positions that teach the masks and positions that do not, from one product: the same numbers and the same gradients as from

@@ -43,7 +43,8 @@ fn modules() -> BTreeMap<String, String> {
         let parts = path.strip_prefix(&root).unwrap().with_extension("");
         let parts: Vec<_> = parts.iter().map(|part| part.to_str().unwrap()).filter(|part| *part != "mod").collect();
         let text = fs::read_to_string(path).unwrap();
-        let code = text.split("#[cfg(test)]").next().unwrap().lines().map(|line| line.split("//").next().unwrap());
+        let (code, _) = text.split_once("#[cfg(test)]\nmod tests").unwrap_or((&text, ""));
+        let code = code.lines().map(|line| line.split("//").next().unwrap());
         (parts.join("::"), code.collect::<Vec<_>>().join("\n"))
     })
     .collect()
@@ -167,4 +168,17 @@ fn imports_are_found() {
     assert!(imports["network::system"].contains("network::cells"));
     assert_eq!(expanded("a::{b, c::{d, e}}"), ["a::b", "a::c::d", "a::c::e"]);
     assert!(imports.len() > 80, "{} modules", imports.len());
+    // What follows something else that is for tests alone.
+    assert!(modules["kernels::gpu"].contains("pub use unet::unet;"));
+}
+
+/// What the lints of `lib.rs` do not see: only the programs' code reads arguments and writes to the terminal.
+#[test]
+fn only_the_command_line_reads_arguments_and_writes_to_the_terminal() {
+    let modules = modules();
+    for word in ["env::args", "stdout()", "stderr()"] {
+        let named = modules.iter().filter(|(_, code)| code.contains(word)).map(|(name, _)| name);
+        let (programs, library): (Vec<_>, Vec<_>) = named.partition(|name| name.starts_with("cli::"));
+        assert!(!programs.is_empty() && library.is_empty(), "{word} is in {programs:?} and {library:?}");
+    }
 }

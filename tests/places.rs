@@ -1,6 +1,8 @@
 //! Where programs write and where they do not: devices, pipes, links, other people's files, folders in use.
 
 mod common;
+#[path = "common/tiny.rs"]
+mod tiny;
 
 use std::fs;
 use std::io::Read;
@@ -12,9 +14,7 @@ use std::sync::OnceLock;
 use common::{dataset, fresh, spring, text, write_config};
 use serde_json::Value;
 use tempfile::TempDir;
-
-const TINY: &str = "[discover]\nframes = 4\nmax_steps = 2\n[identify]\nclips = 2\nhorizons = [3]\nmax_iterations = 1\n\
-    [join]\nbatch = 2\nmax_steps = 2\nvalidation_clips = 2\n[output]\nexamples = 1\n";
+use tiny::TINY;
 
 /// A finished run that the tests share.
 fn run() -> PathBuf {

@@ -1,10 +1,14 @@
 //! Re-centring: positions lose the offset, the picture stays.
 
+#[path = "common/random.rs"]
+mod random;
+
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::support::random::named_generator;
 use paig::tasks::find;
 use paig::training::identify::recentre::recentre;
 use rand::Rng;
+use random::numbers;
 use tch::{Device, Kind, Tensor};
 
 /// Frames with one soft ball of each of two colours at random places, `[frames, 3, 32, 32]`.
@@ -28,7 +32,7 @@ fn recentring_moves_positions_and_keeps_the_picture() {
     let task = find("spring_color").unwrap();
     let model = PhysicsNet::new(&task.system, &options, Device::Cpu, 1).unwrap();
     let _guard = tch::no_grad_guard();
-    // Smooth sprites: on noise a shift by a fraction of a pixel must blur.
+    // Bumps that stand out from the fresh networks' noise: noise alone a shift by a fraction of a pixel must blur.
     model.decoder.start_templates(3.0, 0.3);
     let frames = frames(600);
     // Masks that tell the objects apart, as discovery leaves them.
@@ -46,7 +50,7 @@ fn recentring_moves_positions_and_keeps_the_picture() {
     // The offsets are about 1 px; the rest is what an untrained network's features cannot express.
     assert!(left < 0.2, "{left} px left");
     let change = difference(&drawn, &masks(&moved));
-    // Moving without the shift is the yardstick; a shift by a fraction of a pixel blurs the fresh sprites' noise (4 %), a
+    // Moving without the shift is the yardstick; a shift by a fraction of a pixel blurs the fresh networks' noise (4 %), a
     // wrong sign or axis would cost several times the yardstick.
     assert!(change < 0.1 * unshifted, "masks changed by {change}; without the sprites' shift by {unshifted}");
 }
@@ -57,8 +61,7 @@ fn a_new_order_changes_only_the_numbers() {
     let system = paig::tasks::builtin("3bp_color").unwrap().system;
     let model = PhysicsNet::new(&system, &ModelOptions::original(), Device::Cpu, 5).unwrap();
     let _guard = tch::no_grad_guard();
-    tch::manual_seed(1);
-    let frames = Tensor::rand([6, 3, 36, 36], (Kind::Float, Device::Cpu));
+    let frames = numbers(1, "frames", &[6, 3, 36, 36], |random| random.random::<f32>());
     let (before, [drawn]) =
         (model.encoder.forward(&frames).positions, model.decoder.draw([&positions(&model, &frames)]));
     model.reorder(&[2, 0, 1]);

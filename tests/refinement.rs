@@ -1,9 +1,12 @@
 //! State refinement: exact positions give the exact state, whatever the estimate, through bounces as well.
 
+#[path = "common/random.rs"]
+mod random;
+
 use paig::network::cells::{Actions, BOUNCING, Cell, CellKind, PENDULUM, SPRING, State, Walls, text};
 use paig::network::physics_models::refinement::refine;
-use paig::support::random::named_generator;
 use rand::Rng;
+use random::numbers;
 use tch::{Kind, Tensor};
 
 const CLIPS: i64 = 400;
@@ -14,9 +17,7 @@ fn build(kind: &CellKind, logs: &[Tensor]) -> Box<dyn Cell> {
 }
 
 fn uniform(purpose: &str, n: i64, low: f64, high: f64) -> Tensor {
-    let mut random = named_generator(11, purpose);
-    let values: Vec<f64> = (0..CLIPS * n).map(|_| random.random_range(low..high)).collect();
-    Tensor::from_slice(&values).reshape([CLIPS, n])
+    numbers(11, purpose, &[CLIPS, n], |random| random.random_range(low..high))
 }
 
 /// Share of the clips whose refined state at the last input frame is within `tolerance` of the truth.

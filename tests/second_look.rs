@@ -1,7 +1,12 @@
 //! The second look at objects that look alike.
 
+#[path = "common/random.rs"]
+mod random;
+
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::tasks;
+use rand::Rng;
+use random::numbers;
 use tch::{Device, Kind, Tensor};
 
 const FRAMES: i64 = 40;
@@ -20,8 +25,7 @@ fn model(shades: [f64; 2], second_look: bool) -> PhysicsNet {
 
 /// Frames of two objects each, `[frames, 3, 32, 32]`.
 fn frames(model: &PhysicsNet) -> Tensor {
-    tch::manual_seed(3);
-    let positions = Tensor::rand([FRAMES, 4], FLOAT) * 24.0 + 4.0;
+    let positions = numbers(3, "positions", &[FRAMES, 4], |random| random.random_range(4.0..28.0f32));
     tch::no_grad(|| model.decoder.draw([&positions])[0].shallow_clone())
 }
 

@@ -6,10 +6,11 @@ mod process;
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
-use std::time::Duration;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use common::{fresh, spring, text, write_config};
+use paig::runs::checkpoint::{SavedWeights, find_weights};
 use process::{Signal, signal};
 use serde_json::Value;
 
@@ -70,8 +71,7 @@ const TINY: &str = "[discover]\nframes = 8\nmax_steps = 14\n[discover.schedule]\
     [output]\nprint_every = 2\ncheckpoint_every = 3\nexamples = 0\n";
 
 fn last_weights(run: &Path) -> Vec<u8> {
-    let index: Value = serde_json::from_slice(&fs::read(run.join("checkpoints/index.json")).unwrap()).unwrap();
-    fs::read(run.join("checkpoints").join(index["last"].as_str().unwrap()).join("weights.safetensors")).unwrap()
+    fs::read(find_weights(run, SavedWeights::Last).unwrap()).unwrap()
 }
 
 /// metrics.jsonl without the times.
@@ -96,22 +96,39 @@ fn best_and_last_of_join(metrics: &[Value]) -> (u64, u64) {
     (best.0 - begin, scores.last().unwrap().0 - begin)
 }
 
+/// Waits until a file holds some words, or the program has ended.
+fn wait_for(file: &Path, words: &str, child: &mut Child) {
+    let started = Instant::now();
+    while child.try_wait().unwrap().is_none() && !fs::read_to_string(file).is_ok_and(|text| text.contains(words)) {
+        assert!(started.elapsed() < Duration::from_secs(300), "no {words} in {} after five minutes", file.display());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// There is something that a run can go on from.
+const SAVED: [&str; 2] = ["checkpoints/index.json", "last"];
+
 /// Trains into `whole` by the command that `fresh` makes for a folder, and into `killed` by the same one, killed at ever
-/// later moments and taken up by `again`: the bits are the same, and are not those of a run that began anew.
+/// later moments and taken up by `again`: the bits are the same, and are not those of a run that began anew. The first kills
+/// are `when` a file of the run holds some words, however fast the machine is.
 fn resumes_to_the_same_bits(
     [whole, killed]: [&Path; 2],
+    when: &[[&str; 2]],
     fresh: impl Fn(&Path) -> Command,
     again: impl Fn(&Path) -> Command,
 ) {
     let done = fresh(whole).output().unwrap();
     assert!(done.status.success(), "{}", text(&done));
 
-    // Killed at ever later moments, wherever in a step, a save or a phase that happens to be.
+    // Killed first where there is something to lose, then at ever later moments, wherever in a step, a save or a phase that is.
     let (mut kills, mut taken_up) = (0, Vec::new());
     for attempt in 0.. {
         let mut command = if killed.join("config.toml").exists() { again(killed) } else { fresh(killed) };
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        std::thread::sleep(Duration::from_millis(400 + 450 * attempt));
+        match when.get(attempt as usize) {
+            Some([file, words]) => wait_for(&killed.join(file), words, &mut child),
+            None => std::thread::sleep(Duration::from_millis(400 + 450 * attempt)),
+        }
         if child.try_wait().unwrap().is_none() {
             // SIGKILL: nothing can be saved any more.
             child.kill().unwrap();
@@ -156,7 +173,7 @@ fn a_killed_run_resumes_to_the_same_bits() {
         command.arg("--resume");
         command
     };
-    resumes_to_the_same_bits([&whole, &killed], begin, again);
+    resumes_to_the_same_bits([&whole, &killed], &[SAVED], begin, again);
     // At this rate joint training ends in harm: that must be undone, after kills as well.
     let log = fs::read_to_string(whole.join("log.txt")).unwrap();
     let (best, last) = best_and_last_of_join(&metrics(&whole));
@@ -206,7 +223,7 @@ fn a_run_that_was_killed_among_halved_frames_resumes_to_the_same_bits() {
         command.arg("--resume").arg("--out").arg(run);
         command
     };
-    resumes_to_the_same_bits([&whole, &killed], begin, again);
+    resumes_to_the_same_bits([&whole, &killed], &[["metrics.jsonl", "coarse"], SAVED], begin, again);
     let phases: Vec<_> = metrics(&whole).iter().map(|record| record["phase"].as_str().unwrap().to_string()).collect();
     let first = |phase: &str| phases.iter().position(|known| known == phase).expect(phase);
     assert!(first("coarse") < first("discover"), "{phases:?}");
@@ -217,12 +234,9 @@ fn sigterm_saves_and_stops() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
     let config = write_config(folder.path(), &TINY.replace("max_steps = 14", "max_steps = 100000"));
-    let child = fresh(&mut spring(&run)).arg("--config").arg(&config).stdout(Stdio::piped()).spawn().unwrap();
-    let started = std::time::Instant::now();
-    while !run.join("checkpoints/index.json").exists() {
-        assert!(started.elapsed() < Duration::from_secs(300), "no checkpoint after five minutes");
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    let mut child = fresh(&mut spring(&run)).arg("--config").arg(&config).stdout(Stdio::piped()).spawn().unwrap();
+    let [file, words] = SAVED;
+    wait_for(&run.join(file), words, &mut child);
     signal(child.id(), Signal::SIGTERM);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(143), "{}", text(&output));

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use anyhow::{Context, Result, ensure};
-use serde_json::Value;
+use paig::runs::checkpoint::{SavedWeights, find_weights};
 
 /// The folder of the programs.
 pub fn folder() -> Result<PathBuf> {
@@ -25,7 +25,5 @@ pub fn done(output: &Output) -> Result<()> {
 
 /// The bytes of a run's last weights.
 pub fn last_weights(run: &Path) -> Result<Vec<u8>> {
-    let index: Value = serde_json::from_slice(&fs::read(run.join("checkpoints/index.json"))?)?;
-    let last = index["last"].as_str().context("no last checkpoint")?;
-    Ok(fs::read(run.join("checkpoints").join(last).join("weights.safetensors"))?)
+    Ok(fs::read(find_weights(run, SavedWeights::Last)?)?)
 }

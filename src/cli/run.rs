@@ -26,6 +26,7 @@ use crate::runs::checkpoint::{RunState, SavedWeights, Store};
 use crate::runs::folder::RunFolder;
 use crate::runs::names::CONFIG;
 use crate::runs::summary::{self, Hardware, LearnedParameter, Summary, TestScores};
+use crate::runs::verdict::Verdict;
 use crate::support::device::{self, COMMIT};
 use crate::support::memory;
 use crate::training::base::Outcome;
@@ -382,7 +383,12 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
     waiting.finish();
     print_end(&state, folder.path());
     let measured = measure_videos(config, folder, device);
-    say!("{verdict}");
+    if is_measured(config) {
+        // What is to be quoted are the measurement's intervals, not those of short clips in pixels of small frames.
+        say!("{}", Verdict { intervals: BTreeMap::new(), ..verdict });
+    } else {
+        say!("{verdict}");
+    }
     measured.map(|()| ExitCode::SUCCESS)
 }
 
@@ -395,9 +401,14 @@ fn print_end(state: &RunState, folder: &Path) {
     say!("look at {folder}/losses.png and {folder}/example0.png; next: predict {folder} --frames 60");
 }
 
+/// Whether a run measures videos as a whole: those that its task was made from.
+fn is_measured(config: &Config) -> bool {
+    config.task.video().is_some_and(|video| video.film_step.is_some())
+}
+
 /// Of a task that was made from videos: what the run measures in them as a whole.
 fn measure_videos(config: &Config, folder: &RunFolder, device: Device) -> Result<()> {
-    if config.task.video().is_none_or(|video| video.film_step.is_none()) {
+    if !is_measured(config) {
         return Ok(());
     }
     let out = folder.path();

@@ -15,6 +15,7 @@ use super::planner::Planner;
 use super::relearning::Relearning;
 use super::state::ControlState;
 use super::vision::Vision;
+use crate::network::physics_models::PhysicsNet;
 use crate::support::random::named_generator;
 
 /// A way to decide.
@@ -85,7 +86,7 @@ impl<'a> Controller<'a> {
 
     /// Plans from what is seen, on another model.
     pub fn seeing_with(vision: Vision<'a>, model: Box<dyn Model + 'a>, planner: Box<dyn Planner>) -> Self {
-        let raw = vision.model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect();
+        let raw = raw_parameters(vision.model);
         let eyes = Eyes::new(vision);
         Controller::Seeing(Box::new(Seeing { eyes, model, planner, relearning: None, raw, relearned: 0, unseen: 0 }))
     }
@@ -130,13 +131,21 @@ impl<'a> Controller<'a> {
         }
     }
 
-    /// Where its model leads from a state under these actions, one for each step; nothing of a controller without a model
-    /// or where the model fails.
-    pub fn foretell(&mut self, from: &ControlState, actions: &[f32]) -> Vec<ControlState> {
+    /// The parameters of its model as they are now, raw; none where none can be learned again.
+    pub fn parameters(&self) -> Vec<f64> {
+        match self {
+            Controller::Seeing(seeing) => raw_parameters(seeing.eyes.vision.model),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Where its model leads with these [parameters](Self::parameters) from a state under these actions, one for each step;
+    /// nothing of a controller without a model or where the model fails.
+    pub fn foretell(&mut self, parameters: &[f64], from: &ControlState, actions: &[f32]) -> Vec<ControlState> {
         match self {
             Controller::Zero | Controller::Random(_) | Controller::Latent { .. } => Vec::new(),
             Controller::TrueState { model, .. } => model.follow(from, actions).unwrap_or_default(),
-            Controller::Seeing(seeing) => seeing.model.follow(from, actions).unwrap_or_default(),
+            Controller::Seeing(seeing) => seeing.foretell(parameters, from, actions),
         }
     }
 
@@ -190,6 +199,10 @@ impl<'a> Controller<'a> {
     }
 }
 
+fn raw_parameters(model: &PhysicsNet) -> Vec<f64> {
+    model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect()
+}
+
 fn acted(planned: Option<f64>, from: Option<ControlState>, note: Option<String>) -> Decision {
     match planned.filter(|action| action.is_finite()) {
         Some(action) => Decision::Act { action, from, note },
@@ -202,11 +215,31 @@ impl Seeing<'_> {
         self.planner.begin(seed);
         self.eyes.begin();
         if self.relearned > 0 {
-            let model = self.eyes.vision.model;
-            model.parameters.iter().zip(&self.raw).for_each(|(parameter, raw)| model.set_raw(parameter, *raw));
-            self.rebuild();
+            self.set(&self.raw.clone());
         }
         (self.relearned, self.unseen) = (0, 0);
+    }
+
+    /// Sets the parameters, raw.
+    fn set(&mut self, raw: &[f64]) {
+        let model = self.eyes.vision.model;
+        model.parameters.iter().zip(raw).for_each(|(parameter, raw)| model.set_raw(parameter, *raw));
+        self.rebuild();
+    }
+
+    /// See [`Controller::foretell`]. The parameters are the same afterwards.
+    fn foretell(&mut self, parameters: &[f64], from: &ControlState, actions: &[f32]) -> Vec<ControlState> {
+        let now = raw_parameters(self.eyes.vision.model);
+        // A model that is not the learned one never has others.
+        let others = self.relearned > 0 && parameters != now;
+        if others {
+            self.set(parameters);
+        }
+        let states = self.model.follow(from, actions).unwrap_or_default();
+        if others {
+            self.set(&now);
+        }
+        states
     }
 
     /// The planned-with model with the parameters as they are now.
@@ -242,19 +275,26 @@ mod tests {
     use crate::control::pendulum::{FORMAT, PendulumEnvironment, PendulumSettings};
     use crate::control::planner::SearchSettings;
     use crate::control::reward::Goal;
-    use crate::network::physics_models::{ModelOptions, PhysicsNet};
+    use crate::network::physics_models::ModelOptions;
     use crate::tasks;
+
+    fn untrained() -> PhysicsNet {
+        let options = ModelOptions { refinement_steps: 2, exact_shift: true, ..ModelOptions::original() };
+        let system = tasks::builtin("pendulum").unwrap().system;
+        PhysicsNet::new(&system, &options, Device::Cpu, 1).unwrap()
+    }
+
+    fn relearning(net: &PhysicsNet) -> Controller<'_> {
+        let search = SearchSettings { candidates: 20, iterations: 2, ..SearchSettings::default() };
+        let controller = Controller::seeing(Vision::new(net, FORMAT).unwrap(), Box::new(CrossEntropy::new(search)));
+        controller.relearning(Relearning { names: vec!["g".into()], frames: 25 }).unwrap()
+    }
 
     /// The seventh frame, from which parameters are first learned, does not arrive; it is foretold, and counts then.
     #[test]
     fn what_a_missing_frame_holds_back_is_learned_at_the_next_decision() {
-        let options = ModelOptions { refinement_steps: 2, exact_shift: true, ..ModelOptions::original() };
-        let system = tasks::builtin("pendulum").unwrap().system;
-        let net = PhysicsNet::new(&system, &options, Device::Cpu, 1).unwrap();
-        let search = SearchSettings { candidates: 20, iterations: 2, ..SearchSettings::default() };
-        let controller = Controller::seeing(Vision::new(&net, FORMAT).unwrap(), Box::new(CrossEntropy::new(search)));
-        let relearning = Relearning { names: vec!["g".into()], frames: 25 };
-        let mut controller = controller.relearning(relearning).unwrap();
+        let net = untrained();
+        let mut controller = relearning(&net);
         let rules = Rules::pendulum(Goal::angle(0.0));
         let mut world = PendulumEnvironment::new(PendulumSettings::default(), rules).unwrap();
         world.reset(2);
@@ -269,5 +309,23 @@ mod tests {
             seeing.relearned
         };
         assert_eq!([0, 1, 2, 3, 4, 5, 6, 7].map(&mut learned_from), [0, 0, 0, 0, 0, 0, 0, 7]);
+    }
+
+    /// What a film shows of a plan is what the model foretold then, not what it would foretell after it has learned.
+    #[test]
+    fn a_plan_is_foretold_with_the_parameters_of_its_time() {
+        let net = untrained();
+        let mut controller = relearning(&net);
+        let (from, actions) = (ControlState::turning(0.4, -1.0), [0.5; 8]);
+        let early = controller.parameters();
+        let foretold = controller.foretell(&early, &from, &actions);
+        let Controller::Seeing(seeing) = &mut controller else { unreachable!("it sees") };
+        // As if they had been learned again.
+        seeing.set(&early.iter().map(|raw| raw + 0.5).collect::<Vec<_>>());
+        seeing.relearned = 7;
+        let late = controller.parameters();
+        assert_ne!(controller.foretell(&late, &from, &actions), foretold);
+        assert_eq!(controller.foretell(&early, &from, &actions), foretold);
+        assert_eq!(controller.parameters(), late);
     }
 }

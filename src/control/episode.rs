@@ -42,6 +42,8 @@ pub struct Planned {
     pub from: ControlState,
     /// The actions of its decisions.
     pub actions: Vec<f32>,
+    /// The model's parameters then, raw: others may be learned later in the episode. Empty of a model that learns none.
+    pub parameters: Vec<f64>,
 }
 
 /// Plays an episode. Equal seeds give equal episodes, to the bit with as many threads. `film` keeps the frames even of a
@@ -110,8 +112,8 @@ impl Player {
                 self.action = action;
                 self.without_plan = 0;
                 episode.notes.extend(note.map(|note| format!("step {step}: {note}")));
-                let actions = controller.planned().to_vec();
-                episode.plans.extend(from.map(|from| Planned { step, from, actions }));
+                let (actions, parameters) = (controller.planned().to_vec(), controller.parameters());
+                episode.plans.extend(from.map(|from| Planned { step, from, actions, parameters }));
                 return;
             }
             Decision::Lost => "what is controlled is not seen",

@@ -50,11 +50,14 @@ impl<'a> Eyes<'a> {
         let Some(now) = self.places.len().checked_sub(1) else { return Sight::Lost };
         let foretold = self.foretell(now, actions, model).unwrap_or_default();
         let window = self.window(now);
+        let places: Vec<_> = self.places[window.clone()].iter().flatten().collect();
+        let acted = || &actions[window.start..now];
         let sight = if self.seen[now] {
-            let places: Vec<_> = self.places[window.clone()].iter().flatten().collect();
-            self.vision.state(&places, &actions[window.start..now]).map_or(Sight::Lost, Sight::Seen)
+            self.vision.state(&places, acted()).map_or(Sight::Lost, Sight::Seen)
         } else {
-            foretold.map_or(Sight::Lost, |state| Sight::Foretold(state, self.blind(now)))
+            // What was seen and what acted before a missing frame is known all the same.
+            let remembering = |state| ControlState { before: self.vision.before(&places, acted()), ..state };
+            foretold.map(remembering).map_or(Sight::Lost, |state| Sight::Foretold(state, self.blind(now)))
         };
         match &sight {
             Sight::Seen(state) | Sight::Foretold(state, _) => self.last = Some((now, state.clone())),
@@ -122,8 +125,10 @@ mod tests {
     use tch::Device;
 
     use super::*;
+    use crate::control::learned;
     use crate::control::pendulum::FORMAT;
     use crate::control::plans::{Plans, Trajectories};
+    use crate::network::dynamics::DynamicsKind;
     use crate::network::physics_models::{ModelOptions, PhysicsNet};
     use crate::tasks;
 
@@ -155,5 +160,28 @@ mod tests {
         let known: Vec<usize> = (0..20).filter(|frame| eyes.places[*frame].is_some()).collect();
         assert_eq!(known, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 19]);
         assert_eq!(eyes.window(19), 19..20);
+    }
+
+    /// A black box foretells a frame that is missing, and goes on from what was seen before it and from what acted.
+    #[test]
+    fn what_came_before_a_missing_frame_is_known() {
+        let options = ModelOptions { dynamics: DynamicsKind::Mlp, exact_shift: true, ..ModelOptions::original() };
+        let net = PhysicsNet::new(&tasks::builtin("pendulum").unwrap().system, &options, Device::Cpu, 1).unwrap();
+        let mut eyes = Eyes::new(Vision::new(&net, FORMAT).unwrap());
+        let (angles, actions) = ([0.5, 0.4, 0.2, -0.1], [1.0, -2.0, 0.5, 1.5]);
+        let place = |angle: f64| eyes.vision.places_of(&ControlState::new(vec![angle], Vec::new()));
+        let places = angles.map(place);
+        let seen = eyes.vision.state(&places.each_ref(), &actions[..3]).unwrap();
+        (eyes.seen, eyes.places) = (vec![true; 4], places.map(Some).to_vec());
+        eyes.last = Some((3, seen));
+        let frames: [Option<Tensor>; 5] = Default::default();
+        let sight = eyes.look(&frames, &actions, learned::of_net(&net).as_mut());
+        let Sight::Foretold(state, 1) = &sight else { panic!("{sight:?}") };
+        assert_eq!(state.before.iter().map(|moment| moment.action).collect::<Vec<_>>(), actions[1..]);
+        for (moment, angle) in state.before.iter().zip(&angles[1..]) {
+            // Places are pixels in float32, and angles of them.
+            assert!((moment.positions[0] - angle).abs() < 1e-4, "{moment:?} instead of {angle}");
+        }
+        assert_eq!(eyes.last.map(|(frame, state)| (frame, state.before.len())), Some((4, 3)));
     }
 }

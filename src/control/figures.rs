@@ -167,8 +167,8 @@ pub fn write_clips(path: &Path, rows: &[Row]) -> Result<bool> {
 }
 
 /// An episode in motion. What is seen; what the model, eight steps before, foretold to be seen now, given what has acted
-/// since; and the plan: what it leads to (above) and its actions (below). Of a controller that does not see or plan only
-/// what there is.
+/// since; and the plan: what it leads to (above) and its actions (below), both with the parameters that the model had when
+/// it planned. Of a controller that does not see or plan only what there is.
 ///
 /// # Errors
 /// A file that cannot be written, frames that cannot be drawn.
@@ -216,7 +216,7 @@ pub fn write_frame(path: &Path, frame: &Tensor) -> Result<()> {
 fn foretold(episode: &Episode, controller: &mut Controller, step: usize) -> Option<ControlState> {
     let plan = episode.plans.iter().rev().find(|plan| plan.step + AHEAD <= step)?;
     let acted: Vec<f32> = episode.actions[plan.step..step].iter().map(|action| *action as f32).collect();
-    controller.foretell(&plan.from, &acted).pop().filter(ControlState::is_finite)
+    controller.foretell(&plan.parameters, &plan.from, &acted).pop().filter(ControlState::is_finite)
 }
 
 fn corner(panel: u32) -> (u32, u32) {
@@ -238,7 +238,7 @@ fn draw_plan(canvas: &mut Canvas, plan: &Planned, controller: &mut Controller, r
     canvas.text("plan", (x, HEAD / 2), FONT_SIZE, HPos::Left, INK)?;
     canvas.fill((x, y), (PANEL, PANEL), RGBColor(243, 245, 248));
     let held: Vec<f32> = plan.actions.iter().flat_map(|action| vec![*action; rules.hold]).collect();
-    let path = controller.foretell(&plan.from, &held);
+    let path = controller.foretell(&plan.parameters, &plan.from, &held);
     let (above, below) = (PANEL * 2 / 3, PANEL / 3);
     let share = |state: &ControlState| match (&rules.reward, state.positions.len()) {
         (Reward::Goal(goal), 2..) => state.positions[0] / goal.scale,

@@ -75,7 +75,7 @@ impl Relearning {
         let actions = Actions::new(Some(Tensor::from_slice(&actions[..frames - 1]).unsqueeze(0)));
         let trust = Trust { mask: Some(mask), ..Trust::default() };
         let fit = fit(&config, &model.system, positions, &actions, &start, &trust)?;
-        for (parameter, log) in model.parameters.iter().zip(&fit.logs).filter(|(it, _)| named(it.kind.name)) {
+        for (parameter, log) in model.parameters.iter().zip(&fit.raw).filter(|(it, _)| named(it.kind.name)) {
             let value = log.is_finite().then_some(*log);
             model.set_raw(parameter, value.with_context(|| format!("the fit of {} failed", parameter.kind.name))?);
         }

@@ -165,17 +165,22 @@ impl<'a> Vision<'a> {
             let steps = if black_box { 0 } else { model.options.refinement_steps };
             refinement::refine(model.cell.as_ref(), model.system.dt, &positions, &acted, estimate, steps)
         };
-        let numbers =
-            |x: &Tensor| -> Vec<f64> { Vec::try_from(x.to_kind(Kind::Double).flatten(0, 1)).expect("numbers") };
-        let mut state = ControlState::new(numbers(&state.pos), numbers(&state.vel));
-        if black_box {
-            let moment = |(frame, action): (i64, &f64)| Moment {
-                positions: numbers(&positions.select(1, frame)),
-                action: *action,
-            };
-            state.before = (0..count - 1).zip(actions).map(moment).collect();
-        }
+        let mut state = ControlState::new(flat(&state.pos), flat(&state.vel));
+        state.before = self.before(places, actions);
         state.is_finite().then_some(state)
+    }
+
+    /// What is known of the frames before the last of some consecutive ones; `actions` (one fewer) acted from each to the next.
+    /// Nothing for an equation, which asks for none.
+    pub fn before(&self, places: &[&Places], actions: &[f64]) -> Vec<Moment> {
+        let _guard = tch::no_grad_guard();
+        if self.model.black_box.is_none() {
+            return Vec::new();
+        }
+        let positions = self.coordinates(places);
+        let moment =
+            |(frame, action): (i64, &f64)| Moment { positions: flat(&positions.select(1, frame)), action: *action };
+        (0..).zip(actions).map(moment).collect()
     }
 
     /// The coordinates at which a picture shows the objects, radians or pixels.
@@ -201,4 +206,9 @@ impl<'a> Vision<'a> {
         let places = self.places(&frame).remove(0).with_context(lost)?;
         Ok(Vec::try_from(self.coordinates(&[&places]).to_kind(Kind::Double).flatten(0, 2))?)
     }
+}
+
+/// The numbers of a state's part, `[1, coordinates]`.
+fn flat(part: &Tensor) -> Vec<f64> {
+    Vec::try_from(part.to_kind(Kind::Double).flatten(0, 1)).expect("numbers")
 }

@@ -228,6 +228,11 @@ fn to_float(pixels: &Tensor) -> Tensor {
     pixels.to_kind(Kind::Float) / 255.0
 }
 
+/// Steps in one pass over so many clips; of fewer than a batch all make one.
+pub fn steps_per_epoch(clips: usize, batch: usize) -> u64 {
+    (clips / batch.max(1)).max(1) as u64
+}
+
 /// Shuffled passes over a split; the last partial batch of a pass is dropped, as in the original.
 #[derive(Debug)]
 pub struct ShuffledBatches {
@@ -254,7 +259,7 @@ impl ShuffledBatches {
 
     /// Steps in one pass.
     pub fn steps_per_epoch(&self) -> u64 {
-        (self.clips / self.batch) as u64
+        steps_per_epoch(self.clips, self.batch)
     }
 
     /// The clips of a step (counted from 0 over all passes).
@@ -280,7 +285,7 @@ mod tests {
     fn an_epoch_shows_each_clip_once_and_each_in_another_order() {
         let batches = || ShuffledBatches::new(10, 3, 7).unwrap();
         let mut shown = batches();
-        assert_eq!(shown.steps_per_epoch(), 3);
+        assert_eq!((shown.steps_per_epoch(), steps_per_epoch(10, 3), steps_per_epoch(2, 3)), (3, 3, 1));
         let epochs: Vec<Vec<i64>> = (0..3)
             .map(|epoch| (3 * epoch..3 * epoch + 3).flat_map(|step| shown.clips_of_step(step).to_vec()).collect())
             .collect();

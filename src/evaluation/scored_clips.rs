@@ -62,6 +62,8 @@ impl ScoredClips {
 fn truth(path: &Path, task: &Task, states: Option<&States>) -> Vec<TrueParameter> {
     let own = [&task.train_file, &task.test_file].iter().any(|file| path.ends_with(file));
     match states.and_then(|states| states.truth.as_ref()) {
+        // Of another equation's file the numbers are not this one's.
+        Some(values) if values.len() != task.truth.len() => Vec::new(),
         Some(values) => {
             let known = task.truth.iter().zip(values);
             known.map(|(parameter, &value)| TrueParameter { value, ..parameter.clone() }).collect()

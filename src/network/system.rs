@@ -12,7 +12,7 @@ use tch::Tensor;
 
 use super::blocks::side_multiple;
 use super::cells::text::{self, EquationTable};
-use super::cells::{self, Build, Cell, CellKind, Walls};
+use super::cells::{self, Build, Cell, CellKind, Coordinates, Walls};
 
 /// Smallest side of a frame, pixels: the window of the structural similarity is 11 x 11.
 const LEAST_SIDE: usize = 12;
@@ -42,7 +42,31 @@ pub struct System {
     pub halved: bool,
 }
 
+/// How networks that see coordinates take them in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scaling {
+    /// What a coordinate is multiplied by.
+    pub scale: f64,
+    /// What is then taken off.
+    pub shift: f64,
+}
+
+impl Scaling {
+    /// Coordinates, scaled.
+    pub fn of(self, coordinates: &Tensor) -> Tensor {
+        coordinates * self.scale - self.shift
+    }
+}
+
 impl System {
+    /// Positions in pixels are taken in as -1 to 1 across the frame; angles, small numbers, as they are.
+    pub fn scaling(&self) -> Scaling {
+        match self.cell.coordinates {
+            Coordinates::Position => Scaling { scale: 2.0 / self.side as f64, shift: 1.0 },
+            Coordinates::Angle => Scaling { scale: 1.0, shift: 0.0 },
+        }
+    }
+
     /// The same system, given its frames at half their side.
     pub fn halved(&self) -> Self {
         System { halved: true, ..self.clone() }
@@ -197,5 +221,31 @@ impl SystemTable {
         let system = System { side, channels, objects, input_steps, pred_steps, dt, cell, walls, halved: false };
         system.check()?;
         Ok(system)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::cells::{PENDULUM, SPRING};
+
+    #[test]
+    fn networks_see_positions_from_edge_to_edge_and_angles_as_they_are() {
+        let taken_in = |cell: &'static CellKind| {
+            let system = System {
+                side: 64,
+                channels: 1,
+                objects: cell.objects.unwrap_or(1),
+                input_steps: 4,
+                pred_steps: 6,
+                dt: 0.3,
+                cell,
+                walls: Walls::new(64, 0.0),
+                halved: false,
+            };
+            Vec::<f64>::try_from(system.scaling().of(&Tensor::from_slice(&[0.0, 48.0, 64.0]))).unwrap()
+        };
+        assert_eq!(taken_in(&SPRING), [-1.0, 0.5, 1.0]);
+        assert_eq!(taken_in(&PENDULUM), [0.0, 48.0, 64.0]);
     }
 }

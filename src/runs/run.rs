@@ -8,6 +8,7 @@ use super::course::Course;
 use super::names::{CONFIG, METRICS};
 use super::run_config::RunConfig;
 use super::summary::Summary;
+use crate::datasets::iterators::steps_per_epoch;
 use crate::support::storage;
 
 /// One run folder.
@@ -90,8 +91,8 @@ impl Run {
 
     /// Passes over the training clips that `join`'s batches make in these steps.
     pub fn epochs(&self) -> Option<f64> {
-        let steps_per_epoch = (self.data.as_ref()?.clips[0] as f64 / self.config.number("join.batch")?).floor();
-        (steps_per_epoch >= 1.0).then_some(self.steps()? as f64 / steps_per_epoch)
+        let (clips, batch) = (self.data.as_ref()?.clips[0], self.config.number("join.batch")? as usize);
+        Some(self.steps()? as f64 / steps_per_epoch(clips, batch) as f64)
     }
 
     /// `1750 steps`; of a recipe that counts epochs, `1750 steps (35 epochs)`.

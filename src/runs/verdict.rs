@@ -57,13 +57,26 @@ impl Verdict {
     }
 }
 
+/// What the sentence of a verdict names, where it was judged: a black box has no equation that could explain names or motion.
+const NAMED: [&str; 3] = ["objects", "names", "motion"];
+
+/// `a`, `a and b`, `a, b and c`.
+fn listed(words: &[&str]) -> String {
+    match words {
+        [before @ .., last] if !before.is_empty() => format!("{} and {last}", before.join(", ")),
+        _ => words.concat(),
+    }
+}
+
 impl Display for Verdict {
     fn fmt(&self, f: &mut Formatter) -> fmt::Result {
         let intervals = self.intervals.iter();
         let intervals: Vec<_> =
             intervals.map(|(name, Interval { low, high })| format!("{name} {low:.4} to {high:.4}")).collect();
         if self.found {
-            write!(f, "found: objects, names and motion")?;
+            let judged = |name: &&str| self.checks.iter().any(|check| check.name == *name);
+            let named: Vec<_> = NAMED.into_iter().filter(judged).collect();
+            write!(f, "found: {}", listed(&named))?;
             return if intervals.is_empty() { Ok(()) } else { write!(f, "; {}", intervals.join(", ")) };
         }
         write!(f, "not found")?;
@@ -85,10 +98,22 @@ mod tests {
     #[test]
     fn a_verdict_says_what_failed_and_where_to_look() {
         let intervals = BTreeMap::from([("k".to_string(), Interval { low: 3.98, high: 4.01 })]);
-        let found = Verdict::new(vec![check("objects", true)], intervals.clone());
+        let all = ["objects", "drawing", "names", "motion", "k"].map(|name| check(name, true));
+        let found = Verdict::new(all.into(), intervals.clone());
         assert_eq!(found.to_string(), "found: objects, names and motion; k 3.9800 to 4.0100");
         let lost = Verdict::new(vec![check("objects", false), check("names", true)], intervals);
         assert!(!lost.found);
         assert_eq!(lost.to_string(), "not found\n  objects: so; look at a picture");
+    }
+
+    /// As that of a black box, whose names and motion nothing judges.
+    #[test]
+    fn a_verdict_names_only_what_was_judged() {
+        let found = |names: &[&str]| {
+            let checks = names.iter().map(|name| check(name, true)).collect();
+            Verdict::new(checks, BTreeMap::new()).to_string()
+        };
+        assert_eq!(found(&["objects", "drawing", "L_pred"]), "found: objects");
+        assert_eq!(found(&["objects", "motion"]), "found: objects and motion");
     }
 }

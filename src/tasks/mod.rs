@@ -55,11 +55,13 @@ pub struct Task {
     /// On the command line, in run folders and in `summary.json`.
     pub name: String,
     pub system: System,
-    /// Frames of a training clip and of a test clip.
+    /// Frames of a training clip.
     pub train_frames: usize,
+    /// Frames of a test clip.
     pub test_frames: usize,
-    /// The dataset files, relative to the datasets folder.
+    /// The dataset file of the training clips, relative to the datasets folder.
     pub train_file: String,
+    /// That of the test clips.
     pub test_file: String,
     /// How `generate` makes the clips; none of videos that were filmed.
     pub scene: Option<Scene>,

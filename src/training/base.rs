@@ -15,7 +15,7 @@ use super::objective::{Objective, StepLoss, Validated};
 use super::objects::motion::Motion;
 use super::observer::{Event, Observer};
 use super::optimizers::{Optimizer, OptimizerKind};
-use crate::datasets::iterators::Clips;
+use crate::datasets::iterators::{Clips, steps_per_epoch};
 use crate::evaluation;
 use crate::kernels::Repeated;
 use crate::network::physics_models::PhysicsNet;
@@ -71,7 +71,7 @@ pub struct Session<'a> {
     pub(super) store: Option<Store>,
     pub(super) observers: Vec<&'a mut dyn Observer>,
     pub(super) stop: Box<dyn Fn() -> bool + 'a>,
-    /// Of the optimizer at the checkpoint that the training goes on from.
+    /// Of the optimizer where the training goes on: at the last checkpoint, without a store where it stopped.
     pub(super) slots: Option<Named>,
     /// Start of the time that is not yet in `state.seconds`.
     pub(super) clock: Instant,
@@ -115,12 +115,16 @@ impl Session<'_> {
     pub(super) fn save(&mut self, slots: &[(String, Tensor)]) -> Result<()> {
         self.state.seconds = self.elapsed();
         self.clock = Instant::now();
-        let Some(store) = &self.store else { return Ok(()) };
+        let Some(store) = &self.store else {
+            let copies = slots.iter().map(|(name, slot)| (name.clone(), slot.copy()));
+            self.slots = (!slots.is_empty()).then(|| copies.collect());
+            return Ok(());
+        };
         store.save(self.model, slots, &mut self.state)?;
         self.tell(&Event::Checkpoint { steps: self.state.steps })
     }
 
-    /// Descends a phase's loss to its end, `rule` on gradients clipped to +- `clip_gradients` (0: not clipped).
+    /// Descends a phase's loss to its end, by `rule` with gradients clipped as [`Optimizer::of_config`] says.
     pub(super) fn train_phase(
         &mut self,
         phase: &'static str,
@@ -129,8 +133,8 @@ impl Session<'_> {
         clip_gradients: f64,
     ) -> Result<Outcome> {
         let variables = self.model.named_variables();
-        let clip = (clip_gradients > 0.0).then_some(clip_gradients);
-        let mut optimizer = Optimizer::new(rule, clip, &variables).with_kernels(self.model.options.kernels);
+        let optimizer = Optimizer::of_config(rule, clip_gradients, &variables);
+        let mut optimizer = optimizer.with_kernels(self.model.options.kernels);
         if let Some(slots) = self.slots.take() {
             optimizer.restore(self.state.step, slots)?;
         }
@@ -288,9 +292,8 @@ impl Session<'_> {
         if !score.is_finite() {
             return Ok(Some("the validation score is not finite".into()));
         }
-        let steps_per_epoch = (self.train.len() / batch).max(1) as u64;
         let record = Record {
-            epoch: Some(self.state.steps / steps_per_epoch),
+            epoch: Some(self.state.steps / steps_per_epoch(self.train.len(), batch)),
             score: Some(score),
             recons_loss,
             pred_loss,

@@ -3,13 +3,15 @@
 /// A guide's course over the steps of a phase.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GuideClock {
-    /// Steps with full weight, at least, and the step from which there is none if it was no more.
+    /// Steps with full weight, at least.
     pub full_until: u64,
+    /// The step from which there is no weight, if it was full for no more steps than that.
     pub zero_from: u64,
     /// The score from which on the objects are found.
     pub found_at: f64,
     /// The step from which the weight falls though they are not.
     pub at_the_latest: u64,
+    /// Steps from one validation to the next.
     pub validate_every: u64,
 }
 
@@ -28,7 +30,8 @@ impl GuideClock {
     /// The guides' weight at a step: 1, then a half cosine down to 0.
     pub fn weight(&self, step: u64, validations: &[f64]) -> f64 {
         let step = step - self.delay(step, validations).min(step);
-        if step < self.full_until {
+        // A course that waits for the objects stands at the last step with full weight.
+        if step <= self.full_until && self.zero_from > 0 {
             1.0
         } else if step >= self.zero_from {
             0.0
@@ -76,6 +79,13 @@ mod tests {
         let never = [9.0; 15];
         assert_eq!(weights([499, 500, 550, 600], &never), [1.0, 1.0, 0.5, 0.0]);
         assert_eq!(CLOCK.guided(&never), 12);
+    }
+
+    #[test]
+    fn guides_without_a_fade_wait_for_the_objects_too() {
+        let clock = GuideClock { zero_from: 100, ..CLOCK };
+        let late = [9.0, 8.0, 7.0, 6.0, 3.0, 2.0];
+        assert_eq!([100, 249, 250, 251].map(|step| clock.weight(step, &late)), [1.0, 1.0, 1.0, 0.0]);
     }
 
     #[test]

@@ -103,6 +103,11 @@ impl Optimizer {
         Optimizer { rule, clip, steps: 0, slots, kernels: Kernels::Own, rates }
     }
 
+    /// As a phase's config has it: gradients are clipped to +- `clip_gradients`, and with 0 not at all.
+    pub fn of_config(rule: OptimizerKind, clip_gradients: f64, variables: &[(String, Tensor)]) -> Self {
+        Self::new(rule, (clip_gradients > 0.0).then_some(clip_gradients), variables)
+    }
+
     /// Computes with these kernels.
     #[must_use]
     pub fn with_kernels(self, kernels: Kernels) -> Self {
@@ -287,6 +292,18 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn a_limit_of_0_clips_nothing() {
+        let moved = |clip_gradients: f64| {
+            let weights = Tensor::zeros([1], (Kind::Double, Device::Cpu)).set_requires_grad(true);
+            let variables = [("weights".to_string(), weights.shallow_clone())];
+            (&weights * 5.0).sum(Kind::Double).backward();
+            Optimizer::of_config(OptimizerKind::Sgd, clip_gradients, &variables).step(&variables, |_| 1.0);
+            weights.double_value(&[0])
+        };
+        assert_eq!([moved(0.0), moved(2.0)], [-5.0, -2.0]);
     }
 
     /// A step whose rates are read from a tensor, as on a GPU, is the same as one that is told numbers; so what is recorded once

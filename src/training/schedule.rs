@@ -11,6 +11,7 @@ use super::guide_clock::GuideClock;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LrSchedule {
+    /// Steps from one validation to the next.
     pub validate_every: u64,
     /// Share of the steps after which the rates are divided by `anneal_factor`, at the latest.
     pub anneal_at: f64,

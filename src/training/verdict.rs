@@ -12,6 +12,7 @@ use super::config::Config;
 use super::identify::Identify;
 use super::identify::explain::{Explanation, explain};
 use super::identify::fit::Start;
+use super::identify::missing::Left;
 use super::identify::seen::Seen;
 use super::objects::motion::Motion;
 use crate::datasets::iterators::Clips;
@@ -32,8 +33,6 @@ const COVERED: f64 = 0.6;
 const DRAWN: f64 = 0.75;
 /// Where this share is, the masks may be faint: what is drawn where it is has been seen.
 const WELL_DRAWN: f64 = 0.95;
-/// Pixels that count as moving.
-const MOVES: f64 = 0.5;
 /// Pixels that the objects' masks hold.
 const HELD: f64 = 0.5;
 /// Of the positions, the share that the equation must explain.
@@ -74,6 +73,8 @@ pub fn judge(config: &Config, model: &PhysicsNet, train: &Clips, held_out: &Clip
     }
     let explanation = explain(&Identify::usual(held_out.time()), model, &seen, &Start::of(model))?;
     checks.extend([names(&explanation), motion_explained(model, &explanation)]);
+    // Of a filmed video the measurement compares the whole with its pieces.
+    checks.extend(explanation.left.filter(|_| !filmed).map(|left| nothing_missing(model, left)));
     let intervals = intervals(model, &explanation);
     checks.extend(parameters(config, model, &intervals));
     if !filmed {
@@ -129,7 +130,7 @@ impl<'a> Drawn<'a> {
         let places = self.clips.places(chosen, encoded as usize);
         let truth = frames.narrow(1, 0, encoded).flatten(0, 1);
         let moving = self.motion.of(self.clips, &places, &truth);
-        let mut moves = moving.share.gt(MOVES).unsqueeze(1);
+        let mut moves = moving.moves();
         if let Some(objects) = objects {
             let held = pass.encoding.masks.narrow(1, 0, objects).sum_dim_intlist([1i64].as_slice(), true, None);
             moves = moves.logical_and(&held.gt(HELD));
@@ -171,15 +172,24 @@ fn motion_explained(model: &PhysicsNet, explanation: &Explanation) -> Check {
     check("motion", explanation.explains(), measured, "parameters.png; is it the right equation?")
 }
 
+fn nothing_missing(model: &PhysicsNet, left: Left) -> Check {
+    let unit = model.system.cell.coordinates.unit();
+    let measured =
+        format!("the equation leaves {:.4} {unit} of whole clips and {:.4} of half ones", left.whole, left.half);
+    let missing = left.misses_a_force();
+    let measured = if missing { measured + ": a force is missing in it" } else { measured };
+    check("force", !missing, measured, "the equation; its parameters are wrong, however narrow their intervals are")
+}
+
 /// Of each learned parameter, from the least to the largest of what was learned and what held-out clips say.
 fn intervals(model: &PhysicsNet, explanation: &Explanation) -> BTreeMap<String, Interval> {
     let learned = model.parameters.iter().enumerate().filter(|(_, parameter)| parameter.learned);
     learned
         .map(|(place, parameter)| {
             let deviation = explanation.fit.deviations[place];
-            let logs = explanation.estimates.iter().map(|logs| logs[place]).chain([parameter.raw.double_value(&[])]);
+            let raw = explanation.estimates.iter().map(|raw| raw[place]).chain([parameter.raw.double_value(&[])]);
             let (low, high) =
-                logs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), log| (low.min(log), high.max(log)));
+                raw.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), raw| (low.min(raw), high.max(raw)));
             let value = |raw: f64| model.true_value(parameter.kind, raw);
             let interval = Interval { low: value(low - 2.0 * deviation), high: value(high + 2.0 * deviation) };
             (parameter.kind.name.to_string(), interval)

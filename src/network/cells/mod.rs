@@ -151,7 +151,8 @@ pub struct CellKind {
 /// How a cell of an equation is made.
 #[derive(Debug)]
 pub enum Build {
-    /// By this function, from the logarithms of the parameters (scalars, one for each) and the walls.
+    /// By this function, from the raw numbers of the parameters (scalars, one for each; see [`Bounds`]: of a positive one its
+    /// logarithm) and the walls.
     Rust(fn(&[Tensor], Walls) -> Box<dyn Cell>),
     /// From the text of a task file.
     Text(&'static Equation),
@@ -264,11 +265,11 @@ pub trait Cell: Debug {
     }
 }
 
-/// The scalars that `build` was given, one for each of `N` parameters.
+/// The raw numbers that `build` was given, scalars, one for each of `N` parameters.
 ///
 /// # Panics
 /// Another number of them: a mistake in the program, never in its input.
-pub fn scalars<const N: usize>(logs: &[Tensor]) -> [Tensor; N] {
-    let logs: &[Tensor; N] = logs.try_into().expect("one log-parameter for each parameter of the cell");
-    logs.each_ref().map(Tensor::shallow_clone)
+pub fn scalars<const N: usize>(raw: &[Tensor]) -> [Tensor; N] {
+    let raw: &[Tensor; N] = raw.try_into().expect("one raw number for each parameter of the cell");
+    raw.each_ref().map(Tensor::shallow_clone)
 }

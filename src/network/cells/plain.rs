@@ -16,21 +16,51 @@ pub trait PlainCell<F = f32>: Debug {
     fn step(&mut self, positions: &mut [F], velocities: &mut [F], action: &[F], dt: F);
 }
 
-/// What accelerates the objects of an equation.
-pub(super) trait Law: Debug {
-    /// Writes the accelerations in these states, all `[coordinates, batch]`; `action` (`[batch]`) acts.
+/// What accelerates the objects of an equation. With [`Euler`] it is a [`Cell::plain_double`](super::Cell::plain_double):
+///
+/// ```
+/// use paig::network::cells::plain::{Euler, Law, PlainCell, columns, columns_mut};
+///
+/// /// One ball that falls through a medium.
+/// #[derive(Debug)]
+/// struct Falling {
+///     g: f64,
+///     drag: f64,
+/// }
+///
+/// impl Law for Falling {
+///     fn accelerate(&self, _positions: &[f64], velocities: &[f64], _action: &[f64], into: &mut [f64]) {
+///         let [vx, vy] = columns(velocities);
+///         let [ax, ay] = columns_mut(into);
+///         for i in 0..vx.len() {
+///             (ax[i], ay[i]) = (-self.drag * vx[i], self.g - self.drag * vy[i]);
+///         }
+///     }
+/// }
+///
+/// // Two states side by side: x of both, then y of both. One of them moves to the right.
+/// let (mut positions, mut velocities) = ([0.0_f64; 4], [0.0_f64, 2.0, 0.0, 0.0]);
+/// Euler::new(Falling { g: 10.0, drag: 0.0 }).step(&mut positions, &mut velocities, &[0.0; 2], 1.0);
+/// // A fifth of the time with each of the speeds 2, 4, 6, 8 and 10.
+/// let expected = [0.0, 2.0, 6.0, 6.0];
+/// assert!(positions.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-12));
+/// ```
+pub trait Law: Debug {
+    /// Writes the accelerations in these states, all `[coordinates, batch]`, pixels (an angle: radians) per squared time unit;
+    /// `action` (`[batch]`, 0 where nothing acts) acts.
     fn accelerate(&self, positions: &[f64], velocities: &[f64], action: &[f64], into: &mut [f64]);
 }
 
-/// A law, integrated as [`super::Cell::step`] does it.
+/// A law, integrated as [`Cell::step`](super::Cell::step) does it with a substep that moves the positions by the velocities at
+/// its end.
 #[derive(Debug)]
-pub(super) struct Euler<L> {
+pub struct Euler<L> {
     law: L,
     accelerations: Vec<f64>,
 }
 
 impl<L: Law> Euler<L> {
-    pub(super) fn new(law: L) -> Self {
+    pub fn new(law: L) -> Self {
         Euler { law, accelerations: Vec::new() }
     }
 }
@@ -50,14 +80,17 @@ impl<L: Law> PlainCell<f64> for Euler<L> {
     }
 }
 
-/// The coordinates of `N` numbers of a batch, each `[batch]`.
-pub(super) fn columns<const N: usize>(numbers: &[f64]) -> [&[f64]; N] {
+/// The coordinates of numbers `[N, batch]`, each `[batch]`: of two objects `[x0, y0, x1, y1]`.
+pub fn columns<const N: usize>(numbers: &[f64]) -> [&[f64]; N] {
     let batch = numbers.len() / N;
     std::array::from_fn(|number| &numbers[number * batch..][..batch])
 }
 
 /// The same, to be written.
-pub(super) fn columns_mut<const N: usize>(numbers: &mut [f64]) -> [&mut [f64]; N] {
+///
+/// # Panics
+/// Fewer than `N` numbers: a mistake in the program, never in its input.
+pub fn columns_mut<const N: usize>(numbers: &mut [f64]) -> [&mut [f64]; N] {
     let mut columns = numbers.chunks_exact_mut(numbers.len() / N);
     std::array::from_fn(|_| columns.next().expect("as many columns as numbers"))
 }

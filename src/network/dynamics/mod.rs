@@ -21,6 +21,7 @@ use tch::nn::Path;
 use super::System;
 use super::blocks::Layers;
 use super::cells::{Actions, Coordinates, State};
+use super::system::Scaling;
 
 pub use gru::GruCell;
 pub use interaction_network::InteractionNetwork;
@@ -99,8 +100,8 @@ pub struct BlackBox {
     network: Box<dyn Predictor>,
     features: Features,
     coordinates: Coordinates,
-    /// A position p in pixels is taken in as `p * scale - 1`; a change is foretold in units of `1 / scale`.
-    scale: f64,
+    /// Of the positions; a change is foretold in units of one over the scale.
+    scaling: Scaling,
     dt: f64,
 }
 
@@ -108,10 +109,6 @@ impl BlackBox {
     /// None for the physics, which is no black box.
     pub fn new(scope: Path, kind: DynamicsKind, system: &System) -> Option<Self> {
         let coordinates = system.cell.coordinates;
-        let scale = match coordinates {
-            Coordinates::Position => 2.0 / system.side as f64,
-            Coordinates::Angle => 1.0,
-        };
         let features = Features {
             objects: system.objects,
             coordinates: coordinates.per_object(),
@@ -127,7 +124,7 @@ impl BlackBox {
             DynamicsKind::Mlp => Box::new(mlp::StackedMlp::new(&mut layers, &features)),
             DynamicsKind::Linear => Box::new(linear::Linear::new(&mut layers, &features)),
         };
-        Some(BlackBox { network, features, coordinates, scale, dt: system.dt })
+        Some(BlackBox { network, features, coordinates, scaling: system.scaling(), dt: system.dt })
     }
 
     /// The states at the last of the input positions `[batch, L, coordinates * objects]` and at the next `frames` frames.
@@ -161,14 +158,14 @@ impl BlackBox {
     /// and foretells the next.
     pub fn step(&self, memory: &mut Vec<Tensor>, positions: &Tensor, action: Option<Tensor>) -> State {
         self.see(memory, positions, action);
-        let change = self.network.change(memory) / self.scale;
+        let change = self.network.change(memory) / self.scaling.scale;
         State { pos: positions + &change, vel: change / self.dt }
     }
 
     /// Takes in positions `[batch, coordinates * objects]` and what acts from their frame on (`[batch, 1]`; nothing: zero).
     fn see(&self, memory: &mut Vec<Tensor>, positions: &Tensor, action: Option<Tensor>) {
         let mut frame = match self.coordinates {
-            Coordinates::Position => positions * self.scale - 1.0,
+            Coordinates::Position => self.scaling.of(positions),
             // An angle and the same after a full turn are one place.
             Coordinates::Angle => Tensor::stack(&[positions.sin(), positions.cos()], 2).flatten(1, 2),
         };

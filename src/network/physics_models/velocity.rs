@@ -10,6 +10,7 @@ use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers};
 use crate::network::cells::Coordinates;
 use crate::network::dynamics::DynamicsKind;
+use crate::network::system::Scaling;
 
 const HIDDEN: usize = 100;
 
@@ -18,10 +19,10 @@ const HIDDEN: usize = 100;
 pub struct VelocityEstimator {
     layers: Vec<Dense>,
     alt_vel: bool,
-    centred_input: bool,
+    /// Of the input positions; none for as they are.
+    scaling: Option<Scaling>,
     objects: i64,
     coordinates: i64,
-    side: f64,
 }
 
 impl VelocityEstimator {
@@ -39,14 +40,13 @@ impl VelocityEstimator {
                 layers.dense(HIDDEN, coordinates, Activation::None),
             ],
         };
+        let centred = options.centred_velocity_input && system.cell.coordinates == Coordinates::Position;
         VelocityEstimator {
             layers,
             alt_vel: options.alt_vel,
-            // Angles are small numbers as they are.
-            centred_input: options.centred_velocity_input && system.cell.coordinates == Coordinates::Position,
+            scaling: centred.then(|| system.scaling()),
             objects: system.objects as i64,
             coordinates: coordinates as i64,
-            side: system.side as f64,
         }
     }
 
@@ -59,10 +59,8 @@ impl VelocityEstimator {
         }
         let inputs = if self.alt_vel {
             positions.narrow(1, 1, steps - 1) - positions.narrow(1, 0, steps - 1)
-        } else if self.centred_input {
-            positions * (2.0 / self.side) - 1.0
         } else {
-            positions.shallow_clone()
+            self.scaling.map_or_else(|| positions.shallow_clone(), |scaling| scaling.of(positions))
         };
         // All of object 0, then all of object 1, ..: [objects * batch, coordinates * steps].
         let per_object = inputs.reshape([batch, -1, self.objects, self.coordinates]).permute([2, 0, 1, 3]);

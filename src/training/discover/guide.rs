@@ -28,9 +28,9 @@ pub struct Guide {
     pub balance: f64,
     /// An object's position is at the centroid of its mask.
     pub tie: f64,
-    /// Steps with the guides at full weight, and the step from which they are off; both later where the objects are not
-    /// found by then.
+    /// Steps with the guides at full weight; more where the objects are not found by then.
     pub full_until: u64,
+    /// The step from which they are off; later by as many where those are more.
     pub zero_from: u64,
     /// Whether they have full weight until the objects are drawn also on whole frames after halved ones; otherwise they fade
     /// there at once.

@@ -20,7 +20,7 @@ use super::identify;
 use super::objective::{Objective, StepLoss, Validated};
 use super::objects::blobs;
 use super::objects::motion::{Motion, Moving};
-use super::objects::names::Names;
+use super::objects::names::{self, Names};
 use super::objects::pasting;
 use super::objects::sprites;
 use super::optimizers::OptimizerKind;
@@ -38,8 +38,6 @@ use crate::support::random::named_generator;
 
 /// Frames on which a validation is made.
 const VALIDATION_FRAMES: usize = 500;
-/// Frames from which the looks of the objects are learned.
-const NAMED_FRAMES: usize = 500;
 /// The rates fall early where no more than this share of what moves is undrawn and L_rec has stopped falling, or where no
 /// more than the smaller share is.
 const UNDRAWN: [f64; 2] = [0.02, 0.01];
@@ -196,9 +194,8 @@ impl<'a> Discovery<'a> {
         seed: u64,
     ) -> Result<Self> {
         let names = if config.guide.identity > 0.0 {
-            let places = train.random_places(NAMED_FRAMES, seed, u64::MAX);
-            let moving = motion.of(train, &places, &train.frames(&places));
-            Names::learn(&blobs::find(&moving, model.system.objects), seed)
+            let (_, found) = names::looked_at(train, &motion, model.system.objects, seed);
+            Names::learn(&found, seed)
         } else {
             None
         };
@@ -271,9 +268,7 @@ impl<'a> Discovery<'a> {
 
     fn start_sprites(&self, model: &PhysicsNet) -> Result<()> {
         let Some(names) = &self.names else { return Ok(()) };
-        let places = self.train.random_places(NAMED_FRAMES, self.seed, u64::MAX);
-        let moving = self.motion.of(self.train, &places, &self.train.frames(&places));
-        let found = blobs::find(&moving, model.system.objects);
+        let (moving, found) = names::looked_at(self.train, &self.motion, model.system.objects, self.seed);
         if let Some(seen) = sprites::learn(&moving, &found, names, model.system.given_side() as i64 / 2) {
             let behind = self.motion.median.mean_dim([1i64, 2].as_slice(), true, None);
             let reach = seen.reach * model.system.given_pixel();
@@ -293,7 +288,7 @@ struct Undrawn {
 impl Undrawn {
     fn measure(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor) -> Self {
         let _guard = tch::no_grad_guard();
-        let moves = motion.of(clips, places, frames).share.gt(0.5).unsqueeze(1).expand_as(frames);
+        let moves = motion.of(clips, places, frames).moves().expand_as(frames);
         let sum = |x: Tensor| x.sum(Kind::Double).double_value(&[]);
         let moving = sum((frames - &motion.median).square() * &moves);
         let rests = moves.logical_not();

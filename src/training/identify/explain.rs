@@ -7,6 +7,7 @@ use tch::{Kind, Tensor};
 
 use super::Identify;
 use super::fit::{Fit, Start, Trust, fit};
+use super::missing::Left;
 use super::rank::{self, Indistinct};
 use super::seen::Seen;
 use crate::network::System;
@@ -20,8 +21,8 @@ use crate::support::statistics::{MEDIAN_TO_DEVIATION, is_smaller};
 const RENAMED_CLIPS: f64 = 0.15;
 /// Rounds of naming by the fitted motion.
 const NAMING_ROUNDS: usize = 4;
-/// A usual residual of more than this, pixels, makes the fit try other starts: the logarithms of all parameters
-/// changed by these.
+/// A usual residual of more than this, pixels, makes the fit try other starts: the raw numbers of all learned
+/// parameters changed by these, a factor of 4, a fourth and 16 of a positive one.
 const TRY_OTHERS: f64 = 0.25;
 const OTHER_STARTS: [f64; 3] = [1.4, -1.4, 2.8];
 /// Offsets that the fit finds by itself are taken where they make the usual residual smaller than this share.
@@ -70,7 +71,9 @@ pub struct Explanation {
     pub own_residual: f64,
     /// The largest of them that counts as explained, in their unit.
     pub largest_residual: f64,
-    /// Log-parameters by either measure of the positions, as far as it fits nearly as well as the better one.
+    /// What it leaves of whole clips and of half ones; None where half a clip is too short.
+    pub left: Option<Left>,
+    /// Raw numbers of the parameters by either measure of the positions, as far as it fits nearly as well as the better one.
     pub estimates: Vec<Vec<f64>>,
 }
 
@@ -82,8 +85,8 @@ impl Explanation {
 
     /// Gives the model the parameters, if the equation explains what was seen.
     pub(super) fn apply(&self, model: &PhysicsNet) {
-        let learned = model.parameters.iter().zip(&self.fit.logs).filter(|(parameter, _)| parameter.learned);
-        learned.filter(|_| self.explains()).for_each(|(parameter, log)| model.set_raw(parameter, *log));
+        let learned = model.parameters.iter().zip(&self.fit.raw).filter(|(parameter, _)| parameter.learned);
+        learned.filter(|_| self.explains()).for_each(|(parameter, raw)| model.set_raw(parameter, *raw));
     }
 
     /// The learned parameters that the motion does not tell apart, if there are any.
@@ -142,16 +145,18 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
             best = free;
         }
     }
-    let weights = weights(&best.residuals);
+    let weights = weights(&best.residuals, LEAST_DEVIATION * fits.pixel);
     let own_residual = if weights.is_some() { fits.own_residual(&best) } else { best.usual_residual };
     let mut trust = Trust { weights, ..Trust::default() };
     let (best, explained) = fits.without_outliers(&named, best, free_offsets, &mut trust)?;
 
-    let mut estimates = vec![best.logs.clone()];
+    let mut estimates = vec![best.raw.clone()];
     let other = fits.go_on(&fits.coordinates(other_at, order.as_ref()), &best, free_offsets, &trust)?;
     if other.usual_residual <= WITNESS * best.usual_residual {
-        estimates.push(other.logs);
+        estimates.push(other.raw);
     }
+    let own = |fit: &Fit| if trust.weights.is_some() { fits.own_residual(fit) } else { fit.usual_residual };
+    let left = Left::of((config, &model.system), (&named, &seen.actions), (&best, &trust), own, fits.pixel)?;
     let found = fits.offsets_in_pixels(&best);
     Ok(Explanation {
         offsets: seen.offsets.iter().zip(&found).map(|(measured, found)| measured + found).collect(),
@@ -163,6 +168,7 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
         by_encoder: encoder_wins,
         own_residual,
         largest_residual: LARGEST_RESIDUAL * fits.pixel,
+        left,
         estimates,
     })
 }
@@ -206,25 +212,24 @@ impl Fits<'_> {
 
     /// A fit that begins where another ended.
     fn go_on(&self, at: &Tensor, from: &Fit, free_offsets: bool, trust: &Trust) -> Result<Fit> {
-        let (logs, states) = (from.logs.clone(), Some(from.states.shallow_clone()));
-        self.fit(at, &Start { logs, learned: self.start.learned.clone(), free_offsets, states }, trust)
+        let (raw, states) = (from.raw.clone(), Some(from.states.shallow_clone()));
+        self.fit(at, &Start { raw, learned: self.start.learned.clone(), free_offsets, states }, trust)
     }
 
     /// The fit from the given start, or from one of the others where that leaves much.
     fn best_of_starts(&self, at: &Tensor) -> Result<Fit> {
-        let Start { logs, learned, .. } = self.start;
-        let from = |logs: Vec<f64>| {
-            let start = Start { logs, learned: learned.clone(), free_offsets: false, states: None };
+        let Start { raw, learned, .. } = self.start;
+        let from = |raw: Vec<f64>| {
+            let start = Start { raw, learned: learned.clone(), free_offsets: false, states: None };
             self.fit(at, &start, &Trust::default())
         };
-        let mut best = from(logs.clone())?;
+        let mut best = from(raw.clone())?;
         let changes = if learned.contains(&true) { &OTHER_STARTS[..] } else { &[] };
         for change in changes {
             if best.usual_residual <= TRY_OTHERS * self.pixel {
                 break;
             }
-            let other =
-                from(logs.iter().zip(learned).map(|(log, &it)| if it { log + change } else { *log }).collect())?;
+            let other = from(raw.iter().zip(learned).map(|(raw, &it)| if it { raw + change } else { *raw }).collect())?;
             if is_smaller(other.usual_residual, best.usual_residual) {
                 best = other;
             }
@@ -343,8 +348,8 @@ fn rename_by_motion(order: &mut Tensor, seen: &Tensor, rolled_out: &Tensor) -> R
 }
 
 /// What makes the residuals of a frame independent, `[coordinates, coordinates]`; counts a residual in units of the usual one,
-/// so that the same limits hold. None where they nearly are independent.
-fn weights(residuals: &Tensor) -> Option<Tensor> {
+/// so that the same limits hold. None where they nearly are independent. `least`: a deviation in their unit.
+fn weights(residuals: &Tensor, least: f64) -> Option<Tensor> {
     let flat = residuals.flatten(0, 1);
     if flat.size()[0] == 0 {
         return None;
@@ -360,7 +365,7 @@ fn weights(residuals: &Tensor) -> Option<Tensor> {
     if together.is_nan() || together < TOGETHER {
         return None;
     }
-    let least = Tensor::eye(covariance.size()[0], (Kind::Double, covariance.device())) * LEAST_DEVIATION.powi(2);
+    let least = Tensor::eye(covariance.size()[0], (Kind::Double, covariance.device())) * least.powi(2);
     Some((covariance + least).linalg_cholesky(false).inverse() * scale)
 }
 

@@ -1,8 +1,7 @@
 //! The fit of the physical parameters to encoded trajectories.
 //!
-//! Unknown are the log-parameters (of a parameter that has other bounds than 0 the raw number that stands for it), one offset
-//! of each object's template (the encoder may put an object beside its centre, always by as much), and the initial state of
-//! each clip.
+//! Unknown are the raw numbers of the parameters (of a positive one its logarithm), one offset of each object's template (the
+//! encoder may put an object beside its centre, always by as much), and the initial state of each clip.
 //!
 //! The fit is Levenberg-Marquardt in float64 with a Huber loss. The normal equations have an arrow's shape (states of
 //! one clip touch only the shared unknowns), so each clip's states are eliminated first. Derivatives are central
@@ -19,13 +18,13 @@ use crate::network::physics_models::PhysicsNet;
 use crate::support::least_squares;
 use crate::support::statistics::MEDIAN_TO_DEVIATION;
 
-/// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or natural logarithm. In float64
+/// Half the span of the difference quotients, in the unit of a coordinate or a velocity, or of a raw number. In float64
 /// roll-outs of positions up to 64 px it leaves nine digits.
 const PROBE: f64 = 1e-4;
 /// Weight of a squared offset, clip by clip: holds those in place that the physics does not see (a common shift).
 const OFFSET_RIDGE: f64 = 1e-3;
-/// Largest change of a log-parameter in one iteration.
-const LARGEST_LOG_STEP: f64 = 0.5;
+/// Largest change of a parameter's raw number in one iteration.
+const LARGEST_RAW_STEP: f64 = 0.5;
 /// Added to the diagonal of normal equations, of their largest number.
 const LEAST_HELD: f64 = 1e-12;
 /// Relative fall of the cost at which a horizon is done.
@@ -34,8 +33,8 @@ const CONVERGED: f64 = 1e-5;
 /// Where a fit begins, and what is free.
 #[derive(Debug)]
 pub struct Start {
-    /// Log-parameters in the cell's order.
-    pub logs: Vec<f64>,
+    /// Raw numbers of the parameters in the cell's order.
+    pub raw: Vec<f64>,
     /// Whether each of them is learned.
     pub learned: Vec<bool>,
     /// Whether each object may be seen beside its place by an offset of its own.
@@ -60,7 +59,7 @@ impl Start {
     /// The parameters of a model as they are.
     pub fn of(model: &PhysicsNet) -> Self {
         Start {
-            logs: model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect(),
+            raw: model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect(),
             learned: model.parameters.iter().map(|parameter| parameter.learned).collect(),
             free_offsets: true,
             states: None,
@@ -71,8 +70,8 @@ impl Start {
 /// The result of a fit.
 #[derive(Debug)]
 pub struct Fit {
-    /// Log-parameters in the cell's order, those that are fixed included.
-    pub logs: Vec<f64>,
+    /// Raw numbers of the parameters in the cell's order, those that are fixed included.
+    pub raw: Vec<f64>,
     /// Encoded minus true position of each object in the cell's coordinates; a common shift is taken as 0 where the physics
     /// does not depend on it.
     pub offsets: Vec<f64>,
@@ -84,10 +83,10 @@ pub struct Fit {
     pub usual_residual: f64,
     /// Residuals of all frames of the longest horizon, `[clips, frames, coordinates]`.
     pub residuals: Tensor,
-    /// Standard deviation of each log-parameter, from the fit's curvature and the scatter over clips; 0 of one that is fixed,
+    /// Standard deviation of each raw number, from the fit's curvature and the scatter over clips; 0 of one that is fixed,
     /// infinite of one that shows in no position.
     pub deviations: Vec<f64>,
-    /// Second derivatives of the cost by the log-parameters, everything else following: `[parameters, parameters]`, in
+    /// Second derivatives of the cost by the raw numbers, everything else following: `[parameters, parameters]`, in
     /// the cell's order; 0 for one that is fixed.
     pub curvature: Tensor,
     pub iterations: usize,
@@ -97,7 +96,7 @@ pub struct Fit {
 #[derive(Debug)]
 struct Unknowns {
     /// `[parameters]`.
-    logs: Tensor,
+    raw: Tensor,
     /// `[coordinates]` of all objects.
     offsets: Tensor,
     /// Positions and velocities at the first frame, `[clips, 2 * coordinates]`.
@@ -165,7 +164,7 @@ pub fn fit(
     let coordinates = positions.size()[2];
     let states = start.states.as_ref().map_or_else(|| first_states(&positions, system.dt), Tensor::shallow_clone);
     let mut unknowns = Unknowns {
-        logs: Tensor::from_slice(&start.logs),
+        raw: Tensor::from_slice(&start.raw),
         offsets: Tensor::zeros([coordinates], (Kind::Double, positions.device())),
         states,
     };
@@ -191,10 +190,10 @@ pub fn fit(
     let counted = longest.masked(residuals.ones_like()).sum(Kind::Double).clamp_min(1.0);
     let residual = (longest.masked(residuals.square()).sum(Kind::Double) / counted).sqrt().double_value(&[]);
     let usual_residual = residuals.abs().median().double_value(&[]) * MEDIAN_TO_DEVIATION;
-    let (logs, offsets) = (values(&unknowns.logs), values(&unknowns.offsets));
+    let (raw, offsets) = (values(&unknowns.raw), values(&unknowns.offsets));
     let residuals = residuals.reshape([positions.size()[0], -1, coordinates]);
     Ok(Fit {
-        logs,
+        raw,
         offsets,
         states: unknowns.states,
         residual,
@@ -219,10 +218,10 @@ fn values(x: &Tensor) -> Vec<f64> {
 
 impl Problem<'_> {
     /// Positions of the roll-outs, `[clips * copies, horizon * coordinates]`.
-    fn roll_out(&self, logs: &Tensor, states: &Tensor, actions: &Actions) -> Tensor {
-        let logs: Vec<_> = (0..logs.size()[0]).map(|i| logs.get(i)).collect();
+    fn roll_out(&self, raw: &Tensor, states: &Tensor, actions: &Actions) -> Tensor {
+        let raw: Vec<_> = (0..raw.size()[0]).map(|i| raw.get(i)).collect();
         let System { cell: kind, dt, .. } = *self.system;
-        let cell = self.system.build_cell(&logs);
+        let cell = self.system.build_cell(&raw);
         if let Some(mut cell) = cell.plain_double() {
             return plain::roll_out(cell.as_mut(), states, actions, kind.tells_time(), dt, self.horizon);
         }
@@ -235,7 +234,7 @@ impl Problem<'_> {
     /// Roll-out and offsets minus encoded positions, `[clips, horizon * coordinates]`.
     fn residual(&self, unknowns: &Unknowns) -> Tensor {
         let seen = self.positions.narrow(1, 0, self.horizon as i64).flatten(1, 2);
-        let rolled_out = self.roll_out(&unknowns.logs, &unknowns.states, self.actions);
+        let rolled_out = self.roll_out(&unknowns.raw, &unknowns.states, self.actions);
         self.weighted(&(rolled_out + unknowns.offsets.repeat([self.horizon as i64]) - seen), 1)
     }
 
@@ -271,24 +270,24 @@ impl Problem<'_> {
     }
 
     fn linearise(&self, unknowns: &Unknowns) -> Linearised {
-        let Unknowns { logs, offsets, states } = unknowns;
+        let Unknowns { raw, offsets, states } = unknowns;
         let (clips, state_size) = states.size2().expect("states [clips, state]");
-        let parameters = logs.size()[0];
+        let parameters = raw.size()[0];
         let quotient = |up: Tensor, down: Tensor| (up - down) / (2.0 * PROBE);
         let probe = Tensor::eye(state_size, (Kind::Double, states.device())) * PROBE;
         let probes = Tensor::cat(&[&probe, &(-&probe)], 0);
         let copies = (states.unsqueeze(1) + probes).reshape([-1, state_size]);
         let actions = self.actions.each_repeated(2 * state_size);
-        let ends = self.weighted(&self.roll_out(logs, &copies, &actions), 1).reshape([clips, 2, state_size, -1]);
+        let ends = self.weighted(&self.roll_out(raw, &copies, &actions), 1).reshape([clips, 2, state_size, -1]);
         let by_state = quotient(ends.select(1, 0), ends.select(1, 1)).transpose(1, 2);
         let steps = Tensor::eye(parameters, (Kind::Double, states.device())) * PROBE;
         let mut shared: Vec<Tensor> = (0..parameters)
             .map(|p| {
                 let step = steps.get(p);
-                let shifted = |logs: Tensor| self.weighted(&self.roll_out(&logs, states, self.actions), 1);
+                let shifted = |raw: Tensor| self.weighted(&self.roll_out(&raw, states, self.actions), 1);
                 // Without a derivative a parameter stays where it is.
                 let learned = f64::from(self.learned[p as usize]);
-                (quotient(shifted(logs + &step), shifted(logs - &step)) * learned).unsqueeze(-1)
+                (quotient(shifted(raw + &step), shifted(raw - &step)) * learned).unsqueeze(-1)
             })
             .collect();
         let coordinates = offsets.size()[0];
@@ -321,11 +320,11 @@ impl Problem<'_> {
         let shared_count = state_shared.size()[2];
         let (a_b, a_g) = (eliminated.narrow(2, 0, shared_count), eliminated.narrow(2, shared_count, 1));
         let over_clips = |x: Tensor| x.sum_dim_intlist([0i64].as_slice(), false, None);
-        let ridge = Tensor::cat(&[unknowns.logs.zeros_like(), unknowns.offsets.full_like(self.ridge())], 0);
+        let ridge = Tensor::cat(&[unknowns.raw.zeros_like(), unknowns.offsets.full_like(self.ridge())], 0);
         let normal = damped(over_clips(w_shared.bmm(&at.by_shared)) + ridge.diag_embed(0, -2, -1))
             - over_clips(state_shared.transpose(1, 2).bmm(&a_b));
         let gradients = (w_shared.bmm(&residual) - state_shared.transpose(1, 2).bmm(&a_g)).squeeze_dim(-1);
-        let held = Tensor::cat(&[unknowns.logs.zeros_like(), &unknowns.offsets * self.ridge()], 0);
+        let held = Tensor::cat(&[unknowns.raw.zeros_like(), &unknowns.offsets * self.ridge()], 0);
         Eliminated { normal, gradients, held, a_b, a_g }
     }
 
@@ -334,16 +333,16 @@ impl Problem<'_> {
         let Eliminated { normal, gradients, held, a_b, a_g } = self.eliminate(at, unknowns, damping);
         let gradient = gradients.sum_dim_intlist([0i64].as_slice(), false, None) + held;
         let mut shared = -Tensor::linalg_solve(&normal, &gradient, true);
-        let parameters = unknowns.logs.size()[0];
+        let parameters = unknowns.raw.size()[0];
         let largest = if parameters > 0 { shared.narrow(0, 0, parameters).abs().max().double_value(&[]) } else { 0.0 };
-        if largest > LARGEST_LOG_STEP {
-            shared *= LARGEST_LOG_STEP / largest;
+        if largest > LARGEST_RAW_STEP {
+            shared *= LARGEST_RAW_STEP / largest;
         }
         let states = -(a_g + a_b.matmul(&shared.unsqueeze(-1))).squeeze_dim(-1);
         (shared, states)
     }
 
-    /// How well the log-parameters are known.
+    /// How well the parameters' raw numbers are known.
     ///
     /// Standard deviations: the inverse of the normal equations around the scatter of the clips' gradients, which need not
     /// be of independent residuals; of no more clips than shared unknowns, as if the residuals were. Curvature: the normal
@@ -351,7 +350,7 @@ impl Problem<'_> {
     fn certainty(&self, unknowns: &Unknowns) -> (Vec<f64>, Tensor) {
         let at = self.linearise(unknowns);
         let Eliminated { normal, gradients, .. } = self.eliminate(&at, unknowns, 0.0);
-        let (parameters, offsets) = (unknowns.logs.size()[0], unknowns.offsets.size()[0]);
+        let (parameters, offsets) = (unknowns.raw.size()[0], unknowns.offsets.size()[0]);
         let clips = gradients.size()[0] as f64;
         let free = self.learned.iter().filter(|learned| **learned).count() as i64
             + if self.free_offsets { offsets } else { 0 };
@@ -398,14 +397,14 @@ impl Problem<'_> {
 
     /// Iterates until the cost stands still; returns the iterations.
     fn minimise(&self, unknowns: &mut Unknowns, max_iterations: usize) -> usize {
-        let parameters = unknowns.logs.size()[0];
+        let parameters = unknowns.raw.size()[0];
         let coordinates = unknowns.offsets.size()[0];
         let cost = |unknowns: &Unknowns| self.cost(unknowns);
         let linearise = |unknowns: &Unknowns| self.linearise(unknowns);
         let step = |unknowns: &Unknowns, at: &Linearised, damping: f64| {
             let (shared, states) = self.step(at, unknowns, damping);
             Some(Unknowns {
-                logs: &unknowns.logs + shared.narrow(0, 0, parameters),
+                raw: &unknowns.raw + shared.narrow(0, 0, parameters),
                 offsets: &unknowns.offsets + shared.narrow(0, parameters, coordinates),
                 states: &unknowns.states + states,
             })

@@ -5,6 +5,7 @@
 
 pub mod explain;
 pub mod fit;
+pub mod missing;
 mod order;
 pub mod rank;
 pub mod recentre;
@@ -59,8 +60,9 @@ pub struct Identify {
 const VELOCITY_RATE: f64 = 1e-3;
 
 impl Identify {
-    /// A fit of clips of so many frames as the default recipe has it: for those who judge a training that had none.
-    pub(super) fn usual(clip_frames: usize) -> Self {
+    /// A fit of clips of so many frames with settings that are the same whatever the recipe: those of the judge, so that verdicts
+    /// can be compared, and of the first fits.
+    pub fn usual(clip_frames: usize) -> Self {
         let horizons = [3, 4, 6, 8].into_iter().filter(|horizon| *horizon < clip_frames).chain([clip_frames]).collect();
         Identify {
             clips: 400,
@@ -85,9 +87,11 @@ impl Identify {
             );
         }
         ensure!(
-            !self.horizons.is_empty() && self.horizons.iter().all(|&h| h >= 3 && h <= clip_frames),
-            "config: identify.horizons = {:?}: there must be at least one, and each between 3 and the clip length \
-             {clip_frames}",
+            !self.horizons.is_empty()
+                && self.horizons.is_sorted()
+                && self.horizons.iter().all(|&h| h >= 3 && h <= clip_frames),
+            "config: identify.horizons = {:?}: there must be at least one, none smaller than the one before, and each \
+             between 3 and the clip length {clip_frames}",
             self.horizons
         );
         Ok(())

@@ -18,8 +18,8 @@ const CLIPS: usize = 50;
 const CLEARLY_LESS: f64 = 0.7;
 
 /// Numbers the model's objects anew, if the equation explains their motion clearly better in another order, and gives the
-/// model the parameters that do. Gives the order: the old numbers, each at its new place. `begun`: the log-parameters that the
-/// training began with.
+/// model the parameters that do. Gives the order: the old numbers, each at its new place. `begun`: the raw numbers of the
+/// parameters that the training began with.
 ///
 /// # Errors
 /// Positions that are not finite.
@@ -32,7 +32,7 @@ pub(super) fn find(model: &PhysicsNet, train: &Clips, motion: &Motion, begun: &[
         return Ok(None);
     }
     // Parameters that were fitted in a wrong order are no start for another.
-    let start = Start { logs: begun.to_vec(), ..Start::of(model) };
+    let start = Start { raw: begun.to_vec(), ..Start::of(model) };
     let explained = |order: &[i64]| {
         model.reorder(order);
         let explanation = explain_some(model, train, motion, CLIPS, &start);

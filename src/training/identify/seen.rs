@@ -27,9 +27,9 @@ pub struct Seen {
     /// The encoder's minus the centroids', the median over the frames that have one, `[2 * objects]`. 0 where coordinates are
     /// angles: only the direction of what is seen counts there, and one and the same offset in pixels would turn it.
     pub offsets: Vec<f64>,
-    /// Share of the frames in which each object's mask holds something that moves, and of all that moves how much it
-    /// holds on average.
+    /// Share of the frames in which each object's mask holds something that moves, `[objects]`.
     pub present: Vec<f64>,
+    /// Of all that moves, the share that each object's mask holds on average, `[objects]`.
     pub owned: Vec<f64>,
     /// Of all that moves, what the masks hold together.
     pub covered: f64,

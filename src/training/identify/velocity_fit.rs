@@ -38,7 +38,8 @@ pub fn fit(model: &PhysicsNet, first: &Tensor, actions: &Actions, frames: usize,
     };
     let variables: Vec<_> =
         model.named_variables().into_iter().filter(|(name, _)| model.group(name) == VariableGroup::Velocity).collect();
-    let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
+    let optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
+    let mut optimizer = optimizer.with_kernels(model.options.kernels);
     // Of a single input frame no velocity is estimated, and there is nothing to learn.
     let steps = if variables.is_empty() { 0 } else { steps };
     for step in 0..steps {

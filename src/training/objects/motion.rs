@@ -20,6 +20,9 @@ const WORTH_EXPLAINING: f64 = 0.03;
 /// Difference beyond the noise, summed over channels, at which a pixel counts as moving to 63 %.
 const SATURATION: f64 = 0.1;
 
+/// What of a pixel's share must move for it to count as moving, where it does or does not.
+const MOVES: f64 = 0.5;
+
 /// A pixel is a speckle where it differs by so much, summed over channels, and by so many levels of noise, while the median
 /// of the 3x3 pixels about it differs by less than the third number. Frames are speckled where more than this share of all
 /// that differs so much are speckles (of objects only corners are), and more than this share of all pixels: a tiny object
@@ -54,14 +57,21 @@ pub struct Motion {
 /// What moves in some frames.
 #[derive(Debug)]
 pub struct Moving {
-    /// Frames minus what stands behind them, `[frames, channels, S, S]`, and the same averaged over 3x3 pixels, or
-    /// their median.
+    /// Frames minus what stands behind them, `[frames, channels, S, S]`.
     pub sharp: Tensor,
+    /// The same averaged over 3x3 pixels, or their median.
     pub difference: Tensor,
     /// Its size summed over channels, beyond the noise, at least 0: `[frames, S, S]`.
     pub excess: Tensor,
     /// Whether a pixel moves, in \[0, 1): `[frames, S, S]`.
     pub share: Tensor,
+}
+
+impl Moving {
+    /// Which pixels count as moving, yes or no: `[frames, 1, S, S]`.
+    pub fn moves(&self) -> Tensor {
+        self.share.gt(MOVES).unsqueeze(1)
+    }
 }
 
 impl Motion {

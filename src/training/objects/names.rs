@@ -3,11 +3,15 @@
 use rand::seq::SliceRandom;
 use tch::Tensor;
 
-use super::blobs::{Blob, FrameBlobs};
+use super::blobs::{self, Blob, FrameBlobs};
+use super::motion::{Motion, Moving};
+use crate::datasets::iterators::Clips;
 use crate::support::assignment::best_assignment;
 use crate::support::random::named_generator;
 use crate::support::statistics::upper_median;
 
+/// Frames from which the looks of the objects are learned.
+const FRAMES: usize = 500;
 /// Blobs that are farther apart than this many of their radii are taken for one object each.
 const APART: f64 = 2.5;
 /// Clean frames that are needed, and clusterings started.
@@ -39,6 +43,14 @@ pub struct Names {
     class: Vec<usize>,
     /// The axis of the order of those that look alike: 0 is x.
     axis: i64,
+}
+
+/// What moves in the frames from which the looks of these clips' objects are learned, and the blobs in each of them.
+pub fn looked_at(clips: &Clips, motion: &Motion, objects: usize, seed: u64) -> (Moving, Vec<FrameBlobs>) {
+    let places = clips.random_places(FRAMES, seed, u64::MAX);
+    let moving = motion.of(clips, &places, &clips.frames(&places));
+    let found = blobs::find(&moving, objects);
+    (moving, found)
 }
 
 fn squared_distance(a: &[f64], b: &[f64]) -> f64 {

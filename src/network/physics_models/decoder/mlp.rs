@@ -9,7 +9,7 @@ use tch::nn::Path;
 use super::Rendering;
 use crate::network::System;
 use crate::network::blocks::{Activation, CONSTANT_INPUTS, HIDDEN, Layers, Mlp};
-use crate::network::cells::Coordinates;
+use crate::network::system::Scaling;
 
 /// Two hidden layers of ReLU, and a sigmoid for the colours.
 #[derive(Debug)]
@@ -18,17 +18,12 @@ pub struct MlpDecoder {
     objects: i64,
     channels: i64,
     side: i64,
-    /// A position p is taken in as `p * scale - shift`.
-    scale: f64,
-    shift: f64,
+    /// Of the positions.
+    scaling: Scaling,
 }
 
 impl MlpDecoder {
     pub fn new(scope: Path, system: &System) -> Self {
-        let (scale, shift) = match system.cell.coordinates {
-            Coordinates::Position => (2.0 / system.side as f64, 1.0),
-            Coordinates::Angle => (1.0, 0.0),
-        };
         let (inputs, hidden, pixels) = widths(system);
         let widths = [inputs, hidden, hidden, pixels];
         MlpDecoder {
@@ -36,14 +31,13 @@ impl MlpDecoder {
             objects: system.objects as i64,
             channels: system.channels as i64,
             side: system.side as i64,
-            scale,
-            shift,
+            scaling: system.scaling(),
         }
     }
 
     /// Frames of `positions` (`[frames, coordinates * objects]`), drawn as one background.
     pub fn forward(&self, positions: &Tensor) -> Rendering {
-        let logits = self.layers.forward(&(positions * self.scale - self.shift));
+        let logits = self.layers.forward(&self.scaling.of(positions));
         let (frames, side) = (positions.size()[0], self.side);
         let like = (positions.kind(), positions.device());
         let hidden = Tensor::zeros([self.objects, frames, side, side], like);

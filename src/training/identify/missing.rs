@@ -1,0 +1,66 @@
+//! Whether a force is missing in an equation that explains the motion.
+//!
+//! Each clip has a first state of its own, which takes up much of what a missing force does. The rest grows with the time,
+//! unlike what the seeing is off by: so it shows where a whole clip leaves more than its first half alone. `measure` holds a
+//! whole video against its pieces in the same way.
+
+use anyhow::Result;
+use tch::Tensor;
+
+use super::Identify;
+use super::fit::{Fit, Start, Trust, fit};
+use crate::network::System;
+use crate::network::cells::Actions;
+
+/// Numbers of a state for each coordinate of a frame: place and velocity.
+const STATE: usize = 2;
+/// A whole clip leaves more than so many times what its half does, and so many pixels beyond it. Where nothing is missing it was
+/// up to 1.15 times as much, and where that was more, less than 0.01 px.
+const MORE: f64 = 1.3;
+const LEAST_MORE: f64 = 0.03;
+
+/// What an equation leaves of positions, each for as many free numbers, in their unit.
+#[derive(Debug, Clone, Copy)]
+pub struct Left {
+    /// Of whole clips.
+    pub whole: f64,
+    /// Of their first halves, where nothing but the states is fitted to them.
+    pub half: f64,
+    /// A pixel in that unit.
+    pub pixel: f64,
+}
+
+impl Left {
+    /// Of the clips of a fit, by what `residual` says of one; None where half a clip is too short.
+    pub(super) fn of(
+        (config, system): (&Identify, &System),
+        (at, actions): (&Tensor, &Actions),
+        (best, trust): (&Fit, &Trust),
+        residual: impl Fn(&Fit) -> f64,
+        pixel: f64,
+    ) -> Result<Option<Self>> {
+        let frames = best.residuals.size()[1] as usize;
+        let half = frames / 2;
+        if half <= STATE + 1 {
+            return Ok(None);
+        }
+        let start = Start {
+            raw: best.raw.clone(),
+            learned: vec![false; best.raw.len()],
+            free_offsets: false,
+            states: Some(best.states.shallow_clone()),
+        };
+        let config = Identify { horizons: vec![half], ..config.clone() };
+        let at = at - Tensor::from_slice(&best.offsets).to_device(at.device());
+        let of_halves = fit(&config, system, &at, actions, &start, trust)?;
+        let free = |frames: usize| (frames as f64 / (frames - STATE) as f64).sqrt();
+        let (whole, half) = (residual(best) * free(frames), residual(&of_halves) * free(half));
+        Ok(Some(Left { whole, half, pixel }))
+    }
+
+    /// Whether a force is missing.
+    pub fn misses_a_force(&self) -> bool {
+        let more = (self.whole.powi(2) - self.half.powi(2)).max(0.0).sqrt();
+        self.whole > MORE * self.half && more > LEAST_MORE * self.pixel
+    }
+}

@@ -387,3 +387,40 @@ fn a_missing_force_shows_in_whole_clips() {
     assert!(wrong.explains() && (g / 1.5 - 1.0).abs() > 0.02, "g {g}");
     assert!(of_wrong.misses_a_force(), "{of_wrong:?}");
 }
+
+/// A ball that falls on a floor, from a fit that went astray while g was wrong: the floor too high, and nothing left of the speed.
+/// Most of the motion is explained all the same, for most of it is free fall.
+#[test]
+fn a_wall_that_was_moved_away_is_looked_for_anew() {
+    let task = Task::from_toml(include_str!("../configs/gallery/bounce_on_a_floor.toml")).unwrap();
+    let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
+    let raw = |values: &[(&str, f64)]| -> Vec<f64> {
+        let of = |name: &str| values.iter().find(|(symbol, _)| *symbol == name).unwrap().1;
+        task.system.cell.parameters.iter().map(|kind| kind.bounds.raw(of(kind.name))).collect()
+    };
+    let truth: Vec<_> = raw(&[("e", 0.8), ("floor", 25.0), ("g", 3.0)]).into_iter().map(Tensor::from).collect();
+    let first = State {
+        pos: Tensor::from_slice(&[16.0, 13.0]) + normal("positions", 2) * 3.0,
+        vel: normal("velocities", 2) * 2.0,
+    };
+    let rolled = task.system.build_cell(&truth).roll_out(&first, &Actions::none(), task.system.dt, FRAMES - 1);
+    let seen: Vec<_> = std::iter::once(&first).chain(&rolled).map(|state| &state.pos).collect();
+    let noise = normal("noise", FRAMES * 2).reshape([CLIPS, FRAMES as i64, 2]) * 0.03;
+    let positions = Tensor::stack(&seen, 1) + noise;
+    let start = Start {
+        raw: raw(&[("e", 1e-4), ("floor", 22.85), ("g", 3.0)]),
+        learned: vec![true; 3],
+        free_offsets: true,
+        states: None,
+    };
+    let found = explain(&settings(), &model, &seen_by_both(&positions), &start).unwrap();
+    let values: Vec<_> =
+        task.system.cell.parameters.iter().zip(&found.fit.raw).map(|(kind, raw)| kind.bounds.value(*raw)).collect();
+    // In the order of their names. The noise leaves some 0.2 %.
+    let [e, floor, g] = values[..] else { panic!("three parameters") };
+    assert!(found.explained > 0.95, "{} explained by {values:?}", found.explained);
+    assert!(
+        (e / 0.8 - 1.0).abs() < 0.02 && (floor / 25.0 - 1.0).abs() < 0.01 && (g / 3.0 - 1.0).abs() < 0.01,
+        "{values:?}"
+    );
+}

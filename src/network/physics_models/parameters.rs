@@ -55,6 +55,11 @@ impl PhysicsNet {
         self.learned().map(|p| (p.kind.name, self.true_value(p.kind, p.raw.double_value(&[])))).collect()
     }
 
+    /// The raw number with which a parameter begins where a config says nothing.
+    pub fn usual_start(&self, kind: &PhysicalParameter) -> f64 {
+        kind.start.map_or(0.0, |value| kind.bounds.raw(value / self.true_unit(kind)))
+    }
+
     /// What one model unit of a parameter is in true pixels.
     fn true_unit(&self, kind: &PhysicalParameter) -> f64 {
         self.options.length_per_unit(&self.system).powi(kind.length_power)

@@ -11,7 +11,7 @@ use super::missing::Left;
 use super::rank::{self, Indistinct};
 use super::seen::Seen;
 use crate::network::System;
-use crate::network::cells::Coordinates;
+use crate::network::cells::{Bounds, Coordinates};
 use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::naming::{self, Naming};
 use crate::support::assignment::best_assignment;
@@ -25,6 +25,8 @@ const NAMING_ROUNDS: usize = 4;
 /// parameters changed by these, a factor of 4, a fourth and 16 of a positive one.
 const TRY_OTHERS: f64 = 0.25;
 const OTHER_STARTS: [f64; 3] = [1.4, -1.4, 2.8];
+/// Where fewer of the positions are near the fitted motion, its walls are looked for anew.
+const NEARLY_ALL: f64 = 0.9;
 /// Offsets that the fit finds by itself are taken where they make the usual residual smaller than this share.
 const OFFSETS_PAY: f64 = 0.85;
 /// Residuals of two coordinates that go together more than this are weighted by how they do: a shaking camera moves all
@@ -234,7 +236,36 @@ impl Fits<'_> {
                 best = other;
             }
         }
+        let near = |fit: &Fit| self.near(fit, false).mean(Kind::Double).double_value(&[]);
+        let share = near(&best);
+        if share < NEARLY_ALL
+            && let Some(raw) = self.walls_anew(&best.raw)
+        {
+            let other = from(raw)?;
+            if near(&other) > share {
+                best = other;
+            }
+        }
         Ok(best)
+    }
+
+    /// What was found, but what is learned between two bounds, such as a wall or what it leaves of the speed, as the equation
+    /// begins: while the others were wrong, it was moved to where it does harm or nothing. None where there is no such thing.
+    fn walls_anew(&self, found: &[f64]) -> Option<Vec<f64>> {
+        let mut raw = found.to_vec();
+        let mut any = false;
+        for ((raw, parameter), learned) in raw.iter_mut().zip(&self.model.parameters).zip(&self.start.learned) {
+            if *learned && matches!(parameter.kind.bounds, Bounds::Between(..)) {
+                *raw = self.model.usual_start(parameter.kind);
+                any = true;
+            }
+        }
+        any.then_some(raw)
+    }
+
+    /// Which positions are near where a fit has them; of frames all or none if `whole_frames`.
+    fn near(&self, fit: &Fit, whole_frames: bool) -> Tensor {
+        near(fit, self.model.system.objects, whole_frames, LEAST_FAR * self.pixel)
     }
 
     /// Names each object by the motion that was fitted, and fits again, as long as names change.
@@ -262,7 +293,7 @@ impl Fits<'_> {
     ) -> Result<(Fit, f64)> {
         let mut explained = 1.0;
         for _ in 0..KEEPING_ROUNDS {
-            let mask = near(&best, self.model.system.objects, trust.weights.is_some(), LEAST_FAR * self.pixel);
+            let mask = self.near(&best, trust.weights.is_some());
             explained = mask.mean(Kind::Double).double_value(&[]);
             if explained < LEAST_KEPT {
                 break;

@@ -12,6 +12,7 @@ use paig::tasks::{Task, find};
 use paig::training::identify::Identify;
 use paig::training::identify::explain::explain;
 use paig::training::identify::fit::{Fit, Start, Trust, fit};
+use paig::training::identify::missing::Left;
 use paig::training::identify::seen::Seen;
 use paig::training::identify::{rank, velocity_fit};
 use rand::Rng;
@@ -377,11 +378,13 @@ fn a_missing_force_shows_in_whole_clips() {
     };
     let explained = |positions: &Tensor| {
         let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
-        explain(&settings(), &model, &seen_by_both(positions), &begin(&[1.0], &[true])).unwrap()
+        let seen = seen_by_both(positions);
+        let explanation = explain(&settings(), &model, &seen, &begin(&[1.0], &[true])).unwrap();
+        let left = Left::of(&settings(), &model, &seen, &explanation).unwrap();
+        (explanation, left.expect("half a clip is six frames"))
     };
-    let right = explained(&falls(&task, &[1.5]));
-    let wrong = explained(&falls(&resisting, &[0.1, 1.5]));
-    let [of_right, of_wrong] = [&right, &wrong].map(|it| it.left.expect("half a clip is six frames"));
+    let (right, of_right) = explained(&falls(&task, &[1.5]));
+    let (wrong, of_wrong) = explained(&falls(&resisting, &[0.1, 1.5]));
     assert!(right.explains() && !of_right.misses_a_force(), "{of_right:?}");
     let g = wrong.fit.raw[0].exp();
     assert!(wrong.explains() && (g / 1.5 - 1.0).abs() > 0.02, "g {g}");

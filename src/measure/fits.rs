@@ -113,11 +113,7 @@ impl Subject<'_> {
             let explained = explained.with_context(|| format!("equation of {name}"))?;
             all.push((name.clone(), self.with_what_is_beside(tracks, &explained)?.unwrap_or(explained)));
         }
-        // The residuals of the best one say how many positions are independent: those of a wrong one hang together for long.
-        let residual = |explained: &Explained| explained.fitted.usual_residual;
-        let best = all.iter().map(|(_, explained)| explained).min_by(|a, b| residual(a).total_cmp(&residual(b)));
-        let best = best.expect("the equation itself");
-        let frames_in_one = bootstrap::frames_in_one(&best.fitted, best.dynamics.coordinates());
+        let frames_in_one = frames_in_one_of_best(all.iter().map(|(_, explained)| explained));
         Ok(all
             .into_iter()
             .map(|(name, explained)| {
@@ -134,6 +130,14 @@ impl Subject<'_> {
             })
             .collect())
     }
+}
+
+/// Frames that together hold as much as one independent one, by the residuals of the equation that leaves least: those of a wrong
+/// one hang together for long.
+fn frames_in_one_of_best<'a>(all: impl Iterator<Item = &'a Explained>) -> f64 {
+    let residual = |explained: &Explained| explained.fitted.usual_residual;
+    let best = all.min_by(|a, b| residual(a).total_cmp(&residual(b))).expect("at least the equation itself");
+    bootstrap::frames_in_one(&best.fitted, best.dynamics.coordinates())
 }
 
 /// The same with as many of the numbers beside the state as show by themselves, if they explain clearly more. One that a parameter
@@ -195,5 +199,29 @@ mod tests {
             beside.fitted.raw
         );
         assert!((values[1] - (g + c * drift[1])).abs() < 0.1, "{values:?}");
+    }
+
+    /// A fall through what resists, fitted without the resistance and with it.
+    #[test]
+    fn criteria_take_the_residuals_of_the_equation_that_leaves_least() {
+        let drag = Task::from_toml(include_str!("../../configs/gallery/fall_linear_drag.toml")).unwrap().system;
+        let free = Task::from_toml(include_str!("../../configs/tasks/falling.toml")).unwrap().system;
+        let [drag, free] = [drag, free].map(|system| Dynamics::new(system, 0.3).unwrap());
+        let (c, g) = (0.3_f64, 1.5_f64);
+        let mut random = named_generator(1, "noise");
+        let positions = drag.positions(&[c.ln(), g.ln()], &[10.0, 6.0, 2.0, 0.0], 0, 72).into_iter();
+        let seen = positions.map(|x| x + 0.1 * normal(&mut random)).collect();
+        let tracks = [Track::even(seen, 2, 72)];
+        let explained = |dynamics: &Dynamics, raw: Vec<f64>| {
+            let learned = vec![true; raw.len()];
+            explain(dynamics, &tracks, &[Start { raw, learned, piece: 12 }]).unwrap()
+        };
+        let (right, wrong) = (explained(&drag, vec![c.ln(), g.ln()]), explained(&free, vec![g.ln()]));
+        let alone = |of: &Explained| frames_in_one_of_best([of].into_iter());
+        // The noise is drawn for each frame; the resistance that is missing lasts.
+        assert!(alone(&right) < 2.0 && alone(&wrong) > 4.0, "{} {}", alone(&right), alone(&wrong));
+        for all in [[&right, &wrong], [&wrong, &right]] {
+            assert_eq!(frames_in_one_of_best(all.into_iter()), alone(&right));
+        }
     }
 }

@@ -73,10 +73,12 @@ fn sweep(runs: &[Run], group: &Group) -> Option<CommandOptions> {
     Some(options.with_each("out", runs_of_data(first, group)))
 }
 
-/// Where the runs on the data of a run go, if the usual place is that of several data sets.
+/// Where the runs on the data of a run go, if the usual place is that of several data sets or groups.
 fn runs_of_data(run: &Run, group: &Group) -> Option<String> {
     let seed = run.data.as_ref().and_then(RunData::seed).filter(|_| group.datasets() > 1);
-    seed.map(|seed| format!("runs/data={seed}"))
+    let clips = group.clips.map(|clips| format!("/clips={clips}"));
+    let folders: String = clips.into_iter().chain(seed.map(|seed| format!("/data={seed}"))).collect();
+    (!folders.is_empty()).then(|| format!("runs{folders}"))
 }
 
 /// The command for one run. With the config of its record where `--set` cannot say what differs; what is changed goes to a

@@ -25,9 +25,10 @@ use crate::training::layers::Overrides;
 pub(super) struct Group {
     pub task: Task,
     pub recipe: String,
-    /// The recipe and what differs from it, with the training clips where another group differs in them alone; no other
-    /// group of the task has the same.
+    /// The recipe and what differs from it, with `clips`; no other group of the task has the same.
     pub label: String,
+    /// Training clips of each run, where another group differs in them alone.
+    pub clips: Option<usize>,
     /// What differs from the recipe, as `key=value`.
     pub changes: Vec<String>,
     pub runs: Vec<Run>,
@@ -175,8 +176,10 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
             continue;
         }
         let (task, recipe, changes) = (run.config.task.clone(), run.config.recipe.clone(), changes(&run.config));
-        groups.push(Group { task, recipe, label: String::new(), changes, runs: vec![run] });
+        groups.push(Group { task, recipe, label: String::new(), clips: None, changes, runs: vec![run] });
     }
+    let clips: Vec<_> = groups.iter().map(|group| own_clips(group, &groups)).collect();
+    groups.iter_mut().zip(clips).for_each(|(group, clips)| group.clips = clips);
     let labels = labels(&groups);
     groups.iter_mut().zip(labels).for_each(|(group, label)| group.label = label);
     // The recipe as it is before what differs from it.
@@ -254,16 +257,20 @@ pub(super) fn numbered(name: String, mark: fn(usize) -> String, mut free: impl F
     marks.map(|mark| name.clone() + &mark).find(|name| free(name)).expect("there is always one more")
 }
 
+/// The training clips of a group, where another one differs from it in them alone.
+fn own_clips(group: &Group, groups: &[Group]) -> Option<usize> {
+    let same = groups.iter().filter(|other| other.task == group.task && label(other) == label(group));
+    let mut clips = same.filter_map(Group::training_clips);
+    group.training_clips().filter(|own| clips.any(|other| other != *own))
+}
+
 /// Labels that tell the groups of each task apart: by what differs from the recipe; where that is the same, by the training
 /// clips; and where these are, too, by a number: two versions of a recipe may differ in as many values.
 fn labels(groups: &[Group]) -> Vec<String> {
-    let plain: Vec<_> = groups.iter().map(label).collect();
     let mut labels: Vec<String> = Vec::new();
-    for (group, own) in groups.iter().zip(&plain) {
-        let same = groups.iter().zip(&plain).filter(|(other, label)| other.task == group.task && *label == own);
-        let mut clips = same.filter_map(|(other, _)| other.training_clips());
-        let own_clips = group.training_clips().filter(|own| clips.any(|other| other != *own));
-        let name = own_clips.map_or_else(|| own.clone(), |clips| format!("{own}, {clips} training clips"));
+    for group in groups {
+        let name = label(group);
+        let name = group.clips.map_or_else(|| name.clone(), |clips| format!("{name}, {clips} training clips"));
         let known =
             |name: &str| groups.iter().zip(&labels).any(|(other, label)| other.task == group.task && label == name);
         let label = numbered(name, |number| format!(" ({number})"), |name| !known(name));
@@ -319,6 +326,7 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
+    use super::super::commands::commands;
     use super::*;
 
     /// A run on files of a folder; their maker's line where it is known.
@@ -354,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_that_learned_from_more_clips_are_a_group_of_their_own_with_a_name_that_says_so() {
+    fn runs_that_learned_from_more_clips_are_a_group_of_their_own_with_a_name_and_a_folder_that_say_so() {
         let folder = tempfile::tempdir().unwrap();
         // The line of their test files is the same.
         let on = |data: u64, train: usize| {
@@ -365,5 +373,11 @@ mod tests {
         let groups = group(vec![on(20, 5000), on(21, 200), on(22, 5000)]);
         let found: Vec<_> = groups.iter().map(|group| (group.label.as_str(), group.runs.len())).collect();
         assert_eq!(found, [("fast, 200 training clips", 1), ("fast, 5000 training clips", 2)]);
+        let out = |place: usize| {
+            let records = vec![folder.path().join("record"); groups[place].runs.len()];
+            commands(&groups[place], &records).unwrap().pop().unwrap()
+        };
+        assert!(out(0).contains("runs/clips=200/pendulum/fast/seed=31"), "{}", out(0));
+        assert!(out(1).contains("runs/clips=5000/data=22/pendulum/fast/seed=31"), "{}", out(1));
     }
 }

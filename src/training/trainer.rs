@@ -174,3 +174,39 @@ impl<'a> Trainer<'a> {
         Ok(Outcome::Finished)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array5;
+
+    use super::*;
+    use crate::tasks::Task;
+    use crate::training::layers::Overrides;
+
+    /// A medium in whose middle, of such a radius in pixels, no force is a number.
+    fn with_a_hole(radius: f64) -> Config {
+        let block = include_str!("../../configs/gallery/sliding_block.toml");
+        let text = block.replace("tanh(norm(v) / slow) * unit(v)", "sqrt(norm(p - vec(16, 16)) / hole - 1) * unit(v)");
+        let text = text.replace(
+            "slow = { unit = [1, -1], fixed = 0.2 }",
+            &format!("hole = {{ unit = [1, 0], fixed = {radius:?} }}"),
+        );
+        Config::load_task(Task::from_toml(&text).unwrap(), None, &Overrides::default()).unwrap()
+    }
+
+    /// An untrained encoder sees its object anywhere; that it is where the equation has no numbers says nothing.
+    #[test]
+    fn an_equation_is_not_tried_where_an_untrained_encoder_sees_its_object() {
+        let clips = Clips::new(&Array5::zeros([2, 12, 32, 32, 1]), None, Device::Cpu);
+        let refused = |radius: f64| {
+            let config = with_a_hole(radius);
+            let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, 1).unwrap();
+            let pass = tch::no_grad(|| model.forward(&clips.batch(&[0, 1], 10), &Actions::none()).unwrap());
+            let last = pass.states.last().unwrap();
+            assert_eq!(last.pos.isfinite().any().int64_value(&[]), 0, "the encoder sees no hole of {radius} pixels");
+            Trainer::new(&config, &model, &clips, &clips).unwrap().check_start().is_err()
+        };
+        // The frame's corners are 22.6 pixels from its middle.
+        assert!(!refused(12.0) && refused(23.0));
+    }
+}

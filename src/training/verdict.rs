@@ -71,10 +71,13 @@ pub fn judge(config: &Config, model: &PhysicsNet, train: &Clips, held_out: &Clip
         checks.extend(limits(config, &losses));
         return Ok(Verdict::new(checks, BTreeMap::new()));
     }
-    let explanation = explain(&Identify::usual(held_out.time()), model, &seen, &Start::of(model))?;
+    let settings = Identify::usual(held_out.time());
+    let explanation = explain(&settings, model, &seen, &Start::of(model))?;
     checks.extend([names(&explanation), motion_explained(model, &explanation)]);
     // Of a filmed video the measurement compares the whole with its pieces.
-    checks.extend(explanation.left.filter(|_| !filmed).map(|left| nothing_missing(model, left)));
+    if !filmed {
+        checks.extend(Left::of(&settings, model, &seen, &explanation)?.map(|left| nothing_missing(model, left)));
+    }
     let intervals = intervals(model, &explanation);
     checks.extend(parameters(config, model, &intervals));
     if !filmed {

@@ -175,6 +175,8 @@ struct Discovery<'a> {
     seed: u64,
     motion: Rc<Motion>,
     names: Option<Names>,
+    /// How they look, which the decoder may begin with.
+    sprites: Option<sprites::Seen>,
     /// What the learning rate is divided by.
     smaller_steps: f64,
     /// Whether there are so few frames that others are made of them.
@@ -193,12 +195,13 @@ impl<'a> Discovery<'a> {
         motion: Rc<Motion>,
         seed: u64,
     ) -> Result<Self> {
-        let names = if config.guide.identity > 0.0 {
-            let (_, found) = names::looked_at(train, &motion, model.system.objects, seed);
-            Names::learn(&found, seed)
-        } else {
-            None
-        };
+        let (mut names, mut sprites) = (None, None);
+        if config.guide.identity > 0.0 {
+            let (moving, found) = names::looked_at(train, &motion, model.system.objects, seed);
+            names = Names::learn(&found, seed);
+            let window = model.system.given_side() as i64 / 2;
+            sprites = names.as_ref().and_then(|names| sprites::learn(&moving, &found, names, window));
+        }
         // Objects that look alike are told by their order in the frame, which is harder to learn: a round for each more, in
         // steps that are smaller by as many as are in one order. So scores fall slower, and scatter more.
         let alike = names.as_ref().map_or(0, Names::alike);
@@ -231,6 +234,7 @@ impl<'a> Discovery<'a> {
             seed,
             motion,
             names,
+            sprites,
             smaller_steps: group as f64,
             few: model.system.cell.coordinates == Coordinates::Position
                 && train.len() * train.time() < pasting::FEW_FRAMES,
@@ -251,8 +255,13 @@ impl<'a> Discovery<'a> {
         if template_bump != 0.0 {
             model.decoder.start_templates(template_bump, BUMP_WIDTH);
         }
-        if sprites && model.system.cell.coordinates == Coordinates::Position {
-            self.start_sprites(model)?;
+        if let Some(seen) = &self.sprites
+            && sprites
+            && model.system.cell.coordinates == Coordinates::Position
+        {
+            let behind = self.motion.median.mean_dim([1i64, 2].as_slice(), true, None);
+            let reach = seen.reach * model.system.given_pixel();
+            model.decoder.start_sprites(&seen.visible, &(&seen.colours + behind), reach, SPRITE_KERNEL);
         }
         if localiser_scale != 0.0 {
             model.encoder.scale_localiser(localiser_scale);
@@ -262,17 +271,6 @@ impl<'a> Discovery<'a> {
             let frames = self.train.frames(&places);
             let moving = self.motion.of(self.train, &places, &frames);
             model.encoder.spread_masks(&model.given(&frames), &moving.share, mask_spread);
-        }
-        Ok(())
-    }
-
-    fn start_sprites(&self, model: &PhysicsNet) -> Result<()> {
-        let Some(names) = &self.names else { return Ok(()) };
-        let (moving, found) = names::looked_at(self.train, &self.motion, model.system.objects, self.seed);
-        if let Some(seen) = sprites::learn(&moving, &found, names, model.system.given_side() as i64 / 2) {
-            let behind = self.motion.median.mean_dim([1i64, 2].as_slice(), true, None);
-            let reach = seen.reach * model.system.given_pixel();
-            model.decoder.start_sprites(&seen.visible, &(seen.colours + behind), reach, SPRITE_KERNEL);
         }
         Ok(())
     }

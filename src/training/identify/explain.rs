@@ -7,7 +7,6 @@ use tch::{Kind, Tensor};
 
 use super::Identify;
 use super::fit::{Fit, Start, Trust, fit};
-use super::missing::Left;
 use super::rank::{self, Indistinct};
 use super::seen::Seen;
 use crate::network::System;
@@ -73,10 +72,12 @@ pub struct Explanation {
     pub own_residual: f64,
     /// The largest of them that counts as explained, in their unit.
     pub largest_residual: f64,
-    /// What it leaves of whole clips and of half ones; None where half a clip is too short.
-    pub left: Option<Left>,
     /// Raw numbers of the parameters by either measure of the positions, as far as it fits nearly as well as the better one.
     pub estimates: Vec<Vec<f64>>,
+    /// What was fitted: coordinates in the order of names, without offsets, `[clips, time, coordinates]`.
+    pub(super) fitted: Tensor,
+    /// How far each of them is trusted.
+    pub(super) trust: Trust,
 }
 
 impl Explanation {
@@ -148,8 +149,8 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
         }
     }
     let weights = weights(&best.residuals, LEAST_DEVIATION * fits.pixel);
-    let own_residual = if weights.is_some() { fits.own_residual(&best) } else { best.usual_residual };
     let mut trust = Trust { weights, ..Trust::default() };
+    let own_residual = own_residual(&model.system, &best, &trust);
     let (best, explained) = fits.without_outliers(&named, best, free_offsets, &mut trust)?;
 
     let mut estimates = vec![best.raw.clone()];
@@ -157,12 +158,11 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
     if other.usual_residual <= WITNESS * best.usual_residual {
         estimates.push(other.raw);
     }
-    let own = |fit: &Fit| if trust.weights.is_some() { fits.own_residual(fit) } else { fit.usual_residual };
-    let left = Left::of((config, &model.system), (&named, &seen.actions), (&best, &trust), own, fits.pixel)?;
     let found = fits.offsets_in_pixels(&best);
     Ok(Explanation {
         offsets: seen.offsets.iter().zip(&found).map(|(measured, found)| measured + found).collect(),
         positions: at - Tensor::from_slice(&found).to_device(at.device()),
+        fitted: named - Tensor::from_slice(&best.offsets).to_device(at.device()),
         fit: best,
         explained,
         names_change,
@@ -170,8 +170,8 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
         by_encoder: encoder_wins,
         own_residual,
         largest_residual: LARGEST_RESIDUAL * fits.pixel,
-        left,
         estimates,
+        trust,
     })
 }
 
@@ -306,20 +306,6 @@ impl Fits<'_> {
         Ok((best, explained))
     }
 
-    /// The usual residual without what all objects of a frame share: a camera moves them alike, but a wrong force between two of
-    /// them does not.
-    fn own_residual(&self, fit: &Fit) -> f64 {
-        let System { objects, cell, .. } = self.model.system;
-        if objects < 2 || cell.coordinates == Coordinates::Angle {
-            return fit.usual_residual;
-        }
-        let each = fit.residuals.flatten(0, 1).reshape([-1, objects as i64, 2]);
-        let own = &each - each.mean_dim([1i64].as_slice(), true, None);
-        // The mean takes away its share of each object's noise, too.
-        let share = 1.0 - 1.0 / objects as f64;
-        own.abs().median().double_value(&[]) * MEDIAN_TO_DEVIATION / share.sqrt()
-    }
-
     /// An angle is tied to where the rod is seen: it has no offset in pixels.
     fn offsets_in_pixels(&self, fit: &Fit) -> Vec<f64> {
         match self.model.system.cell.coordinates {
@@ -327,6 +313,20 @@ impl Fits<'_> {
             Coordinates::Angle => vec![0.0; self.seen.offsets.len()],
         }
     }
+}
+
+/// The usual residual; where residuals are weighted by how they go together, without what all objects of a frame share: a camera
+/// moves them alike, but a wrong force between two of them does not.
+pub(super) fn own_residual(system: &System, fit: &Fit, trust: &Trust) -> f64 {
+    let System { objects, cell, .. } = system;
+    if trust.weights.is_none() || *objects < 2 || cell.coordinates == Coordinates::Angle {
+        return fit.usual_residual;
+    }
+    let each = fit.residuals.flatten(0, 1).reshape([-1, *objects as i64, 2]);
+    let own = &each - each.mean_dim([1i64].as_slice(), true, None);
+    // The mean takes away its share of each object's noise, too.
+    let share = 1.0 - 1.0 / *objects as f64;
+    own.abs().median().double_value(&[]) * MEDIAN_TO_DEVIATION / share.sqrt()
 }
 
 /// Angles `[clips, time, objects]`, by whole turns for a whole clip, so that each begins within half a turn of the others.

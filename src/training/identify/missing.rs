@@ -5,12 +5,12 @@
 //! whole video against its pieces in the same way.
 
 use anyhow::Result;
-use tch::Tensor;
 
 use super::Identify;
-use super::fit::{Fit, Start, Trust, fit};
-use crate::network::System;
-use crate::network::cells::Actions;
+use super::explain::{Explanation, own_residual};
+use super::fit::{Fit, Start, fit};
+use super::seen::Seen;
+use crate::network::physics_models::PhysicsNet;
 
 /// Numbers of a state for each coordinate of a frame: place and velocity.
 const STATE: usize = 2;
@@ -31,31 +31,30 @@ pub struct Left {
 }
 
 impl Left {
-    /// Of the clips of a fit, by what `residual` says of one; None where half a clip is too short.
-    pub(super) fn of(
-        (config, system): (&Identify, &System),
-        (at, actions): (&Tensor, &Actions),
-        (best, trust): (&Fit, &Trust),
-        residual: impl Fn(&Fit) -> f64,
-        pixel: f64,
-    ) -> Result<Option<Self>> {
-        let frames = best.residuals.size()[1] as usize;
+    /// Of what was explained, with the same settings; None where half a clip is too short.
+    ///
+    /// # Errors
+    /// None of a motion that was explained.
+    pub fn of(config: &Identify, model: &PhysicsNet, seen: &Seen, explanation: &Explanation) -> Result<Option<Self>> {
+        let Explanation { fit: whole, fitted, trust, .. } = explanation;
+        let frames = whole.residuals.size()[1] as usize;
         let half = frames / 2;
         if half <= STATE + 1 {
             return Ok(None);
         }
         let start = Start {
-            raw: best.raw.clone(),
-            learned: vec![false; best.raw.len()],
+            raw: whole.raw.clone(),
+            learned: vec![false; whole.raw.len()],
             free_offsets: false,
-            states: Some(best.states.shallow_clone()),
+            states: Some(whole.states.shallow_clone()),
         };
         let config = Identify { horizons: vec![half], ..config.clone() };
-        let at = at - Tensor::from_slice(&best.offsets).to_device(at.device());
-        let of_halves = fit(&config, system, &at, actions, &start, trust)?;
-        let free = |frames: usize| (frames as f64 / (frames - STATE) as f64).sqrt();
-        let (whole, half) = (residual(best) * free(frames), residual(&of_halves) * free(half));
-        Ok(Some(Left { whole, half, pixel }))
+        let halves = fit(&config, &model.system, fitted, &seen.actions, &start, trust)?;
+        let left = |fit: &Fit, frames: usize| {
+            own_residual(&model.system, fit, trust) * (frames as f64 / (frames - STATE) as f64).sqrt()
+        };
+        let (whole, half) = (left(whole, frames), left(&halves, half));
+        Ok(Some(Left { whole, half, pixel: seen.pixel(&model.system) }))
     }
 
     /// Whether a force is missing.

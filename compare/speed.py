@@ -156,7 +156,8 @@ def table(results, peak):
         rate = f"{gflops:.0f}" if gflops else "–"
         share = f"{gflops / peak:.0%}" if gflops and row["threads"] == 1 and row["device"] == "cpu" else "–"
         memory = f"{row['eager_mb']:.0f}" if "eager_mb" in row else "–"
-        lines.append(f"| {row['what']} | {row['task']} | {row['batch']} | {row['threads']} | {row['ours_s']:.3f} | "
+        ours = f"{row['ours_s']:.3f}" if row["ours_s"] >= 0.02 else f"{row['ours_s']:.2g}"
+        lines.append(f"| {row['what']} | {row['task']} | {row['batch']} | {row['threads']} | {ours} | "
                      + " | ".join(shown)
                      + f" | {rate} | {share} | {row['ours_mb']:.0f} | {memory} |")
     return lines

@@ -60,14 +60,17 @@ struct Course {
 
 impl Observer for Course {
     fn observe(&mut self, event: &Event) -> Result<()> {
-        if let Event::Note(line) = event {
-            eprintln!("{:6.2} s  {line}", self.began.elapsed().as_secs_f64());
+        let now = self.began.elapsed().as_secs_f64();
+        match event {
+            Event::PhaseBegins { phase, .. } => eprintln!("{now:6.2} s  {phase} begins"),
+            Event::Note(line) => eprintln!("{now:6.2} s  {line}"),
+            _ => (),
         }
         let Event::Recorded(record) = event else { return Ok(()) };
         let error =
             |(name, truth): &(String, f64)| (record.parameters.get(name).map_or(f64::NAN, |x| x / truth) - 1.0).abs();
         let largest = self.truths.iter().map(error).fold(0.0, f64::max);
-        self.errors.push((self.began.elapsed().as_secs_f64(), largest));
+        self.errors.push((now, largest));
         let better = self.best.as_ref().is_none_or(|best| best.phase != record.phase || record.score < best.score);
         if record.score.is_some() && better {
             self.best = Some((*record).clone());

@@ -376,7 +376,7 @@ fn steps_of_adam_are_those_of_libtorch() {
                 let scale = pull.flatten(0, -1).get(0);
                 ((&variable.1 * scale).sin() * &variable.1).sum(Kind::Float).backward();
                 optimizer.step(std::slice::from_ref(variable), |_| 1e-2);
-                assert_eq!(variable.1.grad().abs().max().double_value(&[]), 0.0);
+                assert!(!variable.1.grad().defined());
             }
         }
         variables.map(|(_, variable)| variable.detach())
@@ -396,9 +396,9 @@ fn adam_refuses_numbers_that_overlap() {
     let mut apart = [(); 2].map(|()| Tensor::zeros([4], (Kind::Float, Device::Cpu)));
     let [variable, square] = &mut apart;
     let both = Tensor::zeros([5], (Kind::Float, Device::Cpu));
-    let [mut gradient, mut mean] = [0, 1].map(|start| both.narrow(0, start, 4));
+    let [gradient, mut mean] = [0, 1].map(|start| both.narrow(0, start, 4));
     let step = AdamStep { betas: [0.9, 0.999], rate: 0.1, epsilon: 1e-8 };
-    kernels::adam(step, [variable, &mut gradient, &mut mean, square]);
+    kernels::adam(step, &gradient, [variable, &mut mean, square]);
 }
 
 /// Positions that teach the masks and positions that do not, from one product: the same numbers and the same gradients as from

@@ -20,16 +20,16 @@ pub struct AdamStep {
 #[derive(Debug)]
 pub struct Slices<'a> {
     pub variable: &'a mut [f32],
-    pub gradient: &'a mut [f32],
+    pub gradient: &'a [f32],
     pub mean: &'a mut [f32],
     pub square: &'a mut [f32],
 }
 
-/// Changes the variable and the means, and clears the gradient.
+/// Changes the variable and the means.
 pub fn step(instructions: Instructions, step: AdamStep, slices: Slices) {
     let Slices { variable, gradient, mean, square } = slices;
     assert!([gradient.len(), mean.len(), square.len()].iter().all(|length| *length == variable.len()));
-    let variables = variable.chunks_mut(PART).zip(gradient.chunks_mut(PART));
+    let variables = variable.chunks_mut(PART).zip(gradient.chunks(PART));
     let means = mean.chunks_mut(PART).zip(square.chunks_mut(PART));
     let parts = variables.zip(means);
     let parts = parts.map(|((variable, gradient), (mean, square))| Slices { variable, gradient, mean, square });
@@ -45,11 +45,10 @@ dispatched! {
 fn step_of_part_lanes<L: Lanes>(step: AdamStep, slices: &mut Slices) {
     let [of_mean, of_square] = step.betas.map(|beta| 1.0 - beta);
     let Slices { variable, gradient, mean, square } = slices;
-    let variables = variable.iter_mut().zip(gradient.iter_mut());
+    let variables = variable.iter_mut().zip(gradient.iter());
     for ((variable, gradient), (mean, square)) in variables.zip(mean.iter_mut().zip(square.iter_mut())) {
         *mean += of_mean * (*gradient - *mean);
         *square += of_square * (*gradient * *gradient - *square);
         *variable -= step.rate * *mean / (square.sqrt() + step.epsilon);
-        *gradient = 0.0;
     }
 }

@@ -70,6 +70,9 @@ bool paig_records(const Tensor *const *inputs, size_t count) {
   return false;
 }
 
+// A variable that has no gradient takes the next one as it is, where it would have to add it to one that was set to 0.
+void paig_forget_gradient(const Tensor *variable) { variable->mutable_grad().reset(); }
+
 // Makes `output` a function of the inputs. Takes over `state`, whatever happens; false if it failed.
 bool paig_attach(Tensor *output, const Tensor *const *inputs, size_t count, void *state, Calls calls) {
   try {

@@ -29,6 +29,7 @@ struct State {
 
 unsafe extern "C" {
     fn paig_records(inputs: *const *const C_tensor, count: usize) -> bool;
+    fn paig_forget_gradient(variable: *const C_tensor);
     fn paig_attach(
         output: *mut C_tensor,
         inputs: *const *const C_tensor,
@@ -43,6 +44,12 @@ pub fn records(inputs: &[&Tensor]) -> bool {
     let inputs: Vec<_> = inputs.iter().map(|input| input.as_ptr()).collect();
     // SAFETY: the tensors live as long as the call.
     unsafe { paig_records(inputs.as_ptr(), inputs.len()) }
+}
+
+/// Takes a variable's gradient away. The next one is kept in the memory where it is computed.
+pub fn forget_gradient(variable: &Tensor) {
+    // SAFETY: the tensor lives as long as the call.
+    unsafe { paig_forget_gradient(variable.as_ptr()) };
 }
 
 /// Tells autograd that `output`, which was computed without it, is a function of `inputs`. `backward` takes the gradient

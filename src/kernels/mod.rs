@@ -40,6 +40,7 @@ mod weight_gradient;
 mod winograd;
 
 pub use adam::AdamStep;
+pub use autograd::forget_gradient;
 pub use cuda::{Repeated, allow_tf32, own_stream};
 pub use lanes::Instructions;
 pub use sprites::Scene;

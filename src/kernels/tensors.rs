@@ -277,20 +277,20 @@ fn halves_mut(tensor: &mut Tensor) -> [&mut [f32]; 2] {
     floats_mut(tensor).split_at_mut(half).into()
 }
 
-/// A step of Adam: changes a variable and its means of gradients and of their squares, and clears the gradient. All of one
-/// shape, and contiguous in memory.
+/// A step of Adam: changes a variable and its means of gradients and of their squares by the gradient. All of one shape, and
+/// contiguous in memory.
 ///
 /// # Panics
 /// Two of them in the same memory.
-pub fn adam(step: AdamStep, tensors: [&mut Tensor; 4]) {
-    let mut places = tensors.each_ref().map(|tensor| (tensor.data_ptr() as usize, size_of::<f32>() * tensor.numel()));
+pub fn adam(step: AdamStep, gradient: &Tensor, [variable, mean, square]: [&mut Tensor; 3]) {
+    let place = |tensor: &Tensor| (tensor.data_ptr() as usize, size_of::<f32>() * tensor.numel());
+    let mut places = [place(gradient), place(variable), place(mean), place(square)];
     places.sort_unstable();
     let apart = places.windows(2).all(|pair| pair[0].0 + pair[0].1 <= pair[1].0);
-    assert!(apart || tensors[0].numel() == 0, "each has memory of its own");
-    let [variable, gradient, mean, square] = tensors;
+    assert!(apart || gradient.numel() == 0, "each has memory of its own");
     let slices = Slices {
         variable: floats_mut(variable),
-        gradient: floats_mut(gradient),
+        gradient: floats(gradient),
         mean: floats_mut(mean),
         square: floats_mut(square),
     };

@@ -2,7 +2,8 @@
 //
 // A block computes a band of rows of some frames: it takes the band of a few channels into shared memory and adds what they
 // give, while the next few are on their way. A thread has four pixels of ROWS rows in PER_THREAD channels: each number that it
-// reads serves many products.
+// reads serves many products. Where there are few frames the channels that are seen are shared out among SLICES of a block's
+// threads, so that few do not wait long for memory; what the slices have is added at the end, always in the same order.
 
 #include "device.h"
 #include "pictures.h"
@@ -72,16 +73,17 @@ __device__ __forceinline__ void fetch(const Convolution &it, float *tile, int ch
   }
 }
 
-// grid: groups of frames, bands, groups of channels; block: pixels, GROUPS of PER_THREAD channels.
-template <int GROUPS, int ROWS>
+// grid: groups of frames, bands, groups of channels; block: pixels, GROUPS of PER_THREAD channels, SLICES of the inputs.
+template <int GROUPS, int ROWS, int SLICES>
 __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it) {
   constexpr int CHANNELS = GROUPS * PER_THREAD;
   const Band &band = it.band;
   int inputs = it.input.first_channels + it.input.second_channels;
   int outputs = it.first_channels + it.second_channels;
-  // A chunk's tile and weights; those of the next one.
+  // A slice's chunk: its tile and weights; those of the next one.
+  int slice = threadIdx.z;
   int room = CHUNK * (band.stride + 9 * CHANNELS);
-  float *now = paig_shared(), *next = now + room;
+  float *now = paig_shared() + 2 * room * slice, *next = now + room;
   int thread = threadIdx.y * blockDim.x + threadIdx.x, threads = blockDim.x * GROUPS;
   int first_row = blockIdx.y * band.rows, first_frame = blockIdx.x * band.frames;
   int first_channel = blockIdx.z * CHANNELS;
@@ -98,13 +100,16 @@ __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it
   clear_tile(band, now, CHUNK, thread, threads);
   clear_tile(band, next, CHUNK, thread, threads);
   __syncthreads();
-  fetch<CHANNELS>(it, now, 0, min(CHUNK, inputs), first_channel, first_frame, first_row, thread, threads);
-  for (int chunk = 0; chunk < inputs; chunk += CHUNK) {
-    int channels = min(CHUNK, inputs - chunk), after = chunk + CHUNK;
+  auto fetch_chunk = [&](float *tile, int chunk) {
+    if (chunk < inputs)
+      fetch<CHANNELS>(it, tile, chunk, min(CHUNK, inputs - chunk), first_channel, first_frame, first_row, thread, threads);
+  };
+  fetch_chunk(now, CHUNK * slice);
+  for (int round = 0; round < inputs; round += CHUNK * SLICES) {
+    int chunk = round + CHUNK * slice, channels = min(CHUNK, inputs - chunk);
     paig_copies_arrive();
     __syncthreads();
-    if (after < inputs)
-      fetch<CHANNELS>(it, next, after, min(CHUNK, inputs - after), first_channel, first_frame, first_row, thread, threads);
+    fetch_chunk(next, chunk + CHUNK * SLICES);
     for (int channel = 0; channel < channels; channel++) {
       float seen[ROWS + 2][6];
 #pragma unroll
@@ -129,19 +134,43 @@ __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it
     next = done;
   }
 
+  // Of the slices, and each of these four numbers beside those of other threads.
+  float4 *all = reinterpret_cast<float4 *>(paig_shared());
+  auto place = [&](int of_slice, int line, int output) {
+    return ((of_slice * ROWS + line) * PER_THREAD + output) * threads + thread;
+  };
+  if (SLICES > 1) {
+    __syncthreads();
+#pragma unroll
+    for (int line = 0; line < ROWS; line++)
+#pragma unroll
+      for (int output = 0; output < PER_THREAD; output++) {
+        const float *four = sums[line][output];
+        all[place(slice, line, output)] = make_float4(four[0], four[1], four[2], four[3]);
+      }
+    __syncthreads();
+  }
   if (!has_pixels || first_frame + frame >= it.frames) return;
 #pragma unroll
   for (int output = 0; output < PER_THREAD; output++) {
     int channel = first_channel + threadIdx.y * PER_THREAD + output;
     if (channel >= outputs) return;
+    if (output % SLICES != slice) continue;
     float bias = it.bias ? it.bias[channel] : 0;
 #pragma unroll
     for (int line = 0; line < ROWS; line++) {
       int y = first_row + row + line;
-      float four[4];
+      float *four = sums[line][output];
+      for (int other = 0; SLICES > 1 && other < SLICES; other++) {
+        float4 part = all[place(other, line, output)];
+        four[0] = other == 0 ? part.x : four[0] + part.x;
+        four[1] = other == 0 ? part.y : four[1] + part.y;
+        four[2] = other == 0 ? part.z : four[2] + part.z;
+        four[3] = other == 0 ? part.w : four[3] + part.w;
+      }
 #pragma unroll
       for (int pixel = 0; pixel < 4; pixel++) {
-        float value = sums[line][output][pixel] + bias;
+        float value = four[pixel] + bias;
         four[pixel] = it.relu && value < 0 ? 0 : value;
       }
       if (y < band.side) put(it, first_frame + frame, channel, y, 4 * quad, four);
@@ -149,30 +178,36 @@ __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it
   }
 }
 
-template <int GROUPS, int ROWS>
+template <int GROUPS, int ROWS, int SLICES>
 bool launch_blocks(Convolution it, int side, int pixel_threads, void *stream) {
   constexpr int CHANNELS = GROUPS * PER_THREAD;
   it.band = Band::of(side, pixel_threads * ROWS, ROWS == 2);
   int outputs = it.first_channels + it.second_channels;
   int pixels = it.band.frames * it.band.rows / ROWS * it.band.quads;
-  dim3 block(paig_parts(pixels, 32) * 32, GROUPS);
+  dim3 block(paig_parts(pixels, 32) * 32, GROUPS, SLICES);
   it.walk = Walk::through(it.band, block.x * GROUPS);
   dim3 grid(paig_parts(it.frames, it.band.frames), it.band.count(), paig_parts(outputs, CHANNELS));
-  size_t shared = 2 * CHUNK * (it.band.stride + 9 * CHANNELS) * sizeof(float);
+  size_t shared = 2 * CHUNK * (it.band.stride + 9 * CHANNELS) * SLICES * sizeof(float);
   // Of the smallest pictures most is border.
+  if (shared > ROOM && SLICES > 1) return launch_blocks<GROUPS, ROWS, (SLICES > 1 ? SLICES / 2 : 1)>(it, side, pixel_threads, stream);
   if (shared > ROOM && pixel_threads > FEW_THREADS)
-    return launch_blocks<GROUPS, ROWS>(it, side, pixel_threads / 2, stream);
-  return paig_launch(convolve<GROUPS, ROWS>, grid, block, shared, stream, it);
+    return launch_blocks<GROUPS, ROWS, SLICES>(it, side, pixel_threads / 2, stream);
+  return paig_launch(convolve<GROUPS, ROWS, SLICES>, grid, block, shared, stream, it);
 }
 
 bool launch(const Convolution &it, int side, void *stream) {
   int groups = paig_parts(it.first_channels + it.second_channels, PER_THREAD);
   long quads = static_cast<long>(it.frames) * side * ((side + 3) / 4) * groups;
   // A row of the widest pictures has more quads than a small block.
-  if (quads < FEW && side <= 4 * FEW_THREADS) return launch_blocks<1, 1>(it, side, FEW_THREADS, stream);
+  if (quads < FEW && side <= 4 * FEW_THREADS) {
+    int chunks = paig_parts(it.input.first_channels + it.input.second_channels, CHUNK);
+    return chunks >= 4   ? launch_blocks<1, 1, 4>(it, side, FEW_THREADS, stream)
+           : chunks >= 2 ? launch_blocks<1, 1, 2>(it, side, FEW_THREADS, stream)
+                         : launch_blocks<1, 1, 1>(it, side, FEW_THREADS, stream);
+  }
   // Blocks of two groups see a tile once for both.
-  return groups % 2 == 0 ? launch_blocks<2, 2>(it, side, PIXEL_THREADS, stream)
-                         : launch_blocks<1, 2>(it, side, PIXEL_THREADS, stream);
+  return groups % 2 == 0 ? launch_blocks<2, 2, 1>(it, side, PIXEL_THREADS, stream)
+                         : launch_blocks<1, 2, 1>(it, side, PIXEL_THREADS, stream);
 }
 
 }  // namespace

@@ -69,8 +69,7 @@ unsafe extern "C" {
     fn paig_gpu_weight_gradient(
         input: Input,
         gradient: *const f32,
-        weight: *mut f32,
-        bias: *mut f32,
+        result: *mut f32,
         workspace: *mut f32,
         outputs: c_int,
         frames: c_int,
@@ -193,20 +192,20 @@ pub fn weight_gradient(seen: &Seen, gradient: &Tensor) -> [Tensor; 2] {
     let (frames, outputs, side, _) = gradient.size4().expect("gradients of pictures");
     assert_eq!([frames, side], [seen.frames(), seen.side()], "a gradient of what was seen");
     let inputs = seen.channels();
-    let mut weight = empty_beside(gradient, &[outputs, inputs, 3, 3]);
-    let mut bias = empty_beside(gradient, &[outputs]);
+    let (weights, numbers) = (outputs * inputs * 9, outputs * (inputs * 9 + 1));
+    let mut result = empty_beside(gradient, &[numbers]);
     let [of_inputs, of_outputs, of_frames, of_side] = [inputs, outputs, frames, side].map(|n| n as c_int);
     let device = index_of(gradient);
     // SAFETY: asks what a device is.
     let shares = unsafe { paig_gpu_weight_gradient_shares(of_inputs, of_outputs, of_frames, of_side, device) };
-    let mut workspace = empty_beside(gradient, &[i64::from(shares) * outputs * (9 * inputs + 1)]);
-    let [to_weight, to_bias, room] = [&mut weight, &mut bias, &mut workspace].map(floats_mut);
+    let mut workspace = empty_beside(gradient, &[i64::from(shares) * numbers]);
+    let [to, room] = [&mut result, &mut workspace].map(floats_mut);
     // SAFETY: as above, and room for all shares.
     on_stream(gradient, |stream| unsafe {
         let from = floats(gradient);
-        paig_gpu_weight_gradient(seen.input(), from, to_weight, to_bias, room, of_outputs, of_frames, of_side, stream)
+        paig_gpu_weight_gradient(seen.input(), from, to, room, of_outputs, of_frames, of_side, stream)
     });
-    [weight, bias]
+    [result.narrow(0, 0, weights).view([outputs, inputs, 3, 3]), result.narrow(0, weights, outputs)]
 }
 
 /// Adds to the gradient of pictures that of what [`Seen::pooled`] makes of them; then 0 where they are not above 0.

@@ -4,8 +4,8 @@
 
 // A variable, its gradient and what the rule keeps of it, of `count` numbers each; and a rate, downwards: below 0.
 struct PaigVariable {
-  float *variable, *gradient, *first, *second;
-  const float *rate;
+  float *variable, *first, *second;
+  const float *gradient, *rate;
   long count;
 };
 
@@ -22,22 +22,29 @@ struct PaigUpdate {
 namespace {
 
 constexpr int THREADS = 256;
-constexpr int BLOCKS_EACH = 64;
-// As many as the arguments of a kernel have room for.
+// Numbers of a variable that a block changes.
+constexpr long PART = 8 * THREADS;
+// As many variables as the arguments of a kernel have room for.
 constexpr int AT_ONCE = 64;
 
 struct Batch {
   PaigVariable variables[AT_ONCE];
+  // The blocks up to and with those of each variable.
+  int blocks[AT_ONCE];
 };
 
 // As libtorch's lerp: from a part of the way to `to`.
 __device__ __forceinline__ float towards(float from, float to, float part) { return from + part * (to - from); }
 
-// grid: blocks, variables.
+// grid: the parts of all variables.
 __global__ void descend(Batch batch, PaigUpdate update) {
-  const PaigVariable &it = batch.variables[blockIdx.y];
+  int variable = 0, block = blockIdx.x;
+  while (batch.blocks[variable] <= block) variable++;
+  const PaigVariable &it = batch.variables[variable];
   float rate = *it.rate;
-  for (long i = static_cast<long>(blockIdx.x) * THREADS + threadIdx.x; i < it.count; i += static_cast<long>(gridDim.x) * THREADS) {
+  long first = (block - (variable > 0 ? batch.blocks[variable - 1] : 0)) * PART;
+  long end = min(it.count, first + PART);
+  for (long i = first + threadIdx.x; i < end; i += THREADS) {
     float gradient = it.gradient[i];
     // What is not a number stays so.
     gradient = gradient < -update.clip ? -update.clip : gradient > update.clip ? update.clip : gradient;
@@ -58,19 +65,21 @@ __global__ void descend(Batch batch, PaigUpdate update) {
       change = mean * rate / (sqrtf(square) + update.epsilon);
     }
     it.variable[i] += change;
-    it.gradient[i] = 0;
   }
 }
 
 }  // namespace
 
-// Changes the variables and clears their gradients. `variables` is in the main memory.
+// Changes the variables by their gradients. `variables` is in the main memory.
 extern "C" bool paig_gpu_descend(PaigUpdate update, const PaigVariable *variables, int count, void *stream) {
   for (int first = 0; first < count; first += AT_ONCE) {
     Batch batch = {};
-    int here = count - first < AT_ONCE ? count - first : AT_ONCE;
-    for (int i = 0; i < here; i++) batch.variables[i] = variables[first + i];
-    if (!paig_launch(descend, dim3(BLOCKS_EACH, here), dim3(THREADS), 0, stream, batch, update)) return false;
+    int here = min(count - first, AT_ONCE), blocks = 0;
+    for (int i = 0; i < here; i++) {
+      batch.variables[i] = variables[first + i];
+      batch.blocks[i] = blocks += paig_parts(batch.variables[i].count, PART);
+    }
+    if (blocks > 0 && !paig_launch(descend, dim3(blocks), dim3(THREADS), 0, stream, batch, update)) return false;
   }
   return true;
 }

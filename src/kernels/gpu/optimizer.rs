@@ -28,9 +28,9 @@ pub struct Updated {
 #[repr(C)]
 struct Variable {
     variable: *mut f32,
-    gradient: *mut f32,
     first: *mut f32,
     second: *mut f32,
+    gradient: *const f32,
     rate: *const f32,
     count: c_long,
 }
@@ -68,8 +68,14 @@ impl Updated {
         let count = variable.numel() as c_long;
         let mut slot = |number: usize| slots.get_mut(number).map_or(std::ptr::null_mut(), floats_mut);
         let (first, second) = (slot(0), slot(1));
-        let (variable, gradient) = (floats_mut(variable), floats_mut(gradient));
-        Variable { variable, gradient, first, second, rate: floats(rate), count }
+        Variable {
+            variable: floats_mut(variable),
+            first,
+            second,
+            gradient: floats(gradient),
+            rate: floats(rate),
+            count,
+        }
     }
 }
 
@@ -95,7 +101,7 @@ impl Rule {
     }
 }
 
-/// Changes the variables by their rates, and clears the gradients, of which every number is clipped to +- `clip`.
+/// Changes the variables by their rates and their gradients, of which every number is clipped to +- `clip`.
 ///
 /// # Panics
 /// Tensors that are not contiguous or not of one size.

@@ -22,8 +22,8 @@ struct WeightGradient {
   PaigInput input;
   // Of the result, [frames, outputs, side, side].
   const float *gradient;
-  // [shares, outputs, inputs, 9], and of biases [shares, outputs].
-  float *weights, *biases;
+  // Of each share those of the weights [outputs, inputs, 9], and after them those of the biases [outputs].
+  float *shares;
   int outputs, frames;
   // Of OUTPUTS channels in a block.
   int groups;
@@ -91,7 +91,8 @@ __global__ void __launch_bounds__(THREADS, 2) add_up(WeightGradient it) {
   }
 
   // The slices of a block are added tap by tap; after the taps, the biases.
-  float *shares = paig_shared();
+  long weights = static_cast<long>(it.outputs) * inputs * TAPS;
+  float *share = it.shares + blockIdx.x * (weights + it.outputs), *parts = paig_shared();
   for (int tap = 0; tap <= TAPS; tap++) {
     __syncthreads();
 #pragma unroll
@@ -99,20 +100,18 @@ __global__ void __launch_bounds__(THREADS, 2) add_up(WeightGradient it) {
       float value = bias;
 #pragma unroll
       for (int k = 0; k < TAPS; k++) value = tap == k ? sums[output][k] : value;
-      shares[((slice * GROUPS + group) * OUTPUTS + output) * INPUTS + input] = value;
+      parts[((slice * GROUPS + group) * OUTPUTS + output) * INPUTS + input] = value;
     }
     __syncthreads();
     if (thread >= RESULTS * INPUTS) continue;
     int output = thread / INPUTS, of = thread % INPUTS;
     float sum = 0;
-    for (int k = 0; k < SLICES; k++) sum += shares[k * RESULTS * INPUTS + thread];
-    if (tap < TAPS && output < outputs && of < channels) {
-      long weight = (static_cast<long>(blockIdx.x) * it.outputs + first_output + output) * inputs + first_input + of;
-      it.weights[weight * TAPS + tap] = sum;
-    }
+    for (int k = 0; k < SLICES; k++) sum += parts[k * RESULTS * INPUTS + thread];
+    if (tap < TAPS && output < outputs && of < channels)
+      share[(static_cast<long>(first_output + output) * inputs + first_input + of) * TAPS + tap] = sum;
     int biased = output / OUTPUTS * OUTPUTS + of;
     if (tap == TAPS && output % OUTPUTS == 0 && biased < outputs && blockIdx.y == 0)
-      it.biases[blockIdx.x * it.outputs + first_output + biased] = sum;
+      share[weights + first_output + biased] = sum;
   }
 }
 
@@ -120,7 +119,7 @@ int numbers(const WeightGradient &it) { return INPUTS * it.band.stride + it.grou
 
 // How the work is divided: the most groups and quads for which there is room, or the fewest.
 WeightGradient plan(PaigInput input, const float *gradient, int outputs, int frames, int side, int device) {
-  WeightGradient it = {input, gradient, nullptr, nullptr, outputs, frames, 0, {}, {}, {}, {}, {}};
+  WeightGradient it = {input, gradient, nullptr, outputs, frames, 0, {}, {}, {}, {}, {}};
   int most = paig_most_shared(device) / (2 * sizeof(float)), room = min(ROOM, most);
   bool fits = false;
   for (it.groups = outputs > 2 * OUTPUTS ? 4 : outputs > OUTPUTS ? 2 : 1; !fits; it.groups /= 2) {
@@ -166,16 +165,13 @@ extern "C" int paig_gpu_weight_gradient_shares(int inputs, int outputs, int fram
   return shares_of(plan({nullptr, nullptr, inputs, 0, PAIG_AS_THEY_ARE}, nullptr, outputs, frames, side, device));
 }
 
-// From what a convolution saw and the gradient [frames, outputs, side, side] of its result those of its weight [outputs,
-// inputs, 3, 3] and bias [outputs]. `workspace` has room for shares * outputs * (9 inputs + 1) numbers.
-extern "C" bool paig_gpu_weight_gradient(PaigInput input, const float *gradient, float *weight, float *bias, float *workspace,
-                                         int outputs, int frames, int side, void *stream) {
+// From what a convolution saw and the gradient [frames, outputs, side, side] of its result that of its weight [outputs, inputs,
+// 3, 3], and after it in `result` that of its bias [outputs]. `workspace` has room for as many numbers of each share.
+extern "C" bool paig_gpu_weight_gradient(PaigInput input, const float *gradient, float *result, float *workspace, int outputs,
+                                         int frames, int side, void *stream) {
   WeightGradient it = plan(input, gradient, outputs, frames, side, paig_device());
-  int shares = shares_of(it);
-  long weights = static_cast<long>(outputs) * (input.first_channels + input.second_channels) * TAPS;
-  it.weights = workspace;
-  it.biases = workspace + shares * weights;
+  it.shares = workspace;
   bool launched = it.groups == 4 ? launch<4>(it, stream) : it.groups == 2 ? launch<2>(it, stream) : launch<1>(it, stream);
-  return launched && paig_gpu_add_shares(it.weights, weight, shares, weights, stream) &&
-         paig_gpu_add_shares(it.biases, bias, shares, outputs, stream);
+  long numbers = static_cast<long>(outputs) * ((input.first_channels + input.second_channels) * TAPS + 1);
+  return launched && paig_gpu_add_shares(workspace, result, shares_of(it), numbers, stream);
 }

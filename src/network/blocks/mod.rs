@@ -9,7 +9,7 @@ mod variable_from_network;
 use anyhow::Result;
 use serde::{Deserialize, Serialize};
 use tch::nn::Path;
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use crate::kernels::{self, ConvolutionKernel, Kernels, PreparedConvolution};
 use crate::network::stn::hat_matrix;
@@ -139,11 +139,10 @@ impl Dense {
         let normal = design.transpose(0, 1).matmul(&design);
         let identity = Tensor::eye(normal.size()[0], (Kind::Double, normal.device()));
         let missing = outputs.to_kind(Kind::Double) - design.matmul(&present);
-        let change = Tensor::f_linalg_solve(
-            &(normal + identity * (ridge * design.size()[0] as f64)),
-            &design.transpose(0, 1).matmul(&missing),
-            true,
-        )?;
+        // A few hundred unknowns: on a GPU its linear algebra would take longer to load than this takes here.
+        let normal = normal + identity * (ridge * design.size()[0] as f64);
+        let [normal, towards] = [normal, design.transpose(0, 1).matmul(&missing)].map(|x| x.to_device(Device::Cpu));
+        let change = Tensor::f_linalg_solve(&normal, &towards, true)?.to_device(present.device());
         let solved = (present + change).to_kind(self.weight.kind());
         let inputs = solved.size()[0] - 1;
         self.weight.shallow_clone().copy_(&solved.narrow(0, 0, inputs).transpose(0, 1));

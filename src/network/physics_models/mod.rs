@@ -138,7 +138,10 @@ impl PhysicsNet {
         let length = options.length_per_unit(system);
         let parameter = |kind: &'static PhysicalParameter| {
             let raw = |value: f64| raw_within(kind, value / length.powi(kind.length_power));
-            let fixed = |raw: f64| Parameter { kind, raw: Tensor::from(raw as f32).to_device(device), learned: false };
+            let fixed = |start: f64| {
+                let raw = Tensor::from(start as f32).to_device(device);
+                Parameter { kind, raw, start, learned: false }
+            };
             if let Some(value) = options.fixed_at(kind) {
                 return Ok(fixed(raw(value)?));
             }
@@ -146,7 +149,7 @@ impl PhysicsNet {
             if black_box.is_some() {
                 return Ok(fixed(start));
             }
-            Ok(Parameter { kind, raw: scope.var(kind.variable, &[], Init::Const(start)), learned: true })
+            Ok(Parameter { kind, raw: scope.var(kind.variable, &[], Init::Const(start)), start, learned: true })
         };
         let parameters = system.cell.parameters.iter().map(parameter).collect::<Result<Vec<_>>>()?;
         grouped(VariableGroup::Physics);

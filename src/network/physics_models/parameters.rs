@@ -13,6 +13,8 @@ pub struct Parameter {
     /// The number without bounds that stands for the value, a scalar: the logarithm of a positive one. Lengths are in the
     /// model's unit of position.
     pub raw: Tensor,
+    /// The raw number with which it begins where a config says nothing; of one that is fixed its own.
+    pub start: f64,
     /// Otherwise it is fixed.
     pub learned: bool,
 }
@@ -53,11 +55,6 @@ impl PhysicsNet {
     /// The learned parameters as `(symbol, value)`, lengths in true pixels whatever the decoder's scale.
     pub fn parameter_values(&self) -> Vec<(&'static str, f64)> {
         self.learned().map(|p| (p.kind.name, self.true_value(p.kind, p.raw.double_value(&[])))).collect()
-    }
-
-    /// The raw number with which a parameter begins where a config says nothing.
-    pub fn usual_start(&self, kind: &PhysicalParameter) -> f64 {
-        kind.start.map_or(0.0, |value| kind.bounds.raw(value / self.true_unit(kind)))
     }
 
     /// What one model unit of a parameter is in true pixels.

@@ -136,8 +136,7 @@ fn repetition<'a>(
                 optimizer.begin_step(&rates);
                 repeated.call(slice::from_ref(&clips), |inputs| {
                     let pass = model.forward(&inputs[0], &Actions::none())?;
-                    Losses::new(&pass, &inputs[0], system).train(join.alpha).backward();
-                    optimizer.descend(&variables);
+                    optimizer.descend(&Losses::new(&pass, &inputs[0], system).train(join.alpha), &variables);
                     Ok(Vec::new())
                 })?;
                 Ok(())
@@ -150,8 +149,8 @@ fn repetition<'a>(
                 repeated.call(slice::from_ref(&frames), |inputs| {
                     let frames = &inputs[0];
                     let [drawn] = model.decoder.draw([&model.coordinates(&model.first_look(&frames.select(1, 0)))]);
-                    frame_error(model.options.kernels, &drawn.unsqueeze(1), frames).backward();
-                    optimizer.descend(&variables);
+                    let loss = frame_error(model.options.kernels, &drawn.unsqueeze(1), frames);
+                    optimizer.descend(&loss, &variables);
                     Ok(Vec::new())
                 })?;
                 Ok(())

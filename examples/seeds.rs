@@ -50,6 +50,7 @@ struct Arguments {
 
 /// Keeps what is known of the parameters, and when.
 struct Course {
+    seed: u64,
     began: Instant,
     truths: Vec<(String, f64)>,
     /// Seconds, and the largest error of a parameter as a share of its truth.
@@ -62,8 +63,8 @@ impl Observer for Course {
     fn observe(&mut self, event: &Event) -> Result<()> {
         let now = self.began.elapsed().as_secs_f64();
         match event {
-            Event::PhaseBegins { phase, .. } => eprintln!("{now:6.2} s  {phase} begins"),
-            Event::Note(line) => eprintln!("{now:6.2} s  {line}"),
+            Event::PhaseBegins { phase, .. } => eprintln!("{now:6.2} s  seed {}: {phase} begins", self.seed),
+            Event::Note(line) => eprintln!("{now:6.2} s  seed {}: {line}", self.seed),
             _ => (),
         }
         let Event::Recorded(record) = event else { return Ok(()) };
@@ -130,7 +131,7 @@ fn one(config: &Config, dataset: &Dataset, device: Device, began: Instant) -> Re
     let [train, valid] = [Split::Train, Split::Valid].map(|split| dataset.clips(split, device));
     let truths = config.task.system.cell.parameters.iter().map(|parameter| parameter.name);
     let truths = truths.filter_map(|name| Some((name.to_string(), config.task.truth_of(name)?))).collect();
-    let mut course = Course { began, truths, errors: Vec::new(), best: None };
+    let mut course = Course { seed: config.seed, began, truths, errors: Vec::new(), best: None };
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
     let learned: Vec<_> = model.learned().map(|parameter| parameter.kind.name.to_string()).collect();
     course.truths.retain(|(name, _): &(String, f64)| learned.contains(name));

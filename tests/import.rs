@@ -519,6 +519,12 @@ fn what_cannot_be_imported_is_refused() {
         &refused(&Request { equation: EquationEntry::Name("fall".into()), ..plain() }),
         &["\"fall\"", "falling"],
     );
+    let own = folder.path().join("own.toml");
+    let text =
+        "[system.equation]\nacceleration = \"-score * p\"\n[system.equation.parameters]\nscore = { unit = [0, -2] }\n";
+    fs::write(&own, text).unwrap();
+    let equation = EquationFile::read(&own).unwrap().equation;
+    assert_says(&refused(&Request { equation, ..plain() }), &["equation", "score", "another name"]);
     assert_says(&refused(&Request { name: Some("pendulum".into()), ..plain() }), &["pendulum", "--name"]);
     assert_says(&refused(&request(&[&folder.path().join("none.mp4")], &out)), &["none.mp4", "no such file"]);
     let empty = folder.path().join("empty");

@@ -327,8 +327,7 @@ impl<'a> Running<'a> {
             let (model, optimizer, variables) = (self.model, &self.optimizer, &self.variables);
             let loss = descent.call(&batch.parts(), |parts| {
                 let loss = model.loss(&batch.with(parts));
-                loss.backward();
-                optimizer.descend(variables);
+                optimizer.descend(&loss, variables);
                 Ok(loss.detach())
             })?;
             let value = loss.double_value(&[]);

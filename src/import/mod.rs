@@ -33,6 +33,7 @@ use self::time_base::Kept;
 use crate::datasets::film::FILM;
 use crate::network::System;
 use crate::network::system::SystemTable;
+use crate::runs::metrics;
 use crate::support::atomic;
 use crate::support::storage::storage;
 
@@ -148,6 +149,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
 /// Refuses a system that cannot be before a video is opened.
 fn check_system(request: &Request) -> Result<System> {
     let kind = request.kind()?;
+    metrics::check_parameters(kind.parameters).context("the equation")?;
     let table = SystemTable {
         side: request.side,
         channels: request.channels(),

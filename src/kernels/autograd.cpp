@@ -70,7 +70,8 @@ bool paig_records(const Tensor *const *inputs, size_t count) {
   return false;
 }
 
-// A variable that has no gradient takes the next one as it is, where it would have to add it to one that was set to 0.
+// A variable without a gradient keeps the next one as it is, unless others have it, too, or it lies otherwise in memory; one that
+// has a gradient adds to it.
 void paig_forget_gradient(const Tensor *variable) { variable->mutable_grad().reset(); }
 
 // Makes `output` a function of the inputs. Takes over `state`, whatever happens; false if it failed.

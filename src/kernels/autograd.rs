@@ -46,7 +46,7 @@ pub fn records(inputs: &[&Tensor]) -> bool {
     unsafe { paig_records(inputs.as_ptr(), inputs.len()) }
 }
 
-/// Takes a variable's gradient away. The next one is kept in the memory where it is computed.
+/// Takes a variable's gradient away: the next one is not added to anything.
 pub fn forget_gradient(variable: &Tensor) {
     // SAFETY: the tensor lives as long as the call.
     unsafe { paig_forget_gradient(variable.as_ptr()) };

@@ -17,7 +17,7 @@ use super::panics;
 use super::threads::locked;
 
 /// Calls that are made one computation at a time before one is recorded: libraries choose their algorithms and take their
-/// memory in them, and gradients and the optimizer's slots come to be.
+/// memory in them.
 const WARM_UP: usize = 3;
 
 unsafe extern "C" {

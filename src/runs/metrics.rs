@@ -8,6 +8,7 @@ use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::names::METRICS;
+use crate::network::cells::PhysicalParameter;
 use crate::support::storage;
 
 /// Version of the file's form, in its first record; to be raised when a reader of today could misread it. Files of before
@@ -86,8 +87,8 @@ fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String
     Ok(all.into_iter().filter_map(|(name, value)| Some((name, value.as_f64()?))).collect())
 }
 
-/// What a record has beside the parameters: none may be called like that, or the line could not be read again.
-pub const KEYS: [&str; 16] = [
+/// What a record has beside the parameters.
+const KEYS: [&str; 16] = [
     "kind",
     "phase",
     "step",
@@ -105,6 +106,20 @@ pub const KEYS: [&str; 16] = [
     "velocity_residual",
     "seconds",
 ];
+
+/// Whether a record can hold parameters of these names.
+///
+/// # Errors
+/// One that is called like another number: the line could not be read again.
+pub fn check_parameters(parameters: &[PhysicalParameter]) -> Result<()> {
+    for PhysicalParameter { name, .. } in parameters {
+        ensure!(
+            !KEYS.contains(name),
+            "the files of a run have another number called {name}; give the parameter another name"
+        );
+    }
+    Ok(())
+}
 
 impl Record {
     /// A record that says only where it stands.

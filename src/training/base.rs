@@ -160,8 +160,7 @@ impl Session<'_> {
             let loss = steps.call(&inputs, |inputs| {
                 let loss = objective.loss(self.model, inputs)?;
                 if on_gpu || is_finite(&loss.total) {
-                    loss.total.backward();
-                    optimizer.descend(&variables);
+                    optimizer.descend(&loss.total, &variables);
                 }
                 Ok(loss.detached())
             })?;

@@ -225,14 +225,7 @@ impl Config {
     /// The parameters, and those of them that are fixed or start elsewhere.
     fn check_parameters(&self) -> Result<()> {
         let parameters = self.task.system.cell.parameters;
-        for parameter in parameters {
-            ensure!(
-                !metrics::KEYS.contains(&parameter.name),
-                "task {}: the files of a run have another number called {}; give the parameter another name",
-                self.task.name,
-                parameter.name
-            );
-        }
+        metrics::check_parameters(parameters).with_context(|| format!("task {}", self.task.name))?;
         let known: Vec<_> = parameters.iter().map(|p| p.name).collect();
         for (section, symbols) in [("start", &self.start), ("model.fixed", &self.model.fixed)] {
             for (symbol, value) in symbols {

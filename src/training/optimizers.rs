@@ -76,6 +76,10 @@ impl OptimizerKind {
     }
 }
 
+fn forget_gradients(variables: &[(String, Tensor)]) {
+    variables.iter().for_each(|(_, variable)| kernels::forget_gradient(variable));
+}
+
 impl Rates {
     /// A variable's direction of ascent times its rate, downwards.
     fn descent(&self, place: usize, direction: &Tensor) -> Tensor {
@@ -120,7 +124,7 @@ impl Optimizer {
     pub fn step(&mut self, variables: &[(String, Tensor)], learning_rate: impl Fn(&str) -> f64) {
         let rates: Vec<_> = variables.iter().map(|(name, _)| learning_rate(name)).collect();
         self.begin_step(&rates);
-        self.descend(variables);
+        self.follow_gradients(variables);
     }
 
     /// Counts a step and makes its rates known, one for each variable: what of a step is new each time.
@@ -138,14 +142,23 @@ impl Optimizer {
         }
     }
 
-    /// The step that was begun; forgets the gradients: the next ones are kept where they are computed, with nothing to add
-    /// them to. On a GPU it may be recorded and repeated: nothing but the rates, which it reads there, is new each time.
-    pub fn descend(&self, variables: &[(String, Tensor)]) {
+    /// Differentiates a loss and takes the step that was begun. On a GPU both may be recorded and repeated: nothing but the
+    /// rates, which are read there, is new each time.
+    pub fn descend(&self, loss: &Tensor, variables: &[(String, Tensor)]) {
+        // A recording that failed leaves gradients that were never computed.
+        forget_gradients(variables);
+        loss.backward();
+        self.follow_gradients(variables);
+    }
+
+    /// The step that was begun, on the variables' gradients; forgets them: libtorch then keeps the next ones, where it can, as
+    /// they were computed, instead of adding them to zeros.
+    fn follow_gradients(&self, variables: &[(String, Tensor)]) {
         let _guard = tch::no_grad_guard();
         if !self.descend_at_once(variables) {
             self.descend_one_by_one(variables);
         }
-        variables.iter().for_each(|(_, variable)| kernels::forget_gradient(variable));
+        forget_gradients(variables);
     }
 
     fn descend_one_by_one(&self, variables: &[(String, Tensor)]) {
@@ -265,6 +278,9 @@ impl Optimizer {
 mod tests {
     use super::*;
 
+    const RULES: [OptimizerKind; 4] =
+        [OptimizerKind::RmsProp, OptimizerKind::Adam, OptimizerKind::Momentum, OptimizerKind::Sgd];
+
     /// TensorFlow 1's RMSProp as the original has it, after gradients that were 0 for so long that nothing but epsilon is left
     /// under the root, then tiny, clipped and plain ones, at a rate that falls. Rounding of double precision.
     #[test]
@@ -307,8 +323,7 @@ mod tests {
     /// follows rates that fall and moments that are corrected.
     #[test]
     fn rates_on_the_device_are_the_rates() {
-        let rules = [OptimizerKind::RmsProp, OptimizerKind::Adam, OptimizerKind::Momentum, OptimizerKind::Sgd];
-        for rule in rules {
+        for rule in RULES {
             let [told, read] = [false, true].map(|on_device| {
                 let weights = Tensor::linspace(-1.0, 1.0, 9, (Kind::Float, Device::Cpu)).set_requires_grad(true);
                 let variables = [("weights".to_string(), weights.shallow_clone())];
@@ -331,14 +346,13 @@ mod tests {
     /// libtorch hands both variables of a sum one gradient, seen in two shapes: a step of one must not change it for the other.
     #[test]
     fn variables_whose_gradients_share_memory_move_as_if_alone() {
-        let rules = [OptimizerKind::RmsProp, OptimizerKind::Adam, OptimizerKind::Momentum, OptimizerKind::Sgd];
-        for (rule, clip) in rules.into_iter().flat_map(|rule| [(rule, None), (rule, Some(0.5))]) {
+        for (rule, clip) in RULES.into_iter().flat_map(|rule| [(rule, None), (rule, Some(0.5))]) {
             let zeros = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu)).set_requires_grad(true);
             let pull = Tensor::linspace(-1.0, 2.0, 6, (Kind::Float, Device::Cpu));
-            let moved = |variables: Vec<Tensor>| {
+            let moved = |variables: Vec<Tensor>, kernels: Kernels| {
                 let named = |(n, variable): (usize, &Tensor)| (n.to_string(), variable.shallow_clone());
                 let named: Vec<_> = variables.iter().enumerate().map(named).collect();
-                let mut optimizer = Optimizer::new(rule, clip, &named).with_kernels(Kernels::Libtorch);
+                let mut optimizer = Optimizer::new(rule, clip, &named).with_kernels(kernels);
                 for _ in 0..3 {
                     let sum = variables.iter().map(|variable| variable.view(-1)).reduce(|sum, it| sum + it).unwrap();
                     (sum * &pull).sum(Kind::Float).backward();
@@ -346,10 +360,12 @@ mod tests {
                 }
                 variables.iter().map(|variable| variable.detach().view(-1)).collect::<Vec<_>>()
             };
-            let alone = moved(vec![zeros(&[6])]).remove(0);
-            assert!(alone.abs().max().double_value(&[]) > 0.01);
-            for together in moved(vec![zeros(&[6]), zeros(&[2, 3])]) {
-                assert_eq!(together, alone, "{rule:?}, {clip:?}");
+            for kernels in [Kernels::Libtorch, Kernels::Own] {
+                let alone = moved(vec![zeros(&[6])], kernels).remove(0);
+                assert!(alone.abs().max().double_value(&[]) > 0.01);
+                for together in moved(vec![zeros(&[6]), zeros(&[2, 3])], kernels) {
+                    assert_eq!(together, alone, "{rule:?}, {clip:?}, {kernels:?}");
+                }
             }
         }
     }
@@ -358,11 +374,13 @@ mod tests {
     #[test]
     fn the_kernel_for_gpus_takes_the_same_steps() {
         let Some(device) = gpu::testing::test_device() else { return };
-        let rules = [OptimizerKind::RmsProp, OptimizerKind::Adam, OptimizerKind::Momentum, OptimizerKind::Sgd];
-        for (rule, clip) in rules.into_iter().flat_map(|rule| [(rule, None), (rule, Some(0.5))]) {
+        for (rule, clip) in RULES.into_iter().flat_map(|rule| [(rule, None), (rule, Some(0.5))]) {
             let [by_libtorch, by_kernel] = [false, true].map(|by_kernel| {
                 let values = (0..70).map(|n| {
-                    let weights = Tensor::linspace(-1.0, 1.0, 3 + 5 * n, (Kind::Float, device)).set_requires_grad(true);
+                    // One that several blocks share, and one without numbers.
+                    let numbers = [(20, 5000), (21, 0)].into_iter().find(|(place, _)| *place == n);
+                    let numbers = numbers.map_or(3 + 5 * n, |(_, numbers)| numbers);
+                    let weights = Tensor::linspace(-1.0, 1.0, numbers, (Kind::Float, device)).set_requires_grad(true);
                     (format!("weights {n}"), weights)
                 });
                 let variables: Vec<_> = values.collect();
@@ -380,10 +398,10 @@ mod tests {
                     if by_kernel {
                         let _guard = tch::no_grad_guard();
                         gpu::descend(rule.for_gpu(), clip, &mut optimizer.updated(&variables));
+                        forget_gradients(&variables);
                     } else {
-                        optimizer.descend(&variables);
+                        optimizer.follow_gradients(&variables);
                     }
-                    variables.iter().for_each(|(_, weights)| kernels::forget_gradient(weights));
                     assert!(variables.iter().all(|(_, weights)| !weights.grad().defined()));
                 }
                 let weights: Vec<_> = variables.iter().map(|(_, weights)| weights.detach()).collect();

@@ -2,8 +2,9 @@
 //
 // A block computes a band of rows of some frames: it takes the band of a few channels into shared memory and adds what they
 // give, while the next few are on their way. A thread has four pixels of ROWS rows in PER_THREAD channels: each number that it
-// reads serves many products. Where there are few frames the channels that are seen are shared out among SLICES of a block's
-// threads, so that few do not wait long for memory; what the slices have is added at the end, always in the same order.
+// reads serves many products. Where there are few frames, and few blocks, a block has SLICES as many threads: each slice sees a
+// part of the channels, so that memory serves some while others compute. What the slices have is added at the end, always in the
+// same order.
 
 #include "device.h"
 #include "pictures.h"
@@ -11,13 +12,13 @@
 namespace {
 
 constexpr int PER_THREAD = 8;
-// Channels that are in shared memory at a time, twice.
+// Channels that a slice has in shared memory at a time, twice.
 constexpr int CHUNK = 4;
 // Threads for the pixels of a block, at most.
 constexpr int PIXEL_THREADS = 128;
 // Of few frames, smaller blocks, so that there is one for each of a GPU's processors; and what few are, in quads.
 constexpr int FEW_THREADS = 32, FEW = 1 << 16;
-// Shared memory of a block, at most, where fewer pixels need less: it leaves room for another, and every GPU has it.
+// Shared memory of a block of one slice, at most, where fewer pixels need less: it leaves room for another, and every GPU has it.
 constexpr size_t ROOM = 96 << 10;
 
 struct Convolution {
@@ -76,6 +77,7 @@ __device__ __forceinline__ void fetch(const Convolution &it, float *tile, int ch
 // grid: groups of frames, bands, groups of channels; block: pixels, GROUPS of PER_THREAD channels, SLICES of the inputs.
 template <int GROUPS, int ROWS, int SLICES>
 __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it) {
+  static_assert(SLICES == 1 || SLICES * FEW_THREADS <= PIXEL_THREADS, "no more threads than the launch bounds say");
   constexpr int CHANNELS = GROUPS * PER_THREAD;
   const Band &band = it.band;
   int inputs = it.input.first_channels + it.input.second_channels;
@@ -134,7 +136,7 @@ __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it
     next = done;
   }
 
-  // Of the slices, and each of these four numbers beside those of other threads.
+  // The sums of all slices, in which threads that are neighbours write side by side.
   float4 *all = reinterpret_cast<float4 *>(paig_shared());
   auto place = [&](int of_slice, int line, int output) {
     return ((of_slice * ROWS + line) * PER_THREAD + output) * threads + thread;
@@ -163,10 +165,9 @@ __global__ void __launch_bounds__(PIXEL_THREADS *GROUPS) convolve(Convolution it
       float *four = sums[line][output];
       for (int other = 0; SLICES > 1 && other < SLICES; other++) {
         float4 part = all[place(other, line, output)];
-        four[0] = other == 0 ? part.x : four[0] + part.x;
-        four[1] = other == 0 ? part.y : four[1] + part.y;
-        four[2] = other == 0 ? part.z : four[2] + part.z;
-        four[3] = other == 0 ? part.w : four[3] + part.w;
+        const float added[4] = {part.x, part.y, part.z, part.w};
+#pragma unroll
+        for (int pixel = 0; pixel < 4; pixel++) four[pixel] = other == 0 ? added[pixel] : four[pixel] + added[pixel];
       }
 #pragma unroll
       for (int pixel = 0; pixel < 4; pixel++) {
@@ -187,9 +188,10 @@ bool launch_blocks(Convolution it, int side, int pixel_threads, void *stream) {
   dim3 block(paig_parts(pixels, 32) * 32, GROUPS, SLICES);
   it.walk = Walk::through(it.band, block.x * GROUPS);
   dim3 grid(paig_parts(it.frames, it.band.frames), it.band.count(), paig_parts(outputs, CHANNELS));
-  size_t shared = 2 * CHUNK * (it.band.stride + 9 * CHANNELS) * SLICES * sizeof(float);
+  size_t tiles = 2 * CHUNK * (it.band.stride + 9 * CHANNELS) * SLICES;
+  size_t sums = SLICES > 1 ? 4 * ROWS * PER_THREAD * block.x * block.y * SLICES : 0;
+  size_t shared = max(tiles, sums) * sizeof(float);
   // Of the smallest pictures most is border.
-  if (shared > ROOM && SLICES > 1) return launch_blocks<GROUPS, ROWS, (SLICES > 1 ? SLICES / 2 : 1)>(it, side, pixel_threads, stream);
   if (shared > ROOM && pixel_threads > FEW_THREADS)
     return launch_blocks<GROUPS, ROWS, SLICES>(it, side, pixel_threads / 2, stream);
   return paig_launch(convolve<GROUPS, ROWS, SLICES>, grid, block, shared, stream, it);

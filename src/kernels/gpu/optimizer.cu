@@ -29,7 +29,7 @@ constexpr int AT_ONCE = 64;
 
 struct Batch {
   PaigVariable variables[AT_ONCE];
-  // The blocks up to and with those of each variable.
+  // How many blocks each variable and those before it have.
   int blocks[AT_ONCE];
 };
 

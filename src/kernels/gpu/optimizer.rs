@@ -16,7 +16,7 @@ pub enum Rule {
 }
 
 /// A variable, its gradient, the slots of the rule, and the rate (one number, downwards: below 0): none of them in the memory of
-/// another.
+/// another. Two variables may have one gradient.
 #[derive(Debug)]
 pub struct Updated {
     pub variable: Tensor,

@@ -32,6 +32,9 @@ struct WeightGradient {
   Walk fill, fill_result, slices;
 };
 
+// Of all weights and biases.
+__host__ __device__ inline long results(int inputs, int outputs) { return static_cast<long>(outputs) * (inputs * TAPS + 1); }
+
 // grid: shares of the work, chunks of inputs, chunks of outputs; block: INPUTS x GROUPS x slices.
 template <int GROUPS>
 __global__ void __launch_bounds__(THREADS, 2) add_up(WeightGradient it) {
@@ -91,8 +94,7 @@ __global__ void __launch_bounds__(THREADS, 2) add_up(WeightGradient it) {
   }
 
   // The slices of a block are added tap by tap; after the taps, the biases.
-  long weights = static_cast<long>(it.outputs) * inputs * TAPS;
-  float *share = it.shares + blockIdx.x * (weights + it.outputs), *parts = paig_shared();
+  float *share = it.shares + blockIdx.x * results(inputs, it.outputs), *parts = paig_shared();
   for (int tap = 0; tap <= TAPS; tap++) {
     __syncthreads();
 #pragma unroll
@@ -111,7 +113,7 @@ __global__ void __launch_bounds__(THREADS, 2) add_up(WeightGradient it) {
       share[(static_cast<long>(first_output + output) * inputs + first_input + of) * TAPS + tap] = sum;
     int biased = output / OUTPUTS * OUTPUTS + of;
     if (tap == TAPS && output % OUTPUTS == 0 && biased < outputs && blockIdx.y == 0)
-      share[weights + first_output + biased] = sum;
+      share[results(inputs, it.outputs) - it.outputs + first_output + biased] = sum;
   }
 }
 
@@ -172,6 +174,6 @@ extern "C" bool paig_gpu_weight_gradient(PaigInput input, const float *gradient,
   WeightGradient it = plan(input, gradient, outputs, frames, side, paig_device());
   it.shares = workspace;
   bool launched = it.groups == 4 ? launch<4>(it, stream) : it.groups == 2 ? launch<2>(it, stream) : launch<1>(it, stream);
-  long numbers = static_cast<long>(outputs) * ((input.first_channels + input.second_channels) * TAPS + 1);
-  return launched && paig_gpu_add_shares(workspace, result, shares_of(it), numbers, stream);
+  long count = results(input.first_channels + input.second_channels, outputs);
+  return launched && paig_gpu_add_shares(workspace, result, shares_of(it), count, stream);
 }

@@ -139,8 +139,8 @@ impl Dense {
         let normal = design.transpose(0, 1).matmul(&design);
         let identity = Tensor::eye(normal.size()[0], (Kind::Double, normal.device()));
         let missing = outputs.to_kind(Kind::Double) - design.matmul(&present);
-        // A few hundred unknowns: on a GPU its linear algebra would take longer to load than this takes here.
         let normal = normal + identity * (ridge * design.size()[0] as f64);
+        // A few hundred unknowns: on a GPU the library for one large system would take longer to load than this takes here.
         let [normal, towards] = [normal, design.transpose(0, 1).matmul(&missing)].map(|x| x.to_device(Device::Cpu));
         let change = Tensor::f_linalg_solve(&normal, &towards, true)?.to_device(present.device());
         let solved = (present + change).to_kind(self.weight.kind());

@@ -138,18 +138,19 @@ impl PhysicsNet {
         let length = options.length_per_unit(system);
         let parameter = |kind: &'static PhysicalParameter| {
             let raw = |value: f64| raw_within(kind, value / length.powi(kind.length_power));
-            let fixed = |start: f64| {
-                let raw = Tensor::from(start as f32).to_device(device);
-                Parameter { kind, raw, start, learned: false }
+            let fixed = |usual_start: f64| {
+                let raw = Tensor::from(usual_start as f32).to_device(device);
+                Parameter { kind, raw, usual_start, learned: false }
             };
             if let Some(value) = options.fixed_at(kind) {
                 return Ok(fixed(raw(value)?));
             }
-            let start = kind.start.map_or(Ok(0.0), raw)?;
+            let usual_start = kind.start.map_or(Ok(0.0), raw)?;
             if black_box.is_some() {
-                return Ok(fixed(start));
+                return Ok(fixed(usual_start));
             }
-            Ok(Parameter { kind, raw: scope.var(kind.variable, &[], Init::Const(start)), start, learned: true })
+            let raw = scope.var(kind.variable, &[], Init::Const(usual_start));
+            Ok(Parameter { kind, raw, usual_start, learned: true })
         };
         let parameters = system.cell.parameters.iter().map(parameter).collect::<Result<Vec<_>>>()?;
         grouped(VariableGroup::Physics);

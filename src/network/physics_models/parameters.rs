@@ -14,7 +14,7 @@ pub struct Parameter {
     /// model's unit of position.
     pub raw: Tensor,
     /// The raw number with which it begins where a config says nothing; of one that is fixed its own.
-    pub start: f64,
+    pub usual_start: f64,
     /// Otherwise it is fixed.
     pub learned: bool,
 }

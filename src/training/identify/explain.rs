@@ -256,7 +256,7 @@ impl Fits<'_> {
         let mut any = false;
         for ((raw, parameter), learned) in raw.iter_mut().zip(&self.model.parameters).zip(&self.start.learned) {
             if *learned && matches!(parameter.kind.bounds, Bounds::Between(..)) {
-                *raw = parameter.start;
+                *raw = parameter.usual_start;
                 any = true;
             }
         }

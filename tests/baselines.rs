@@ -143,7 +143,9 @@ fn a_small_comparison_runs_to_its_report() {
     assert_eq!(searched[0]["rates"].as_array().unwrap().len(), 2);
     let page = fs::read_to_string(report.join("report.md")).unwrap();
     assert!(page.contains("2 of these 2 trainings are finished"), "{page}");
-    for picture in ["frames", "gallery", "whole"] {
+    let size = format!("| GRU and MLP decoder | {0} = 1.00 x ({1}) |", gru["weights"], gru["dynamics_weights"]);
+    assert!(page.contains(&size), "{size}: {page}");
+    for picture in ["frames", "gallery", "black-boxes", "whole"] {
         let file = format!("pictures/spring_color-{picture}.png");
         assert!(page.contains(&file) && report.join(file).exists(), "{picture}");
     }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use plotters::style::RGBColor;
 use tch::Tensor;
 
-use super::list::Comparison;
+use super::list::{Comparison, Entry};
 use super::results::{FRAMES, PredictedFrames, Row, VALIDATION_ERROR};
 use crate::datasets::npz;
 use crate::runs::scores::{FrameSpread, PredictedFrame};
@@ -46,13 +46,20 @@ pub struct OfTask<'a> {
     pub rows: &'a [Row],
 }
 
+/// A model in a task's figures.
+struct Shown<'a> {
+    entry: &'a Entry,
+    colour: RGBColor,
+    rows: Vec<&'a Row>,
+}
+
 impl OfTask<'_> {
-    /// The rows of each model that has any: label, colour, rows.
-    fn models(&self) -> impl Iterator<Item = (&str, RGBColor, Vec<&Row>)> {
+    /// Each model that has any rows.
+    fn models(&self) -> impl Iterator<Item = Shown<'_>> {
         let models = self.list.models.iter().zip(COLOURS.iter().cycle());
-        models.filter_map(|(entry, colour)| {
+        models.filter_map(|(entry, &colour)| {
             let rows: Vec<_> = self.rows.iter().filter(|row| row.model == entry.name).collect();
-            (!rows.is_empty()).then_some((entry.label.as_str(), *colour, rows))
+            (!rows.is_empty()).then_some(Shown { entry, colour, rows })
         })
     }
 
@@ -69,7 +76,7 @@ impl OfTask<'_> {
             axis: "frame",
             values: title,
             spans: viz::frame_spans(system, self.task.test_frames),
-            lines: self.models().flat_map(|(label, colour, rows)| self.lines(label, colour, &rows, score)).collect(),
+            lines: self.models().flat_map(|model| self.lines(&model, score)).collect(),
             level: None,
             log: Some(log),
             legend: None,
@@ -78,7 +85,8 @@ impl OfTask<'_> {
         chart::write(path, HEIGHT, charts)
     }
 
-    fn lines(&self, label: &str, colour: RGBColor, rows: &[&Row], score: fn(&FrameSpread) -> Spread) -> Vec<Line> {
+    fn lines(&self, shown: &Shown, score: fn(&FrameSpread) -> Spread) -> Vec<Line> {
+        let Shown { entry, colour, rows } = shown;
         let system = &self.task.system;
         let frames: Vec<Vec<PredictedFrame>> =
             rows.iter().map(|row| row.frame_scores(system.input_steps, system.pred_steps)).collect();
@@ -88,7 +96,7 @@ impl OfTask<'_> {
         let back = all.clone().rev().map(|(frame, score)| (frame, score.max));
         let band = if rows.len() > 1 { there.chain(back).collect() } else { Vec::new() };
         let medians = all.map(|(frame, score)| (frame, score.median)).collect();
-        let label = format!("{label} ({})", rows.len());
+        let (label, colour) = (format!("{} ({})", entry.label, rows.len()), *colour);
         let line = Line { label, colour, stroke: Stroke::Dotted, pieces: vec![medians] };
         match band.is_empty() {
             true => vec![line],
@@ -96,55 +104,56 @@ impl OfTask<'_> {
         }
     }
 
+    /// L_pred of the black boxes on validation clips over the steps: whether they were done.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn black_boxes(&self, path: &Path) -> Result<bool> {
+        self.errors(path, "L_pred of validation clips", |entry| entry.whole.is_none())
+    }
+
     /// Validation error over the steps of the whole other models: whether they were done.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn whole_courses(&self, path: &Path) -> Result<bool> {
+    pub fn whole_models(&self, path: &Path) -> Result<bool> {
+        self.errors(path, "squared error of all predicted frames of validation clips", |entry| entry.whole.is_some())
+    }
+
+    /// The error on validation clips over the steps, a line for each run of these models.
+    fn errors(&self, path: &Path, error: &str, shown: impl Fn(&Entry) -> bool) -> Result<bool> {
         let mut lines = Vec::new();
-        let mut last: f64 = 1.0;
-        for (label, colour, rows) in self.models() {
+        for Shown { entry, colour, rows } in self.models().filter(|model| shown(model.entry)) {
             for row in rows {
                 let Some(points) = row.courses.get(VALIDATION_ERROR).cloned() else { continue };
-                last = points.last().map_or(last, |(step, _)| last.max(*step));
-                let label = format!("{label}, seed {}", row.seed);
+                let label = format!("{}, seed {}", entry.label, row.seed);
                 lines.push(Line { label, colour, stroke: Stroke::Dotted, pieces: vec![points] });
             }
         }
-        let spans = vec![Span { name: String::new(), first: 0.0, last }];
-        let title = format!("{}: squared error of all predicted frames of validation clips", self.task.name);
-        let (axis, values) = ("step", "squared error");
-        let (level, log, legend) = (None, Some(true), None);
-        chart::write(path, HEIGHT, vec![Chart { title, axis, values, spans, lines, level, log, legend }])
+        let title = format!("{}: {error}", self.task.name);
+        let chart = Chart { log: Some(true), ..over_steps(title, "squared error", lines) };
+        chart::write(path, HEIGHT, vec![chart])
     }
 
-    /// The course of each physical parameter, a line for each run.
+    /// The course of each physical parameter, a line for each run: of the models that begin with found objects, and, over more
+    /// steps, of those that find their own.
     ///
     /// # Errors
     /// A file that cannot be written.
     pub fn parameters(&self, path: &Path) -> Result<bool> {
         let mut charts = Vec::new();
         for parameter in self.task.system.cell.parameters {
-            let (mut lines, mut last) = (Vec::new(), 1.0f64);
-            for (label, colour, rows) in self.models() {
-                let mut pieces = Vec::new();
-                for points in rows.iter().filter_map(|row| row.courses.get(parameter.name).cloned()) {
-                    last = points.last().map_or(last, |(step, _)| last.max(*step));
-                    pieces.push(points);
-                }
-                lines.push(Line { label: label.into(), colour, stroke: Stroke::Plain, pieces });
+            for (own_objects, which) in [(false, "begun with found objects"), (true, "with objects of its own")] {
+                let of_models = self.models().filter(|model| model.entry.own_objects == own_objects);
+                let lines = of_models.map(|Shown { entry, colour, rows }| {
+                    let courses = rows.iter().filter_map(|row| row.courses.get(parameter.name).cloned());
+                    Line { label: entry.label.clone(), colour, stroke: Stroke::Dotted, pieces: courses.collect() }
+                });
+                let lines = lines.filter(|line| !line.pieces.is_empty()).collect();
+                let title = format!("{}: {} of every run {which}", self.task.name, parameter.name);
+                let level = self.task.truth_of(parameter.name).map(|truth| ("true value", GREEN, truth));
+                charts.push(Chart { level, ..over_steps(title, "value", lines) });
             }
-            lines.retain(|line| !line.pieces.is_empty());
-            charts.push(Chart {
-                title: format!("{}: {}, every run", self.task.name, parameter.name),
-                axis: "step",
-                values: "value",
-                spans: vec![Span { name: String::new(), first: 0.0, last }],
-                lines,
-                level: self.task.truth_of(parameter.name).map(|truth| ("true value", GREEN, truth)),
-                log: None,
-                legend: None,
-            });
         }
         chart::write(path, HEIGHT, charts)
     }
@@ -160,11 +169,11 @@ impl OfTask<'_> {
         let step = future.div_ceil(COLUMNS);
         let columns: Vec<usize> = (0..future).step_by(step).collect();
         let mut rows: Vec<(String, Tensor)> = Vec::new();
-        for (label, _, of_model) in self.models() {
+        for Shown { entry, rows: of_model, .. } in self.models() {
             let first = of_model[0];
             let Some(source) = &first.frames else { continue };
             let truth = rows.is_empty().then_some((TRUTH, TRUTH));
-            for (label, name) in truth.into_iter().chain([(label, first.model.as_str())]) {
+            for (label, name) in truth.into_iter().chain([(entry.label.as_str(), entry.name.as_str())]) {
                 let frames = self.shown(source, name, &columns)?;
                 viz::write_strip(&strips.join(self.strip(name)), &frames)?;
                 rows.push((label.into(), frames));
@@ -196,6 +205,13 @@ impl OfTask<'_> {
         let columns: Vec<i64> = columns.iter().map(|column| (before + column) as i64).collect();
         Ok(frames.index_select(0, &Tensor::from_slice(&columns)))
     }
+}
+
+/// A chart of lines over the steps to the last of them.
+fn over_steps(title: String, values: &'static str, lines: Vec<Line>) -> Chart {
+    let steps = lines.iter().flat_map(|line| line.pieces.iter().flatten()).map(|(step, _)| *step);
+    let spans = vec![Span { name: String::new(), first: 0.0, last: steps.fold(1.0, f64::max) }];
+    Chart { title, axis: "step", values, spans, lines, level: None, log: None, legend: None }
 }
 
 /// The first clip of an array `[clips, frames, S, S, C]`, `[frames, C, S, S]`.

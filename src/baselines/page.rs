@@ -79,15 +79,31 @@ impl Report<'_> {
         Ok(page)
     }
 
-    /// Weights of each model on the first task that it was run on.
+    /// Weights of each model on each task: all of them, by how much they differ from the first model's, and those of what
+    /// carries positions on.
     fn sizes(&self, page: &mut String) {
-        page.push_str(
-            "## Sizes\n\n| model | task | all weights | of what carries the positions on |\n|---|---|---|---|\n",
+        let (tasks, models) = (&self.list.tasks, &self.list.models);
+        let _ = writeln!(
+            page,
+            "## Sizes\n\nAll weights, times those of {}; in brackets the weights of what carries the positions on.\n\n\
+             | model | {} |\n|---|{}",
+            models.first().map_or("-", |entry| &entry.label),
+            tasks.join(" | "),
+            "---|".repeat(tasks.len())
         );
-        for entry in &self.list.models {
-            let Some(row) = self.rows.iter().find(|row| row.model == entry.name) else { continue };
-            let dynamics = row.dynamics_weights.map_or("-".into(), |count| count.to_string());
-            let _ = writeln!(page, "| {} | {} | {} | {dynamics} |", entry.label, row.task, row.weights);
+        let row =
+            |entry: &Entry, task: &String| self.rows.iter().find(|row| row.model == entry.name && row.task == *task);
+        let size = |entry: &Entry, task: &String| {
+            let Some(of_model) = row(entry, task) else { return "-".into() };
+            let first = models.first().and_then(|first| row(first, task));
+            let times = first
+                .map_or(String::new(), |first| format!(" = {:.2} x", of_model.weights as f64 / first.weights as f64));
+            let carries = of_model.dynamics_weights.map_or(String::new(), |count| format!(" ({count})"));
+            format!("{}{times}{carries}", of_model.weights)
+        };
+        for entry in models.iter().filter(|entry| tasks.iter().any(|task| row(entry, task).is_some())) {
+            let sizes: Vec<String> = tasks.iter().map(|task| size(entry, task)).collect();
+            let _ = writeln!(page, "| {} | {} |", entry.label, sizes.join(" | "));
         }
     }
 
@@ -144,11 +160,17 @@ impl Report<'_> {
         }
         let figures = OfTask { list: self.list, task, rows: &rows };
         type Draw<'a> = &'a dyn Fn(&Path) -> Result<bool>;
-        let drawn: [(&str, &str, Draw); 4] = [
+        let drawn: [(&str, &str, Draw); 5] = [
             ("frames", "SSIM and squared error of each predicted frame", &|path| figures.frame_scores(path)),
             ("gallery", "future frames of the first test clip", &|path| figures.gallery(path, &out.join(FRAMES))),
-            ("parameters", "the physical parameters over the steps", &|path| figures.parameters(path)),
-            ("whole", "validation error of the whole other models", &|path| figures.whole_courses(path)),
+            (
+                "parameters",
+                "the physical parameters over the steps; kept are the weights of the best validation, which need not be the \
+                 last",
+                &|path| figures.parameters(path),
+            ),
+            ("black-boxes", "L_pred of the black boxes on validation clips", &|path| figures.black_boxes(path)),
+            ("whole", "validation error of the whole other models", &|path| figures.whole_models(path)),
         ];
         for (name, caption, draw) in drawn {
             let file = format!("{}-{name}.png", task.name);

@@ -10,6 +10,7 @@ use tch::Device;
 use super::list::{Comparison, Entry};
 use super::plan::{self, Places, Training};
 use super::training::WholeScores;
+use crate::network::dynamics::DynamicsKind;
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
 use crate::runs::course::Course;
 use crate::runs::metrics::Kind;
@@ -50,15 +51,15 @@ pub struct Row {
     /// That the search chose; none where nothing was searched.
     pub searched_rate: Option<f64>,
     pub parameters: BTreeMap<String, LearnedParameter>,
-    /// Steps and values of what changed in the training, some 60 at most: each physical parameter by its name, or of a whole
-    /// other model the validation error as `pred_loss`.
+    /// Steps and values of what changed in the training, some 60 at most: each physical parameter by its name; of a black box
+    /// L_pred of the validations, of a whole other model their error, as `pred_loss`.
     pub courses: BTreeMap<String, Vec<(f64, f64)>>,
     /// Where its predicted frames are.
     #[serde(skip)]
     pub frames: Option<PredictedFrames>,
 }
 
-/// The course of a whole other model's error.
+/// The course of a black box's or a whole other model's error.
 pub(super) const VALIDATION_ERROR: &str = "pred_loss";
 /// Points of a course that are kept, at most.
 const POINTS: usize = 60;
@@ -152,7 +153,12 @@ fn of_run(training: &Training, folder: &Path) -> Result<Option<Row>> {
         variables.map(|(_, variable)| variable.numel()).sum()
     };
     let course = Course::read(folder)?;
-    let courses = summary.parameters.keys().map(|name| (name.clone(), thinned(&course.points(None, name)))).collect();
+    let mut courses: BTreeMap<String, Vec<(f64, f64)>> =
+        summary.parameters.keys().map(|name| (name.clone(), thinned(&course.points(None, name)))).collect();
+    if config.model.dynamics != DynamicsKind::Physics {
+        let errors = course.points(Some(Kind::Valid), VALIDATION_ERROR);
+        courses.insert(VALIDATION_ERROR.into(), thinned(&errors));
+    }
     let carries = |group| !matches!(group, VariableGroup::Encoder | VariableGroup::Decoder);
     Ok(Some(Row {
         dynamics_weights: Some(count(&carries)),

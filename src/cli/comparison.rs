@@ -1,5 +1,6 @@
 //! The paper's comparison, from its list to its report: what `baselines` goes through.
 
+use std::collections::BTreeSet;
 use std::panic::resume_unwind;
 use std::path::Path;
 use std::process::ExitCode;
@@ -136,11 +137,13 @@ impl Comparing {
 
     /// Makes the data, finds the objects, trains. Whether anything failed.
     fn train(&self, trainings: &[Training]) -> Result<bool> {
-        let mut objects: Vec<Job> = Vec::new();
+        let (mut objects, mut made): (Vec<Job>, _) = (Vec::new(), BTreeSet::new());
         for training in trainings {
-            let display = Display::default();
-            let dataset = self.places.dataset(&training.task, self.list.clips, training.clips)?;
-            generate(&dataset, &|event| display.show(event))?;
+            if made.insert((&training.task, training.clips)) {
+                let display = Display::default();
+                let dataset = self.places.dataset(&training.task, self.list.clips, training.clips)?;
+                generate(&dataset, &|event| display.show(event))?;
+            }
             let job = self.places.objects(&self.list, training)?;
             objects.extend(job.filter(|job| !objects.contains(job)));
         }

@@ -12,7 +12,7 @@ use crate::network::physics_models::losses::latent_error;
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
 use crate::training::optimizers::{Optimizer, OptimizerKind};
 
-/// The share of the steps after which Adam's rate is divided by `ANNEAL_FACTOR`, as in a black box's `pretrain`.
+/// The share of the steps after which Adam's rate is divided by `ANNEAL_FACTOR`.
 const ANNEAL_AT: f64 = 0.75;
 const ANNEAL_FACTOR: f64 = 10.0;
 

@@ -7,10 +7,10 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use paig::baselines::frame_model::{Batch, FrameModel, named_variables, weights};
-use paig::baselines::gaussian::normal_numbers;
 use paig::baselines::list::Comparison;
-use paig::baselines::training::WholeModel;
+use paig::baselines::whole_models::config::WholeModel;
+use paig::baselines::whole_models::frame_model::{Batch, FrameModel, named_variables, weights};
+use paig::baselines::whole_models::gaussian::normal_numbers;
 use paig::network::cells::Actions;
 use paig::tasks;
 use rand::Rng;

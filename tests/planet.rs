@@ -7,10 +7,13 @@ use std::cell::Cell;
 use std::path::Path;
 
 use ndarray::{Array2, Array5};
-use paig::baselines::frame_model::{Batch, FrameModel, named_variables};
-use paig::baselines::gaussian::{Gaussian, normal_numbers};
-use paig::baselines::planet::Planet;
-use paig::baselines::training::{self, WholeConfig, WholeData, WholeModel, WholeScores};
+use paig::baselines::whole_models::checkpoint::load_weights;
+use paig::baselines::whole_models::config::{WholeConfig, WholeModel};
+use paig::baselines::whole_models::frame_model::{Batch, FrameModel, named_variables};
+use paig::baselines::whole_models::gaussian::{Gaussian, normal_numbers};
+use paig::baselines::whole_models::planet::Planet;
+use paig::baselines::whole_models::scores::WholeScores;
+use paig::baselines::whole_models::training::{self, WholeData};
 use paig::control::latent::LatentModel;
 use paig::control::model::{Model, Outset};
 use paig::control::plans::{Plans, Trajectories};
@@ -98,7 +101,7 @@ fn train(config: &WholeConfig, folder: &Path, until: Option<u64>) -> (Planet, Ou
     let outcome =
         training::train(config, &system(), data, folder, &stop, &mut |record| validated.push(record.step)).unwrap();
     let planet = Planet::new(&system(), 99, Device::Cpu);
-    training::load_weights(folder, &planet).unwrap();
+    load_weights(folder, &planet).unwrap();
     (planet, outcome, validated)
 }
 

@@ -109,7 +109,7 @@ impl OfTask<'_> {
     /// # Errors
     /// A file that cannot be written.
     pub fn black_boxes(&self, path: &Path) -> Result<bool> {
-        self.errors(path, "L_pred of validation clips", |entry| entry.whole.is_none())
+        self.errors(path, "L_pred of validation clips of every run", |entry| entry.whole.is_none())
     }
 
     /// Validation error over the steps of the whole other models: whether they were done.
@@ -117,19 +117,14 @@ impl OfTask<'_> {
     /// # Errors
     /// A file that cannot be written.
     pub fn whole_models(&self, path: &Path) -> Result<bool> {
-        self.errors(path, "squared error of all predicted frames of validation clips", |entry| entry.whole.is_some())
+        self.errors(path, "squared error of all predicted frames of validation clips, every run", |entry| {
+            entry.whole.is_some()
+        })
     }
 
-    /// The error on validation clips over the steps, a line for each run of these models.
+    /// The error on validation clips over the steps, of every run of these models.
     fn errors(&self, path: &Path, error: &str, shown: impl Fn(&Entry) -> bool) -> Result<bool> {
-        let mut lines = Vec::new();
-        for Shown { entry, colour, rows } in self.models().filter(|model| shown(model.entry)) {
-            for row in rows {
-                let Some(points) = row.courses.get(VALIDATION_ERROR).cloned() else { continue };
-                let label = format!("{}, seed {}", entry.label, row.seed);
-                lines.push(Line { label, colour, stroke: Stroke::Dotted, pieces: vec![points] });
-            }
-        }
+        let lines = self.courses(VALIDATION_ERROR, shown);
         let title = format!("{}: {error}", self.task.name);
         let chart = Chart { log: Some(true), ..over_steps(title, "squared error", lines) };
         chart::write(path, HEIGHT, vec![chart])
@@ -144,18 +139,22 @@ impl OfTask<'_> {
         let mut charts = Vec::new();
         for parameter in self.task.system.cell.parameters {
             for (own_objects, which) in [(false, "begun with found objects"), (true, "with objects of its own")] {
-                let of_models = self.models().filter(|model| model.entry.own_objects == own_objects);
-                let lines = of_models.map(|Shown { entry, colour, rows }| {
-                    let courses = rows.iter().filter_map(|row| row.courses.get(parameter.name).cloned());
-                    Line { label: entry.label.clone(), colour, stroke: Stroke::Dotted, pieces: courses.collect() }
-                });
-                let lines = lines.filter(|line| !line.pieces.is_empty()).collect();
+                let lines = self.courses(parameter.name, |entry| entry.own_objects == own_objects);
                 let title = format!("{}: {} of every run {which}", self.task.name, parameter.name);
                 let level = self.task.truth_of(parameter.name).map(|truth| ("true value", GREEN, truth));
                 charts.push(Chart { level, ..over_steps(title, "value", lines) });
             }
         }
         chart::write(path, HEIGHT, charts)
+    }
+
+    /// The course of one number over the steps, a line for each run in the colour of its model; of these models.
+    fn courses(&self, number: &str, shown: impl Fn(&Entry) -> bool) -> Vec<Line> {
+        let lines = self.models().filter(|model| shown(model.entry)).map(|Shown { entry, colour, rows }| {
+            let courses = rows.iter().filter_map(|row| row.courses.get(number).cloned());
+            Line { label: entry.label.clone(), colour, stroke: Stroke::Dotted, pieces: courses.collect() }
+        });
+        lines.filter(|line| !line.pieces.is_empty()).collect()
     }
 
     /// Future frames of the first test clip, of each model's first seed below the true ones. Those of each model are also

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 
-use super::training::WholeModel;
+use super::whole_models::config::WholeModel;
 use crate::support::storage;
 use crate::tasks::{self, Task};
 

@@ -1,20 +1,14 @@
 //! The paper's comparison: other dynamics, other decoders and whole other models, trained and scored like the physics.
 //!
 //! Paper: section 4. The other dynamics and decoders are choices of the model
-//! ([`ModelOptions`](crate::network::physics_models::ModelOptions)); the whole other models stand here, each trained by
-//! [`training`]. [`list`] says what is compared, [`results`] gathers what became of it and [`earlier`] what other machines
-//! reported, [`page`] shows it.
+//! ([`ModelOptions`](crate::network::physics_models::ModelOptions)); the [`whole_models`] stand
+//! here. [`list`] says what is compared, [`results`] gathers what became of it and [`earlier`] what other machines reported,
+//! [`page`] shows it.
 
-pub mod conv_lstm;
-pub mod ddpae;
 pub mod earlier;
 mod figures;
-pub mod frame_model;
-pub mod gaussian;
 pub mod list;
 pub mod page;
 pub mod plan;
-pub mod planet;
 pub mod results;
-pub mod training;
-pub mod video_lstm;
+pub mod whole_models;

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 
 use super::list::{Comparison, DatasetClips, Entry};
-use super::training::WholeConfig;
+use super::whole_models::config::WholeConfig;
 use crate::datasets::settings::Counts;
 use crate::generators::DatasetJob;
 use crate::generators::source_images::SourceImages;

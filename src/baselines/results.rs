@@ -9,7 +9,7 @@ use tch::Device;
 
 use super::list::{Comparison, Entry};
 use super::plan::{self, Places, Training};
-use super::training::WholeScores;
+use super::whole_models::scores::WholeScores;
 use crate::network::dynamics::DynamicsKind;
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
 use crate::runs::course::Course;

@@ -9,7 +9,9 @@ use tch::{Device, Tensor};
 
 use super::ending::{begin_work, exit_code};
 use super::{environment, interrupt};
-use crate::baselines::training::{self, WholeConfig, WholeData, WholeModel, WholeScores};
+use crate::baselines::whole_models::config::{WholeConfig, WholeModel};
+use crate::baselines::whole_models::scores::WholeScores;
+use crate::baselines::whole_models::training::{self, WholeData};
 use crate::control::reward::{Goal, Reward};
 use crate::control::state::ControlState;
 use crate::datasets::dataset::Dataset;

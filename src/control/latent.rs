@@ -6,7 +6,7 @@ use tch::{Kind, Tensor};
 use super::model::{Model, Outset};
 use super::plans::{Plans, Trajectories};
 use super::state::ControlState;
-use crate::baselines::planet::{Belief, Planet};
+use crate::baselines::whole_models::planet::{Belief, Planet};
 
 /// The model, and what it believes in an episode.
 #[derive(Debug)]

@@ -76,10 +76,6 @@ impl OptimizerKind {
     }
 }
 
-fn forget_gradients(variables: &[(String, Tensor)]) {
-    variables.iter().for_each(|(_, variable)| kernels::forget_gradient(variable));
-}
-
 impl Rates {
     /// A variable's direction of ascent times its rate, downwards.
     fn descent(&self, place: usize, direction: &Tensor) -> Tensor {
@@ -272,6 +268,10 @@ impl Optimizer {
         self.steps = steps;
         Ok(())
     }
+}
+
+fn forget_gradients(variables: &[(String, Tensor)]) {
+    variables.iter().for_each(|(_, variable)| kernels::forget_gradient(variable));
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! `conv_lstm`: a convolutional LSTM over some frames, and the gradients to the frames and to its weights.
 
 use anyhow::{Result, ensure};
-use paig::baselines::conv_lstm::ConvLstmCell;
+use paig::baselines::whole_models::conv_lstm::ConvLstmCell;
 use paig::network::blocks::Layers;
 use tch::nn::VarStore;
 use tch::{Device, Tensor};

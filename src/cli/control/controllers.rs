@@ -5,8 +5,9 @@ use tch::Device;
 
 use super::setting::Setting;
 use super::{Arguments, Method, Who};
-use crate::baselines::planet::Planet;
-use crate::baselines::training::{self, WholeModel};
+use crate::baselines::whole_models::checkpoint::load_weights;
+use crate::baselines::whole_models::config::{self, WholeModel};
+use crate::baselines::whole_models::planet::Planet;
 use crate::control::controller::Controller;
 use crate::control::cross_entropy::CrossEntropy;
 use crate::control::environment::Rules;
@@ -22,14 +23,14 @@ impl Arguments {
     /// The run's latent model.
     pub(super) fn planet(&self, setting: &Setting) -> Result<Planet> {
         let run = self.run.as_ref().context("the planner latent needs the run folder of a `planet`")?;
-        let config = training::read_config(run)?.filter(|config| config.model == WholeModel::Planet);
+        let config = config::read(run)?.filter(|config| config.model == WholeModel::Planet);
         let config = config.with_context(|| format!("{} is not the run of a `planet`", run.display()))?;
         let upright = matches!(&setting.rules.reward, Reward::Goal(goal) if goal.place == [0.0] && goal.swing == 0.0);
         let world = setting.world()?.format();
         world.check(&setting.task.system)?;
         ensure!(upright, "a latent model knows no other goal than the one that it was told the rewards of: upright");
         let planet = Planet::new(&setting.task.system, config.seed, Device::Cpu);
-        training::load_weights(run, &planet)?;
+        load_weights(run, &planet)?;
         Ok(planet)
     }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::playing::Played;
 use super::setting::Setting;
 use super::{Arguments, Method, Who};
-use crate::baselines::training::WholeScores;
+use crate::baselines::whole_models::scores::WholeScores;
 use crate::control::environment::Rules;
 use crate::control::pendulum::PendulumSettings;
 use crate::control::results::Row;

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail, ensure};
 use tch::Device;
 
 use super::Arguments;
-use crate::baselines::training;
+use crate::baselines::whole_models::config;
 use crate::control::environment::{Environment, FrameFormat, Rules};
 use crate::control::faults::{Faults, Faulty};
 use crate::control::model::Model;
@@ -51,7 +51,7 @@ impl Setting {
 impl Arguments {
     pub(super) fn setting(&self) -> Result<Setting> {
         let task = match &self.run {
-            Some(run) => match training::read_config(run)? {
+            Some(run) => match config::read(run)? {
                 Some(whole) => tasks::find(&whole.task)?,
                 None => self.loaded()?.0,
             },

@@ -4,146 +4,36 @@
 //! slots, the step, and the weights of the best validation; replaced in one step), and at the end `scores.json` and
 //! `outputs.npz`, of the best weights.
 
-use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
-use serde::{Deserialize, Serialize};
-use tch::{Device, Kind, Tensor};
+use tch::Tensor;
 
-use super::ddpae::{self, Ddpae};
+use super::checkpoint::{self, Best, Progress};
+use super::config::{self, MODEL, WholeConfig};
 use super::frame_model::{self, Batch, FrameModel, named_variables, prediction_error};
 use super::gaussian::normal_numbers;
-use super::planet::{self, Planet};
-use super::video_lstm::VideoLstm;
+use super::scores::{SCORES, Validation, WholeScores};
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::kernels::{Repeated, own_stream};
 use crate::network::System;
 use crate::runs::folder::lock;
 use crate::runs::metrics::{self, Record};
 use crate::runs::names::METRICS;
-use crate::runs::scores::Scores;
 use crate::runs::weights;
+use crate::support::atomic;
 use crate::support::statistics::is_smaller;
-use crate::support::{atomic, storage};
 use crate::training::base::Outcome;
 use crate::training::optimizers::{Optimizer, OptimizerKind};
 use crate::viz;
 
-/// The run's files.
-const MODEL: &str = "model.toml";
-const CHECKPOINT: &str = "checkpoint.safetensors";
-const SCORES: &str = "scores.json";
-/// Step and seconds in a checkpoint, with step and error of the best validation; and what stands before the name of a slot,
-/// and of a weight at the best validation.
-const PROGRESS: &str = "progress";
-const SLOT: &str = "slot/";
-const BEST: &str = "best/";
 /// Clips on which a model is validated, at most.
 const VALIDATION_CLIPS: usize = 100;
 /// Share of the steps after which the rate is divided by this.
 const ANNEAL_AT: f64 = 0.75;
 const ANNEAL_FACTOR: f64 = 5.0;
-
-/// Which model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum WholeModel {
-    VideoLstm,
-    Ddpae,
-    Planet,
-}
-
-impl WholeModel {
-    /// A fresh model of a system.
-    pub fn build(self, system: &System, seed: u64, device: Device) -> Box<dyn FrameModel> {
-        match self {
-            WholeModel::VideoLstm => Box::new(VideoLstm::new(system, seed, device)),
-            WholeModel::Ddpae => Box::new(Ddpae::new(system, seed, device)),
-            WholeModel::Planet => Box::new(Planet::new(system, seed, device)),
-        }
-    }
-
-    /// Of the frames that it takes in, pixels: smaller ones leave nothing of themselves after its last layer.
-    fn least_side(self) -> usize {
-        match self {
-            WholeModel::VideoLstm => 1,
-            WholeModel::Ddpae => ddpae::LEAST_SIDE,
-            WholeModel::Planet => planet::LEAST_SIDE,
-        }
-    }
-
-    /// Whether it learns what frames are worth.
-    pub fn learns_rewards(self) -> bool {
-        self == WholeModel::Planet
-    }
-}
-
-/// What decides the result of a training.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct WholeConfig {
-    pub model: WholeModel,
-    /// Name of the task or its file.
-    pub task: String,
-    pub data: PathBuf,
-    pub seed: u64,
-    /// Adam's.
-    pub learning_rate: f64,
-    /// Clips in a step.
-    pub batch: usize,
-    pub steps: u64,
-    /// Steps from one validation and checkpoint to the next.
-    pub checkpoint_every: u64,
-}
-
-impl WholeConfig {
-    /// # Errors
-    /// A number out of range.
-    pub fn check(&self) -> Result<()> {
-        ensure!(self.learning_rate.is_finite() && self.learning_rate > 0.0, "the learning rate must be positive");
-        ensure!(self.batch > 0 && self.steps > 0 && self.checkpoint_every > 0, "batch and steps must be at least 1");
-        ensure!(self.seed <= i64::MAX as u64, "seed {}: must be at most {}", self.seed, i64::MAX);
-        Ok(())
-    }
-}
-
-/// What a finished run scores on its test file.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct WholeScores {
-    pub config: WholeConfig,
-    pub weights: usize,
-    pub training_clips: usize,
-    pub seconds: f64,
-    /// The validation whose weights are scored; none in files of before, which score those of the last step.
-    #[serde(default)]
-    pub best: Option<Validation>,
-    pub scores: Scores,
-}
-
-/// One validation: after which step, and the error on all frames after the input.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct Validation {
-    pub step: u64,
-    pub error: f64,
-}
-
-impl WholeScores {
-    /// Of the run in a folder; none if it has not finished.
-    ///
-    /// # Errors
-    /// A damaged file.
-    pub fn read(folder: &Path) -> Result<Option<Self>> {
-        let path = folder.join(SCORES);
-        if !path.exists() {
-            return Ok(None);
-        }
-        let read = || Ok::<_, anyhow::Error>(serde_json::from_slice(&fs::read(&path)?)?);
-        read().with_context(|| format!("scores {}", path.display())).map(Some)
-    }
-}
 
 /// The clips of a run.
 #[derive(Debug, Clone, Copy)]
@@ -166,31 +56,6 @@ impl WholeData<'_> {
             noise: noise.map(|numbers| numbers.to_device(device)),
         }
     }
-}
-
-/// The config of the run in a folder; none if there is no such run.
-///
-/// # Errors
-/// A damaged file.
-pub fn read_config(folder: &Path) -> Result<Option<WholeConfig>> {
-    let path = folder.join(MODEL);
-    if !path.exists() {
-        return Ok(None);
-    }
-    let read = || Ok::<_, anyhow::Error>(toml::from_str(&fs::read_to_string(&path)?)?);
-    read().with_context(|| format!("config {}", path.display())).map(Some)
-}
-
-/// Gives a model the weights of the best validation in a run's folder; of a run of an earlier version those of its last step.
-///
-/// # Errors
-/// No checkpoint, a damaged one, or one of another model.
-pub fn load_weights(folder: &Path, model: &dyn FrameModel) -> Result<()> {
-    let variables = named_variables(model);
-    let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
-    let progress = read_checkpoint(&folder.join(CHECKPOINT), &variables, &mut optimizer)?;
-    progress.best.iter().for_each(|best| best.fill(&variables));
-    Ok(())
 }
 
 /// Begins a run in its folder, or goes on with it, and scores its best weights at its end. `stop` is asked after every step;
@@ -230,7 +95,7 @@ fn open(config: &WholeConfig, folder: &Path) -> Result<File> {
     let text = toml::to_string_pretty(config)?;
     fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let lock = lock(folder)?;
-    match read_config(folder)? {
+    match config::read(folder)? {
         Some(saved) => {
             ensure!(saved == *config, "{} was begun with other options; choose another folder", folder.display());
         }
@@ -273,11 +138,8 @@ struct Running<'a> {
     folder: &'a Path,
     variables: Vec<(String, Tensor)>,
     optimizer: Optimizer,
-    step: u64,
-    /// None before the first checkpoint.
-    best: Option<Best>,
-    /// Seconds of computing before `clock`.
-    before: f64,
+    /// Its seconds are those before `clock`.
+    progress: Progress,
     clock: Instant,
     metrics: File,
 }
@@ -287,18 +149,16 @@ impl<'a> Running<'a> {
     fn new(config: &'a WholeConfig, model: &'a dyn FrameModel, folder: &'a Path) -> Result<Self> {
         let variables = named_variables(model);
         let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
-        let path = folder.join(CHECKPOINT);
-        let mut progress = Progress { step: 0, seconds: 0.0, best: None };
-        if path.exists() {
-            progress = read_checkpoint(&path, &variables, &mut optimizer)?;
+        let mut progress = Progress::default();
+        if checkpoint::is_in(folder) {
+            progress = checkpoint::read(folder, &variables, &mut optimizer)?;
         }
-        let Progress { step, seconds: before, best } = progress;
-        let metrics = open_metrics(&folder.join(METRICS), step)?;
-        Ok(Running { config, model, folder, variables, optimizer, step, best, before, clock: Instant::now(), metrics })
+        let metrics = open_metrics(&folder.join(METRICS), progress.step)?;
+        Ok(Running { config, model, folder, variables, optimizer, progress, clock: Instant::now(), metrics })
     }
 
     fn seconds(&self) -> f64 {
-        self.before + self.clock.elapsed().as_secs_f64()
+        self.progress.seconds + self.clock.elapsed().as_secs_f64()
     }
 
     /// Descends to the last step, or until it is asked to stop.
@@ -312,16 +172,16 @@ impl<'a> Running<'a> {
         let WholeConfig { batch, seed, steps, checkpoint_every, .. } = *self.config;
         let mut batches = ShuffledBatches::new(data.train.len(), batch, seed)?;
         let mut descent = Repeated::on(data.train.device());
-        if self.step == 0 {
+        if self.progress.step == 0 {
             self.model.begin(data.train);
             self.validate(system, data.valid, None, tell)?;
         }
-        while self.step < steps {
-            let chosen = batches.clips_of_step(self.step);
+        while self.progress.step < steps {
+            let chosen = batches.clips_of_step(self.progress.step);
             let draws = self.model.draws(chosen.len(), data.train.time());
-            let noise = (draws > 0).then(|| normal_numbers(seed, self.step, draws));
+            let noise = (draws > 0).then(|| normal_numbers(seed, self.progress.step, draws));
             let batch = data.batch(chosen, noise);
-            let annealed = self.step as f64 >= ANNEAL_AT * steps as f64;
+            let annealed = self.progress.step as f64 >= ANNEAL_AT * steps as f64;
             let rate = self.config.learning_rate / if annealed { ANNEAL_FACTOR } else { 1.0 };
             self.optimizer.begin_step(&vec![rate; self.variables.len()]);
             let (model, optimizer, variables) = (self.model, &self.optimizer, &self.variables);
@@ -332,18 +192,21 @@ impl<'a> Running<'a> {
             })?;
             let value = loss.double_value(&[]);
             if !value.is_finite() {
-                bail!("the loss is not finite at step {}; begin again with a lower learning rate", self.step + 1);
+                bail!(
+                    "the loss is not finite at step {}; begin again with a lower learning rate",
+                    self.progress.step + 1
+                );
             }
-            self.step += 1;
+            self.progress.step += 1;
             let stop = stop();
-            if self.step.is_multiple_of(checkpoint_every) || self.step == steps {
+            if self.progress.step.is_multiple_of(checkpoint_every) || self.progress.step == steps {
                 let error = self.validate(system, data.valid, Some(value), tell)?;
                 self.keep_if_best(error);
                 self.save()?;
             } else if stop {
                 self.save()?;
             }
-            if stop && self.step < steps {
+            if stop && self.progress.step < steps {
                 return Ok(Outcome::Interrupted);
             }
         }
@@ -364,7 +227,7 @@ impl<'a> Running<'a> {
             score: Some(error),
             pred_loss: Some(error),
             seconds: Some(self.seconds()),
-            ..Record::new(metrics::Kind::Valid, "train", self.step)
+            ..Record::new(metrics::Kind::Valid, "train", self.progress.step)
         };
         record.write(&mut self.metrics)?;
         tell(&record);
@@ -373,15 +236,14 @@ impl<'a> Running<'a> {
 
     /// Keeps the weights as they are now if none had a smaller validation error.
     fn keep_if_best(&mut self, error: f64) {
-        if self.best.as_ref().is_none_or(|best| is_smaller(error, best.validation.error)) {
-            let weights = self.variables.iter().map(|(name, variable)| (name.clone(), variable.detach().copy()));
-            self.best = Some(Best { validation: Validation { step: self.step, error }, weights: weights.collect() });
+        if self.progress.best.as_ref().is_none_or(|best| is_smaller(error, best.validation.error)) {
+            self.progress.best = Some(Best::of(Validation { step: self.progress.step, error }, &self.variables));
         }
     }
 
     /// Gives the model the weights of the best validation, as a run of the physics ends, and says which that was.
     fn return_to_best(&self) -> Option<Validation> {
-        let best = self.best.as_ref()?;
+        let best = self.progress.best.as_ref()?;
         best.fill(&self.variables);
         Some(best.validation)
     }
@@ -389,81 +251,16 @@ impl<'a> Running<'a> {
     /// Replaces the checkpoint in one step, after the metrics that belong to it.
     fn save(&mut self) -> Result<()> {
         if let Some(name) = weights::first_not_finite(&self.variables) {
-            bail!("variable {name} is not finite after step {}; begin again with a lower learning rate", self.step);
+            bail!(
+                "variable {name} is not finite after step {}; begin again with a lower learning rate",
+                self.progress.step
+            );
         }
         self.metrics.sync_data().context("cannot write the metrics")?;
-        let mut progress = vec![self.step as f64, self.seconds()];
-        progress.extend(self.best.iter().flat_map(|Best { validation: it, .. }| [it.step as f64, it.error]));
-        let kept = self.best.iter().flat_map(|best| &best.weights);
-        let kept = kept.map(|(name, weight)| (format!("{BEST}{name}"), weight.shallow_clone()));
-        let slots = self.optimizer.slots().into_iter().map(|(name, slot)| (format!("{SLOT}{name}"), slot));
-        let all = self.variables.iter().map(|(name, variable)| (name.clone(), variable.detach())).chain(slots);
-        let all: Vec<_> = all.chain(kept).chain([(PROGRESS.to_string(), Tensor::from_slice(&progress))]).collect();
-        weights::write(&self.folder.join(CHECKPOINT), &all)
+        self.progress.seconds = self.seconds();
+        self.clock = Instant::now();
+        checkpoint::write(self.folder, &self.progress, &self.variables, &self.optimizer)
     }
-}
-
-/// How far a training has come.
-struct Progress {
-    step: u64,
-    seconds: f64,
-    /// None of a checkpoint of an earlier version.
-    best: Option<Best>,
-}
-
-/// The weights at the least validation error so far.
-struct Best {
-    validation: Validation,
-    weights: Vec<(String, Tensor)>,
-}
-
-impl Best {
-    /// Gives a model's variables, in their order, these weights.
-    fn fill(&self, variables: &[(String, Tensor)]) {
-        let _guard = tch::no_grad_guard();
-        variables.iter().zip(&self.weights).for_each(|((_, variable), (_, weight))| {
-            variable.shallow_clone().copy_(weight);
-        });
-    }
-}
-
-fn read_checkpoint(path: &Path, variables: &[(String, Tensor)], optimizer: &mut Optimizer) -> Result<Progress> {
-    let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let saved = weights::parse(&bytes).with_context(|| path.display().to_string())?.tensors;
-    let restored = restore(saved, variables, optimizer);
-    restored.with_context(|| format!("checkpoint {} does not fit the model", path.display()))
-}
-
-/// Sets variables and slots to what a checkpoint holds.
-fn restore(
-    saved: Vec<(String, Tensor)>,
-    variables: &[(String, Tensor)],
-    optimizer: &mut Optimizer,
-) -> Result<Progress> {
-    let _guard = tch::no_grad_guard();
-    let mut saved: BTreeMap<String, Tensor> = saved.into_iter().collect();
-    let progress: Vec<f64> = saved.remove(PROGRESS).context("it holds no step")?.to_kind(Kind::Double).try_into()?;
-    let (step, seconds, validation) = match progress[..] {
-        [step, seconds] => (step, seconds, None),
-        [step, seconds, at, error] => (step, seconds, Some(Validation { step: at as u64, error })),
-        _ => bail!("its step is no step"),
-    };
-    let mut take = |name: String, variable: &Tensor| -> Result<Tensor> {
-        let value = saved.remove(&name).with_context(|| format!("variable {name} is missing"))?;
-        ensure!(value.size() == variable.size(), "variable {name} has shape {:?}", value.size());
-        Ok(value)
-    };
-    let best = |validation: Validation| -> Result<Best> {
-        let weight = |(name, variable): &(String, Tensor)| Ok((name.clone(), take(format!("{BEST}{name}"), variable)?));
-        Ok(Best { validation, weights: variables.iter().map(weight).collect::<Result<_>>()? })
-    };
-    let best = validation.map(best).transpose()?;
-    for (name, variable) in variables {
-        variable.shallow_clone().copy_(&take(name.clone(), variable)?);
-    }
-    let slot = |(name, value): (String, Tensor)| Some((name.strip_prefix(SLOT)?.to_string(), value));
-    optimizer.restore(step as u64, saved.into_iter().filter_map(slot).collect())?;
-    Ok(Progress { step: step as u64, seconds, best })
 }
 
 /// The metrics up to a step, ready to go on.
@@ -480,7 +277,9 @@ fn open_metrics(path: &Path, step: u64) -> Result<File> {
 #[cfg(test)]
 mod tests {
     use ndarray::Array5;
+    use tch::Device;
 
+    use super::super::config::WholeModel;
     use super::*;
     use crate::tasks;
 
@@ -525,7 +324,7 @@ mod tests {
         assert_eq!((best.error, errors[best.step as usize]), (least, least));
         for name in ["whole", "cut"] {
             let model = config.model.build(&system, 9, Device::Cpu);
-            load_weights(&folder.path().join(name), model.as_ref()).unwrap();
+            checkpoint::load_weights(&folder.path().join(name), model.as_ref()).unwrap();
             assert_eq!(prediction_error(model.as_ref(), &system, &clips, VALIDATION_CLIPS).unwrap(), least, "{name}");
         }
     }

@@ -60,7 +60,7 @@ struct Arguments {
     /// again; of what was trained here, too, its rows are left out
     #[arg(long)]
     add: Vec<PathBuf>,
-    /// Runs at a time; whole other models are trained one after the other on the CPU, so many at a time on a GPU
+    /// Runs at a time
     #[arg(long, default_value_t = 1)]
     jobs: usize,
     /// cpu, cuda or cuda:n

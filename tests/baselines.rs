@@ -3,8 +3,9 @@
 #[path = "common/random.rs"]
 mod random;
 
+use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use paig::baselines::list::Comparison;
@@ -82,6 +83,8 @@ fn the_list_is_sound_and_says_what_is_wrong() {
         (("name = \"gru\"", "name = \"lstm\""), "lstm stands there twice"),
         (("tasks = [\"spring_color\"", "tasks = [\"spring_colour\""), "spring_colour"),
         (("recipe = ", "recipes = "), "recipes"),
+        (("label = \"DDPAE\"", "label = \"DDPAE\"\nsteps = { pendulum = 5 }"), "pendulum"),
+        (("label = \"GRU\"", "label = \"GRU\"\nsteps = { spring_color = 5 }"), "stand in its recipe"),
     ] {
         fs::write(&path, text.replacen(change.0, change.1, 1)).unwrap();
         let error = format!("{:#}", Comparison::read(&path).unwrap_err());
@@ -90,7 +93,7 @@ fn the_list_is_sound_and_says_what_is_wrong() {
 }
 
 /// A list of the smallest size: one task, one seed, one step of everything.
-fn small_list(folder: &Path) -> std::path::PathBuf {
+fn small_list(folder: &Path) -> PathBuf {
     let path = folder.join("small.toml");
     let list = r#"
 recipe = "fast"
@@ -111,6 +114,8 @@ name = "video_lstm"
 label = "VideoLSTM"
 whole = "video_lstm"
 rate = "learning_rate"
+learning_rate = 1e-3
+steps = { spring_color = 3 }
 "#;
     fs::write(&path, list).unwrap();
     path
@@ -137,6 +142,8 @@ fn a_small_comparison_runs_to_its_report() {
         assert_eq!(row["ssim"].as_array().unwrap().len(), 26);
         assert!(row["pred_loss"].as_f64().unwrap() > 0.0 && row["weights"].as_u64().unwrap() > 100_000);
     }
+    // Its own steps on this task, not the four of `whole`.
+    assert_eq!(video["steps"], 3);
     assert!(gru["recons_loss"].is_f64() && video["recons_loss"].is_null());
     let searched: Value = serde_json::from_slice(&fs::read(report.join("search.json")).unwrap()).unwrap();
     assert_eq!(video["searched_rate"], searched[0]["chosen"]);
@@ -185,6 +192,34 @@ fn a_small_comparison_runs_to_its_report() {
     }
     let missing = compare(&["--add", "nowhere"]);
     assert!(!missing.status.success() && text(&missing).contains("nowhere/results.json"), "{}", text(&missing));
+}
+
+/// As many whole models at a time as `--jobs` says: each ends with the bits that it has alone.
+#[test]
+fn whole_models_side_by_side_end_as_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let list = small_list(folder.path());
+    let weights = |jobs: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_baselines"));
+        command.arg("--list").arg(&list).args(["--model", "video_lstm", "--seeds", "2-4", "--no-search"]);
+        command.args(["--jobs", jobs, "--runs", jobs, "--out", "report"]).current_dir(folder.path());
+        let done = command.output().unwrap();
+        assert!(done.status.success(), "{}", text(&done));
+        let run = |seed: u64| folder.path().join(format!("{jobs}/clips=30/spring_color/video_lstm/seed={seed}"));
+        let of_run = |run: PathBuf| {
+            let all = Tensor::read_safetensors(run.join("checkpoint.safetensors")).unwrap();
+            let all = all.into_iter().filter(|(name, _)| name != "progress");
+            all.collect::<BTreeMap<_, _>>()
+        };
+        [2, 3, 4].map(run).map(of_run)
+    };
+    let (alone, together) = (weights("1"), weights("3"));
+    for (alone, together) in alone.iter().zip(&together) {
+        assert!(alone.len() == together.len() && !alone.is_empty());
+        alone.iter().for_each(|(name, weight)| assert!(weight.equal(&together[name]), "{name}"));
+    }
+    let differs = |(name, weight): (&String, &Tensor)| !weight.equal(&alone[1][name]);
+    assert!(alone[0].iter().any(differs), "all seeds give the same weights: the test shows nothing");
 }
 
 /// Killed after some steps and begun again, a training ends with the same bits as one that was never stopped.

@@ -1,8 +1,9 @@
 //! What is compared, `configs/baselines.toml`.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 
 use super::whole_models::config::WholeModel;
@@ -84,6 +85,9 @@ pub struct Entry {
     /// Finds objects of its own instead of those that the others share.
     #[serde(default)]
     pub own_objects: bool,
+    /// Steps of a whole other model on these tasks; those of `whole` on the others.
+    #[serde(default)]
+    pub steps: BTreeMap<String, u64>,
     /// Shown in the ablation's table and not among the curves.
     #[serde(default)]
     pub ablation: bool,
@@ -113,6 +117,13 @@ impl Comparison {
                 entry.whole.is_none() || entry.set.is_empty(),
                 "model {name}: a whole other model has no recipe to set"
             );
+            ensure!(
+                entry.whole.is_some() || entry.steps.is_empty(),
+                "model {name}: steps stand in its recipe; they are given here for a whole other model"
+            );
+            if let Some(task) = entry.steps.keys().find(|task| !self.tasks.contains(task)) {
+                bail!("model {name}: steps for {task:?}, which is not among the tasks");
+            }
         }
         self.efficiency.models.iter().try_for_each(|name| self.model(name).map(drop))?;
         let tasks = self.tasks.iter().chain([&self.search.task, &self.efficiency.task]);
@@ -127,6 +138,11 @@ impl Comparison {
     /// The learning rates that are tried for a model.
     pub fn rates<'a>(&'a self, entry: &'a Entry) -> &'a [f64] {
         entry.rates.as_ref().unwrap_or(&self.search.rates)
+    }
+
+    /// Steps of a whole other model in a training of the comparison.
+    pub fn steps(&self, entry: &Entry, task: &str) -> u64 {
+        entry.steps.get(task).copied().unwrap_or(self.whole.steps)
     }
 
     /// The list's seeds and these, each once.

@@ -129,7 +129,7 @@ impl Places {
             seed: *seed,
             learning_rate: rate.with_context(|| format!("model {}: no learning rate was found", entry.name))?,
             batch: list.whole.batch,
-            steps: if *searched { list.search.whole_steps } else { list.whole.steps },
+            steps: if *searched { list.search.whole_steps } else { list.steps(entry, task) },
             checkpoint_every: list.whole.checkpoint_every,
         })
     }

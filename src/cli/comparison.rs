@@ -156,17 +156,15 @@ impl Comparing {
         Ok(failed)
     }
 
-    /// Trains whole other models: in turn on the CPU, each with all threads; side by side on a GPU, of which each needs little.
-    /// Whether one failed, which stops no other one.
+    /// Trains whole other models, so many at a time. Whether one failed, which stops no other one.
     fn train_whole(&self, trainings: &[&Training]) -> Result<bool> {
         if trainings.is_empty() {
             return Ok(false);
         }
-        let Comparing { jobs, places: Places { threads, .. }, .. } = self;
-        let (at_once, threads) = if self.device == Device::Cpu { (1, jobs * threads) } else { (*jobs, *threads) };
-        device::set_threads(threads)?;
         let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
         let work = || {
+            // libtorch keeps it for each thread of the program.
+            device::set_threads(self.places.threads)?;
             while let Some(training) = trainings.get(next.fetch_add(1, Ordering::Relaxed)).filter(|_| !self.stop()) {
                 let (config, folder) =
                     (self.places.whole(&self.list, training)?, self.places.folder(&self.list, training)?);
@@ -183,7 +181,7 @@ impl Comparing {
             Ok::<_, anyhow::Error>(())
         };
         std::thread::scope(|scope| {
-            let threads: Vec<_> = (0..at_once).map(|_| scope.spawn(work)).collect();
+            let threads: Vec<_> = (0..self.jobs).map(|_| scope.spawn(work)).collect();
             threads.into_iter().try_for_each(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
         })?;
         Ok(failed.into_inner())

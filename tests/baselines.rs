@@ -194,6 +194,17 @@ fn a_small_comparison_runs_to_its_report() {
     assert!(!missing.status.success() && text(&missing).contains("nowhere/results.json"), "{}", text(&missing));
 }
 
+/// All of a whole model's checkpoint by name, but its step and seconds.
+fn of_checkpoint(run: &Path) -> BTreeMap<String, Tensor> {
+    let all = Tensor::read_safetensors(run.join("checkpoint.safetensors")).unwrap();
+    all.into_iter().filter(|(name, _)| name != "progress").collect()
+}
+
+fn assert_same_bits(one: &BTreeMap<String, Tensor>, other: &BTreeMap<String, Tensor>) {
+    assert!(one.keys().eq(other.keys()) && !one.is_empty());
+    one.iter().for_each(|(name, tensor)| assert!(tensor.equal(&other[name]), "{name}"));
+}
+
 /// As many whole models at a time as `--jobs` says: each ends with the bits that it has alone.
 #[test]
 fn whole_models_side_by_side_end_as_alone() {
@@ -206,18 +217,10 @@ fn whole_models_side_by_side_end_as_alone() {
         let done = command.output().unwrap();
         assert!(done.status.success(), "{}", text(&done));
         let run = |seed: u64| folder.path().join(format!("{jobs}/clips=30/spring_color/video_lstm/seed={seed}"));
-        let of_run = |run: PathBuf| {
-            let all = Tensor::read_safetensors(run.join("checkpoint.safetensors")).unwrap();
-            let all = all.into_iter().filter(|(name, _)| name != "progress");
-            all.collect::<BTreeMap<_, _>>()
-        };
-        [2, 3, 4].map(run).map(of_run)
+        [2, 3, 4].map(run).map(|run| of_checkpoint(&run))
     };
     let (alone, together) = (weights("1"), weights("3"));
-    for (alone, together) in alone.iter().zip(&together) {
-        assert!(alone.len() == together.len() && !alone.is_empty());
-        alone.iter().for_each(|(name, weight)| assert!(weight.equal(&together[name]), "{name}"));
-    }
+    alone.iter().zip(&together).for_each(|(alone, together)| assert_same_bits(alone, together));
     let differs = |(name, weight): (&String, &Tensor)| !weight.equal(&alone[1][name]);
     assert!(alone[0].iter().any(differs), "all seeds give the same weights: the test shows nothing");
 }
@@ -246,17 +249,7 @@ fn a_whole_model_goes_on_to_the_same_bits() {
     fs::remove_file(half.join("scores.json")).unwrap();
     let said = train("half", "6");
     assert!(said.contains("step 4: validation") && !said.contains("step 2: validation"), "{said}");
-    let weights = |run: &Path| {
-        let mut all = Tensor::read_safetensors(run.join("checkpoint.safetensors")).unwrap();
-        all.retain(|(name, _)| name != "progress");
-        all.sort_by(|a, b| a.0.cmp(&b.0));
-        all
-    };
-    let (whole, half) = (weights(&whole), weights(&half));
-    assert!(whole.len() == half.len() && !whole.is_empty());
-    for ((name, a), (_, b)) in whole.iter().zip(&half) {
-        assert!(a.equal(b), "{name}");
-    }
+    assert_same_bits(&of_checkpoint(&whole), &of_checkpoint(&half));
 }
 
 /// A training that leaves the numbers ends in a line that says so, also where libtorch refuses what is none.

@@ -85,6 +85,10 @@ fn the_list_is_sound_and_says_what_is_wrong() {
         (("recipe = ", "recipes = "), "recipes"),
         (("label = \"DDPAE\"", "label = \"DDPAE\"\nsteps = { pendulum = 5 }"), "pendulum"),
         (("label = \"GRU\"", "label = \"GRU\"\nsteps = { spring_color = 5 }"), "stand in its recipe"),
+        (("label = \"DDPAE\"", "label = \"DDPAE\"\nsteps = { spring_color = 0 }"), "model ddpae: steps"),
+        (("learning_rate = 1e-3", "learning_rate = 0.0"), "model video_lstm: the learning rate"),
+        (("\nsteps = 6000", "\nsteps = 0"), "whole.steps"),
+        (("whole_steps = 1500", "whole_steps = 0"), "search.whole_steps"),
     ] {
         fs::write(&path, text.replacen(change.0, change.1, 1)).unwrap();
         let error = format!("{:#}", Comparison::read(&path).unwrap_err());

@@ -124,7 +124,17 @@ impl Comparison {
             if let Some(task) = entry.steps.keys().find(|task| !self.tasks.contains(task)) {
                 bail!("model {name}: steps for {task:?}, which is not among the tasks");
             }
+            ensure!(entry.steps.values().all(|steps| *steps > 0), "model {name}: steps must be at least 1");
+            ensure!(
+                entry.learning_rate.is_none_or(|rate| rate.is_finite() && rate > 0.0),
+                "model {name}: the learning rate must be positive"
+            );
         }
+        let WholeLength { steps, batch, checkpoint_every } = self.whole;
+        ensure!(
+            steps > 0 && batch > 0 && checkpoint_every > 0 && self.search.whole_steps > 0,
+            "whole.steps, whole.batch, whole.checkpoint_every and search.whole_steps must be at least 1"
+        );
         self.efficiency.models.iter().try_for_each(|name| self.model(name).map(drop))?;
         let tasks = self.tasks.iter().chain([&self.search.task, &self.efficiency.task]);
         tasks.map(|task| tasks::find(task)).try_for_each(|task| task.map(drop))?;

@@ -108,6 +108,8 @@ impl Comparison {
     }
 
     fn check(&self) -> Result<()> {
+        let tasks = self.tasks.iter().chain([&self.search.task, &self.efficiency.task]);
+        tasks.map(|task| tasks::find(task)).try_for_each(|task| task.map(drop))?;
         let sound = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
         for (place, entry) in self.models.iter().enumerate() {
             let Entry { name, .. } = entry;
@@ -136,8 +138,6 @@ impl Comparison {
             "whole.steps, whole.batch, whole.checkpoint_every and search.whole_steps must be at least 1"
         );
         self.efficiency.models.iter().try_for_each(|name| self.model(name).map(drop))?;
-        let tasks = self.tasks.iter().chain([&self.search.task, &self.efficiency.task]);
-        tasks.map(|task| tasks::find(task)).try_for_each(|task| task.map(drop))?;
         let mut rates = self.models.iter().flat_map(|entry| self.rates(entry));
         ensure!(rates.all(|rate| *rate > 0.0), "search.rates, or a model's: rates are positive");
         let seed = self.search.seed;

@@ -87,6 +87,8 @@ fn the_list_is_sound_and_says_what_is_wrong() {
         (("label = \"GRU\"", "label = \"GRU\"\nsteps = { spring_color = 5 }"), "stand in its recipe"),
         (("steps = { spring_color = 24000", "steps = { spring_color = 0"), "model video_lstm: steps must"),
         (("learning_rate = 1e-3", "learning_rate = 0.0"), "model video_lstm: the learning rate"),
+        (("rates = [3e-4, 1e-3, 3e-3]", "rates = [1e-3, inf]"), "model video_lstm: the learning rate"),
+        (("rates = [3e-4, 1e-3, 3e-3, 1e-2", "rates = [-3e-4, 1e-3, 3e-3, 1e-2"), "all that are searched"),
         (("\nsteps = 6000", "\nsteps = 0"), "whole.steps"),
         (("whole_steps = 1500", "whole_steps = 0"), "search.whole_steps"),
     ] {

@@ -127,9 +127,10 @@ impl Comparison {
                 bail!("model {name}: steps for {task:?}, which is not among the tasks");
             }
             ensure!(entry.steps.values().all(|steps| *steps > 0), "model {name}: steps must be at least 1");
+            let mut rates = self.rates(entry).iter().chain(&entry.learning_rate);
             ensure!(
-                entry.learning_rate.is_none_or(|rate| rate.is_finite() && rate > 0.0),
-                "model {name}: the learning rate must be positive"
+                rates.all(|rate| rate.is_finite() && *rate > 0.0),
+                "model {name}: the learning rate must be positive, and all that are searched"
             );
         }
         let WholeLength { steps, batch, checkpoint_every } = self.whole;
@@ -138,8 +139,6 @@ impl Comparison {
             "whole.steps, whole.batch, whole.checkpoint_every and search.whole_steps must be at least 1"
         );
         self.efficiency.models.iter().try_for_each(|name| self.model(name).map(drop))?;
-        let mut rates = self.models.iter().flat_map(|entry| self.rates(entry));
-        ensure!(rates.all(|rate| *rate > 0.0), "search.rates, or a model's: rates are positive");
         let seed = self.search.seed;
         ensure!(!self.seeds.contains(&seed), "search.seed = {seed}: take one that is not among seeds");
         Ok(())

@@ -11,7 +11,6 @@ use paig::cli::ending::exit_code;
 use paig::cli::progress::Progress;
 use paig::import::crop::{CropChoice, Rectangle};
 use paig::import::request::Request;
-use paig::import::sources::quiet_decoders;
 use paig::import::time_base::{Clock, Part};
 use paig::import::tracker::TrackerFile;
 use paig::import::{Imported, import};
@@ -124,7 +123,6 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    quiet_decoders();
     exit_code(|| run(Arguments::parse()).map(|()| ExitCode::SUCCESS))
 }
 

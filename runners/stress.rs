@@ -1,7 +1,6 @@
 //! Runs the stress suite and writes its report. See `stress --help`.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -15,6 +14,7 @@ use paig::cli::sweep_display::SweepDisplay;
 use paig::generators::generate;
 use paig::say;
 use paig::stress::{self, Outcome, Scene, StressList, outcome};
+use paig::support::storage;
 use paig::sweep;
 
 /// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
@@ -74,9 +74,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
 
 /// Films and learns what is not there yet, one data seed after the other.
 fn learn(arguments: &Arguments, scenes: &[&Scene], data_seeds: &[u64]) -> Result<ExitCode> {
-    let this = std::env::current_exe().context("cannot find this program's own place")?;
-    let program = this.with_file_name("run_physics");
-    ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
+    let program = sweep::training_program()?;
     interrupt::catch()?;
     begin_work();
     let mut failed = false;
@@ -129,7 +127,7 @@ fn report(arguments: &Arguments, list: &StressList, data_seeds: &[u64]) -> Resul
 
 /// Adds those outcomes of a file whose run is not among them, or has not finished.
 fn add(outcomes: &mut Vec<Outcome>, file: &Path) -> Result<()> {
-    let read = || Ok::<Vec<Outcome>, anyhow::Error>(serde_json::from_reader(File::open(file)?)?);
+    let read = || Ok::<Vec<Outcome>, anyhow::Error>(serde_json::from_slice(&storage::read(file)?)?);
     let run = |outcome: &Outcome| (outcome.scene.clone(), outcome.data_seed, outcome.seed);
     let others = read().with_context(|| format!("results of another machine, {}", file.display()))?;
     let there: BTreeSet<_> = others.iter().map(run).collect();

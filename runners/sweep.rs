@@ -1,6 +1,5 @@
 //! Runs tasks x seeds, a few at a time. See `sweep --help`.
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -119,22 +118,19 @@ fn run(arguments: Arguments) -> Result<ExitCode> {
             "--name is for a changed recipe; say what is changed with --set or --config, or leave it out"
         );
     }
-    // What is asked for twice under two names goes into one folder.
-    let mut folders = BTreeSet::new();
-    jobs.retain(|job| folders.insert(job.folder.clone()));
+    let jobs = sweep::each_once(jobs)?;
     if arguments.status {
         print_status(&sweep::status(&jobs));
         return Ok(ExitCode::SUCCESS);
     }
-    let this = std::env::current_exe().context("cannot find this program's own place")?;
     if arguments.dry_run {
+        let this = std::env::current_exe().context("cannot find this program's own place")?;
         for plan in &plans {
             plan.commands(&this, arguments.threads_per_run)?.iter().for_each(|command| say!("{command}"));
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let program = this.with_file_name("run_physics");
-    ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
+    let program = sweep::training_program()?;
     interrupt::catch()?;
     begin_work();
     let mut display = SweepDisplay::new(jobs.len());

@@ -81,6 +81,12 @@ fn the_list_is_sound_and_says_what_is_wrong() {
     let text = fs::read_to_string("configs/baselines.toml").unwrap();
     for (change, complaint) in [
         (("name = \"gru\"", "name = \"lstm\""), "lstm stands there twice"),
+        (("name = \"gru\"", "name = \"objects\""), "model objects: runs that find objects"),
+        (("name = \"gru\"", "name = \"gru\"\nlearning_rate = 1e-3"), "model gru: a whole other model"),
+        (("learning_rate = 1e-3 ", "#"), "model video_lstm: a whole other model has a learning_rate"),
+        (("tasks = [\"spring_color\"", "tasks = [\"spring_color_half\""), "task spring_color_half stands there twice"),
+        (("tasks = [\"spring_color\"", "tasks = [\"spring.toml\""), "only built-in tasks"),
+        (("seeds = [0, 1, 2]", "seeds = [0, 1, 0]"), "seed 0 stands there twice"),
         (("tasks = [\"spring_color\"", "tasks = [\"spring_colour\""), "spring_colour"),
         (("recipe = ", "recipes = "), "recipes"),
         (("steps = { spring_color = 24000", "steps = { pendulum = 24000"), "model video_lstm: steps for \"pendulum\""),

@@ -583,6 +583,9 @@ fn datasets_that_no_file_holds_are_refused() {
     let variant = Variant::new(&find("mnist_spring_color").unwrap(), 0).unwrap();
     let images = SourceImages::original().unwrap();
     let message = |counts| generate_clips(&variant, &images, 12, counts, &|_| {}).unwrap_err().to_string();
-    assert_says(&message(Counts { train: 100_000, ..COUNTS }), &["--train 100000", "4 GiB", "at most"]);
-    assert_says(&message(Counts { test: 0, ..COUNTS }), &["--test must be at least 1"]);
+    assert_says(
+        &message(Counts { train: 100_000, ..COUNTS }),
+        &["100000 clips in the train split", "4 GiB", "at most"],
+    );
+    assert_says(&message(Counts { test: 0, ..COUNTS }), &["the test split must have at least one clip"]);
 }

@@ -226,6 +226,14 @@ fn mistakes_are_told_with_their_place() {
         ("acceleration = \"vec(0, 0)\"\nrestitution = 0.5", "set walls = true"),
         ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = 1.5", "restitution = 1.5: must be 0 to 1"),
         ("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = \"e\"", "there is no such parameter"),
+        (
+            "acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = \"e\"\nparameters.e.unit = [0, 0]",
+            "restitution = \"e\": must be 0 to 1; say low = 0 and high = 1 of e",
+        ),
+        (
+            "acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = \"e\"\nparameters.e = { low = -1.0, high = 1.0 }",
+            "restitution = \"e\": must be 0 to 1",
+        ),
         ("acceleration = \"0\"\nstate = \"angle\"\nwalls = true", "there are walls for positions, not for angles"),
         ("acceleration = \"0\"\nstate = \"angle\"\nwalls.left = 3.0", "there are walls for positions, not for angles"),
         ("acceleration = \"vec(0, 0)\"\nwalls = {}", "walls: none of left, right, top and bottom is given"),

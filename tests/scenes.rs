@@ -605,6 +605,41 @@ fn looks_that_cannot_be_are_refused() {
     }
 }
 
+#[test]
+fn motions_that_cannot_be_are_refused() {
+    for (task, here, there, complaint) in [
+        ("spring_color", "radius = 2.0", "", "radius: 0 px: must be at least 0.5"),
+        ("spring_color", "k = 4.0", "k = -4.0", "motion.k = -4: must be a number, and at least 0"),
+        ("spring_color", "equil = 6.0", "equil = nan", "motion.equil = NaN"),
+        ("spring_color", "equil = 6.0", "equil = 6.0, damping = inf", "motion.damping = inf"),
+        ("falling", "g = 1.5", "g = -1.5", "motion.g = -1.5"),
+        ("pendulum", "m = 1.0", "m = 0.0", "motion.m = 0: must be a number, and at least 0.01"),
+    ] {
+        let plain = fs::read_to_string(configs().join(format!("tasks/{task}.toml"))).unwrap();
+        let changed = plain.replacen(here, there, 1);
+        assert_ne!(changed, plain, "{here}");
+        let error = format!("{:#}", Task::from_toml(&changed).unwrap_err());
+        assert!(error.contains(complaint), "{error}");
+    }
+}
+
+#[test]
+fn a_suite_without_limits_of_success_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let list = folder.path().join("list.toml");
+    fs::create_dir(folder.path().join("list")).unwrap();
+    let mut mine = tasks::find("spring_color").unwrap().to_table();
+    mine.insert("name".into(), "mine".into());
+    mine.remove("success");
+    let file = folder.path().join("list/mine.toml");
+    fs::write(&file, toml::to_string(&mine).unwrap()).unwrap();
+    let plain = file.to_str().unwrap();
+    let text = format!("clips = {{ train = 20, valid = 5, test = 5 }}\n[scenes]\nmine = {{ plain = {plain:?} }}\n");
+    fs::write(&list, text).unwrap();
+    let error = format!("{:#}", StressList::read(&list).unwrap_err());
+    assert!(error.contains("mine: its plain task \"mine\" has no [success]"), "{error}");
+}
+
 fn suite() -> StressList {
     StressList::read(&configs().join("stress.toml")).unwrap()
 }

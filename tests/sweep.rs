@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use common::{dataset, text, write_config};
 use paig::cli::arguments::parse_seeds;
+use paig::tasks;
 use process::{Signal, signal};
 
 /// A run that takes seconds.
@@ -117,4 +118,17 @@ fn seeds_and_changes_are_checked() {
     assert!(refused(&["--task", "spring_color", "--name", "a/b"]).contains("folder's name"));
     assert!(refused(&["--task", "spring_color", "--recipe", "slow"]).contains("fast, paper"));
     assert!(refused(&["--task", "spring_color", "--set", "join.bach=5", "--name", "x"]).contains("bach"));
+    // Two tasks of one name are no one run.
+    let folder = tempfile::tempdir().unwrap();
+    let files = ["first.toml", "second.toml"].map(|name| folder.path().join(name));
+    let mine = tasks::find("spring_color").unwrap().to_table();
+    for (file, dt) in files.iter().zip([0.3, 0.2]) {
+        let mut mine = mine.clone();
+        mine.insert("name".into(), "mine".into());
+        mine["system"]["dt"] = dt.into();
+        fs::write(file, toml::to_string(&mine).unwrap()).unwrap();
+    }
+    let [first, second] = files.each_ref().map(|file| file.to_str().unwrap());
+    let said = refused(&["--task", first, "--task", second, "--status"]);
+    assert!(said.contains("first.toml and ") && said.contains("would share the run folder"), "{said}");
 }

@@ -52,7 +52,7 @@ def check_folder(evaluate, title):
     files = sorted(arguments.goldens.glob("*.npz"))
     if not files:
         parser.error(f"{arguments.goldens}: no .npz file")
-    failed = 0
+    failed = known = 0
     print(f"{'file':32}{'tensors':>8}{'forward':>10}{'gradient':>10}{'trained':>10}  result")
     for path in files:
         arrays = load(path)
@@ -60,6 +60,7 @@ def check_folder(evaluate, title):
         if computed is None:
             print(f"{path.stem:32} has no case in this reference")
             continue
+        known += 1
         worst, missed = {}, {}
         for name, value in computed.items():
             error = errors(arrays[name], value)
@@ -78,6 +79,8 @@ def check_folder(evaluate, title):
         result += f", {len(uninformative)} uninformative" if uninformative else ""
         print(f"{path.stem:32}{len(computed):8}{figures}  {result}", flush=True)
         print("".join(f"    {line}\n" for line in off + uninformative), end="")
+    if not known:
+        parser.error(f"{arguments.goldens}: this reference has a case for none of its {len(files)} files")
     raise SystemExit(bool(failed))
 
 

@@ -2,7 +2,7 @@
 
 Makes their golden files: the original has no such networks, so PyTorch's own cells are what the port is held to.
 """
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -185,8 +185,13 @@ def drawn(random):
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Makes the goldens of networks that the original lacks.")
+    parser.add_argument("goldens", type=Path)
+    folder = parser.parse_args().goldens
+    if not folder.is_dir():
+        parser.error(f"{folder}: no such folder")
     torch.set_num_threads(1)
     for stem, case, arrays in drawn(np.random.default_rng(0)):
         given = Drawn(stem, arrays)
-        np.savez_compressed(Path(sys.argv[1]) / f"{stem}.npz", **given.arrays, **case(given, None, None))
+        np.savez_compressed(folder / f"{stem}.npz", **given.arrays, **case(given, None, None))
         print(stem)

@@ -1,7 +1,6 @@
 //! What earlier reports say: trainings of other machines, or whose runs are gone.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -9,6 +8,7 @@ use serde::de::DeserializeOwned;
 
 use super::plan::Training;
 use super::results::{PredictedFrames, RESULTS, Row, SEARCH, Searched};
+use crate::support::storage;
 
 /// The rows and searches of earlier reports, each once: the first that has it counts.
 #[derive(Debug, Clone, Default)]
@@ -62,6 +62,6 @@ impl Earlier {
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
-    let read = || Ok::<T, anyhow::Error>(serde_json::from_reader(File::open(path)?)?);
+    let read = || Ok::<T, anyhow::Error>(serde_json::from_slice(&storage::read(path)?)?);
     read().with_context(|| format!("earlier report, {}", path.display()))
 }

@@ -1,6 +1,7 @@
 //! What is compared, `configs/baselines.toml`.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -9,6 +10,9 @@ use serde::Deserialize;
 use super::whole_models::config::WholeModel;
 use crate::support::storage;
 use crate::tasks::{self, Task};
+
+/// Name of the runs that only find objects.
+pub(super) const OBJECTS: &str = "objects";
 
 /// The whole list.
 #[derive(Debug, Clone, Deserialize)]
@@ -79,7 +83,7 @@ pub struct Entry {
     /// The rates that are tried; those of the search, if it has none of its own.
     #[serde(default)]
     pub rates: Option<Vec<f64>>,
-    /// Of a whole other model whose rate is not searched.
+    /// Of a whole other model, where the search has not found a better one.
     #[serde(default)]
     pub learning_rate: Option<f64>,
     /// Finds objects of its own instead of those that the others share.
@@ -88,11 +92,19 @@ pub struct Entry {
     /// Steps of a whole other model on these tasks; those of `whole` on the others.
     #[serde(default)]
     pub steps: BTreeMap<String, u64>,
-    /// Shown in the ablation's table and not among the curves.
+    /// Shown in a table of its own, too, beside the first model.
     #[serde(default)]
     pub ablation: bool,
     #[serde(default)]
     pub whole: Option<WholeModel>,
+}
+
+/// Refuses a list in which something stands twice.
+fn once<T: PartialEq + Display>(what: &str, all: &[T]) -> Result<()> {
+    match all.iter().enumerate().find(|(place, one)| all[..*place].contains(one)) {
+        Some((_, twice)) => bail!("{what} {twice} stands there twice"),
+        None => Ok(()),
+    }
 }
 
 impl Comparison {
@@ -108,13 +120,22 @@ impl Comparison {
     }
 
     fn check(&self) -> Result<()> {
-        let tasks = self.tasks.iter().chain([&self.search.task, &self.efficiency.task]);
-        tasks.map(|task| tasks::find(task)).try_for_each(|task| task.map(drop))?;
+        for task in self.tasks.iter().chain([&self.search.task, &self.efficiency.task]) {
+            ensure!(!task.ends_with(".toml"), "task {task:?}: only built-in tasks are compared, by their names");
+            tasks::find(task)?;
+        }
+        once("task", &self.tasks)?;
+        once("seed", &self.seeds)?;
         let sound = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
         for (place, entry) in self.models.iter().enumerate() {
             let Entry { name, .. } = entry;
             ensure!(!name.is_empty() && name.chars().all(sound), "model {name:?}: a-z, 0-9 and _ can stand in a name");
             ensure!(!self.models[..place].iter().any(|other| other.name == *name), "model {name} stands there twice");
+            ensure!(*name != OBJECTS, "model {name}: runs that find objects have this name; choose another");
+            ensure!(
+                entry.whole.is_some() == entry.learning_rate.is_some(),
+                "model {name}: a whole other model has a learning_rate, and only such a one"
+            );
             ensure!(
                 entry.whole.is_none() || entry.set.is_empty(),
                 "model {name}: a whole other model has no recipe to set"

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::fs;
 use std::io::Write as _;
 use std::path::Path;
 
@@ -13,6 +12,7 @@ use super::list::{Comparison, Entry};
 use super::results::{FRAMES, RESULTS, Row, SEARCH, Searched};
 use crate::support::atomic;
 use crate::support::statistics::Spread;
+use crate::support::storage::storage;
 use crate::tasks::Task;
 
 /// The page and its pictures, beside the [results](super::results).
@@ -41,7 +41,7 @@ impl Report<'_> {
     pub fn write(&self, out: &Path) -> Result<()> {
         for folder in [PICTURES, FRAMES] {
             let folder = out.join(folder);
-            fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+            storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
         }
         let json = |name: &str, write: &dyn Fn(&mut atomic::Writer) -> serde_json::Result<()>| {
             atomic::write_file(&out.join(name), |file| Ok(write(file)?))

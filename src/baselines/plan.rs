@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 
-use super::list::{Comparison, DatasetClips, Entry};
+use super::list::{Comparison, DatasetClips, Entry, OBJECTS};
 use super::whole_models::config::WholeConfig;
 use crate::datasets::settings::Counts;
 use crate::generators::DatasetJob;
@@ -17,8 +17,6 @@ use crate::support::toml_values::quoted;
 use crate::sweep::{Job, SweepPlan};
 use crate::tasks;
 
-/// Name of the runs that only find objects.
-const OBJECTS: &str = "objects";
 /// What such a run changes in the recipe: it ends with its first phase.
 const ONLY_OBJECTS: [&str; 3] = ["identify.max_iterations=0", "identify.recentre=false", "join.max_steps=0"];
 /// Seed of the datasets, as `generate` has it.
@@ -118,7 +116,7 @@ impl Places {
     /// What a whole other model is trained by.
     ///
     /// # Errors
-    /// A model that is none, or that has no learning rate.
+    /// A model that is none.
     pub fn whole(&self, list: &Comparison, training: &Training) -> Result<WholeConfig> {
         let Training { entry, task, clips, seed, rate, searched } = training;
         let rate = rate.or(entry.learning_rate);

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use tch::Device;
 
 use super::generate_display::Display;
@@ -181,7 +181,7 @@ impl Comparing {
             Ok::<_, anyhow::Error>(())
         };
         std::thread::scope(|scope| {
-            let threads: Vec<_> = (0..self.jobs).map(|_| scope.spawn(work)).collect();
+            let threads: Vec<_> = (0..self.jobs.min(trainings.len())).map(|_| scope.spawn(work)).collect();
             threads.into_iter().try_for_each(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
         })?;
         Ok(failed.into_inner())
@@ -191,9 +191,7 @@ impl Comparing {
         if jobs.is_empty() || self.stop() {
             return Ok(false);
         }
-        let this = std::env::current_exe().context("cannot find this program's own place")?;
-        let program = this.with_file_name("run_physics");
-        ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
+        let program = sweep::training_program()?;
         let mut display = SweepDisplay::new(jobs.len());
         let ended = sweep::run(&program, jobs, self.jobs, &|| self.stop(), &mut |event| display.show(event))?;
         display.close();

@@ -5,6 +5,7 @@ use crate::network::System;
 use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::losses::{Loss, MeanLosses};
 use crate::runs::scores::Scores;
+use crate::runs::summary::LearnedParameter;
 use crate::say;
 use crate::tasks::Task;
 use crate::tasks::published::published;
@@ -19,8 +20,9 @@ pub fn print_results(task: &Task, model: &PhysicsNet, test: &ScoredClips, losses
     for (name, learned) in model.parameter_values() {
         match test.truth_of(name) {
             Some(truth) => {
-                let error = 100.0 * (learned / truth - 1.0);
-                say!("{name:<28}{learned:>12.4}{truth:>12.4}{error:>9.2}%");
+                let error = LearnedParameter { learned, truth: Some(truth) }.error_percent();
+                let error = error.map_or_else(|| "-".into(), |error| format!("{error:.2}%"));
+                say!("{name:<28}{learned:>12.4}{truth:>12.4}{error:>10}");
             }
             None => say!("{name:<28}{learned:>12.4}"),
         }

@@ -104,8 +104,8 @@ fn run(model: WholeModel, name: &str, arguments: Arguments) -> Result<ExitCode> 
     }
     if let Some(done) = WholeScores::read(&folder)? {
         let losses = done.scores.losses;
-        let extrap = losses.extrap_loss.unwrap_or(f64::NAN);
-        say!("{} weights; L_pred {:.4}, L_extrap {extrap:.4}; {}", done.weights, losses.pred_loss, folder.display());
+        let extrap = losses.extrap_loss.map_or_else(String::new, |loss| format!(", L_extrap {loss:.4}"));
+        say!("{} weights; L_pred {:.4}{extrap}; {}", done.weights, losses.pred_loss, folder.display());
     }
     Ok(ExitCode::SUCCESS)
 }

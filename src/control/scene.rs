@@ -36,12 +36,30 @@ pub struct SceneEnvironment {
     seed: u64,
 }
 
+/// The first state of an episode: the first one off the walls that is drawn, or the last one of many.
+fn start(world: &World, seed: u64) -> SceneState {
+    let mut random = named_generator(seed, "scene's start");
+    let mut state = world.draw_initial(&mut random);
+    for _ in 1..MAX_DRAWS {
+        if is_off_the_walls(world, &state) {
+            break;
+        }
+        state = world.draw_initial(&mut random);
+    }
+    state
+}
+
+fn is_off_the_walls(world: &World, state: &SceneState) -> bool {
+    let range = world.wall_margin..world.side - world.wall_margin;
+    state.positions.iter().all(|x| range.contains(x))
+}
+
 impl SceneEnvironment {
     /// At its first start, until it is reset.
     ///
     /// # Errors
-    /// A task without a scene, whose objects do not move by an equation of positions that something acts on, or whose scene
-    /// looks different from frame to frame.
+    /// A task without a scene, whose objects do not move by an equation of positions that something acts on, whose scene
+    /// looks different from frame to frame, or in which no start off the walls is drawn (with one seed: others hardly differ).
     pub fn new(task: &Task, rules: Rules) -> Result<Self> {
         let variant = Variant::new(task, 0)?;
         let cell = task.system.cell;
@@ -55,7 +73,12 @@ impl SceneEnvironment {
         check_looks(&variant.scene).with_context(|| format!("task {}", task.name))?;
         let renderer = Renderer::new(&variant, &SourceImages::of(&variant)?)?;
         let world = variant.world();
-        let state = world.draw_initial(&mut named_generator(0, "scene's start"));
+        let state = start(&world, 0);
+        ensure!(
+            is_off_the_walls(&world, &state),
+            "task {}: no start off the walls in {MAX_DRAWS} draws; let its scene begin farther from them",
+            task.name
+        );
         let format = FrameFormat { side: variant.side, channels: task.system.channels, dt: variant.dt };
         Ok(SceneEnvironment { rules, format, world, renderer, state, step: 0, seed: 0 })
     }
@@ -86,17 +109,7 @@ impl SceneEnvironment {
 
 impl Environment for SceneEnvironment {
     fn reset(&mut self, seed: u64) {
-        let mut random = named_generator(seed, "scene's start");
-        let inside = |state: &SceneState| {
-            let range = self.world.wall_margin..self.world.side - self.world.wall_margin;
-            state.positions.iter().all(|x| range.contains(x))
-        };
-        for _ in 0..MAX_DRAWS {
-            self.state = self.world.draw_initial(&mut random);
-            if inside(&self.state) {
-                break;
-            }
-        }
+        self.state = start(&self.world, seed);
         (self.step, self.seed) = (0, seed);
     }
 
@@ -179,6 +192,20 @@ mod tests {
         let mut plain = puck_with("").unwrap();
         plain.reset(3);
         assert_eq!(plain.empty_frame().max().double_value(&[]), 0.0);
+    }
+
+    #[test]
+    fn a_scene_in_which_nothing_begins_off_the_walls_is_refused() {
+        let puck = fs::read_to_string("configs/control/puck.toml").unwrap();
+        let mut task: toml::Table = toml::from_str(&puck).unwrap();
+        // A ball of radius 2.5 touches the wall from 2.5 on.
+        let begin = toml::Table::from_iter([("positions".into(), toml::Value::from(vec![vec![1.0, 16.0]]))]);
+        task["scene"].as_table_mut().unwrap().insert("begin".into(), begin.into());
+        let task = Task::from_toml(&toml::to_string(&task).unwrap()).unwrap();
+        let reward = Reward::Goal(Goal::point([22.0, 16.0], 32.0));
+        let rules = Rules { steps: 50, hold: 2, largest_action: 1.0, reward, frames_before: 3 };
+        let error = format!("{:#}", SceneEnvironment::new(&task, rules).unwrap_err());
+        assert!(error.contains("no start off the walls") && error.contains("task puck"), "{error}");
     }
 
     #[test]

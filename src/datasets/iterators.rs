@@ -73,7 +73,8 @@ impl Clips {
         if self.halved { frames.avg_pool2d(2, 2, 0, false, true, None) } else { frames }
     }
 
-    /// The light of each frame by its place, `[clips * time]`, if it flickers.
+    /// The light of each frame by its place, `[clips * time]`, if it flickers. Each split decides by itself: a test file is
+    /// scored, and a video measured, without the clips that were learned from.
     fn flickering_light(&self) -> Option<Tensor> {
         let (clips, time) = (self.len() as i64, self.time() as i64);
         if clips == 0 || time < 2 {

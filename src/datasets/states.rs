@@ -15,6 +15,7 @@ use super::files::{Frames, Split};
 use super::npz;
 use super::settings::Provenance;
 use crate::network::System;
+use crate::tasks::STATES_ENDING;
 
 /// States of the clips of one split, `[clips, frames, coordinates]`: two coordinates for each object, or one angle.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,7 +71,7 @@ impl States {
     /// Where the states of a dataset file are.
     pub fn path_beside(dataset: &Path) -> PathBuf {
         let stem = dataset.file_stem().unwrap_or_default().to_string_lossy();
-        dataset.with_file_name(format!("{stem}_states.npz"))
+        dataset.with_file_name(format!("{stem}{STATES_ENDING}"))
     }
 
     /// How the dataset file `dataset` was made, without reading any state. `None` where no states lie beside it.

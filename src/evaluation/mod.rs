@@ -8,7 +8,7 @@ mod scored_clips;
 pub mod ssim;
 mod states;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use tch::{Device, Kind, Tensor};
 
 use self::frame_scores::FrameScores;
@@ -36,7 +36,7 @@ pub fn mean_losses(model: &PhysicsNet, clips: &Clips, limit: usize, batch: usize
 /// Scores a model on clips, with the true states if there are any.
 ///
 /// # Errors
-/// Clips shorter than L + T_pred, states of another number of objects.
+/// Clips shorter than L + T_pred, states of another number of objects, losses that are not finite.
 pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
     let ScoredClips { clips, states, .. } = scored;
     let system = &model.system;
@@ -66,6 +66,8 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
         }
         None => None,
     };
+    let losses = losses.values();
+    ensure!(losses.is_finite(), "the losses are not finite: a model like that predicts nothing");
     let predicted_frames = predicted_frames.predicted_frames(system)?;
-    Ok(Scores { clips: clips.len(), losses: losses.values(), predicted_frames, states })
+    Ok(Scores { clips: clips.len(), losses, predicted_frames, states })
 }

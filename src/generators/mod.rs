@@ -205,9 +205,12 @@ fn check_counts(variant: &Variant, frames: usize, counts: Counts) -> Result<()> 
     let clip_bytes = frames * variant.frame_bytes();
     for split in Split::ALL {
         let (name, clips) = (split.name(), of_split(counts, split));
-        ensure!(clips > 0, "--{name} must be at least 1");
+        ensure!(clips > 0, "the {name} split must have at least one clip");
         let most = LARGEST_ARRAY / clip_bytes;
-        ensure!(clips <= most, "--{name} {clips} makes an array of more than 4 GiB; at most {most} clips fit");
+        ensure!(
+            clips <= most,
+            "{clips} clips in the {name} split make an array of more than 4 GiB; at most {most} fit"
+        );
     }
     let clips = counts.train + counts.valid + counts.test;
     memory::ensure_free(2 * (clips * clip_bytes) as u64).with_context(|| format!("{clips} clips of {frames} frames"))

@@ -3,7 +3,6 @@
 //! The original's three images come with the crate (`data/assets/mnist_cifar_assets.npz`); others are read from MNIST's
 //! IDX and CIFAR-10's binary files.
 
-use std::fs;
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
@@ -13,6 +12,7 @@ use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
 use ndarray_npy::NpzReader;
 
 use super::variant::Variant;
+use crate::support::storage;
 
 /// Side of an MNIST image, pixels.
 pub const DIGIT_SIDE: usize = 28;
@@ -114,7 +114,7 @@ impl SourceImages {
         let mut pixels = Vec::new();
         for number in 1..=PICTURE_FILES {
             let path = cifar_file(folder, number)?;
-            let records = fs::read(&path).with_context(|| format!("cannot read {path:?}"))?;
+            let records = storage::read(&path).with_context(|| format!("cannot read {path:?}"))?;
             ensure!(
                 !records.is_empty() && records.len().is_multiple_of(PICTURE_RECORD),
                 "{path:?} has {} bytes, not a whole number of CIFAR-10's records of {PICTURE_RECORD}; it is incomplete, \
@@ -145,7 +145,7 @@ fn existing(folder: &Path, names: &[&str]) -> Result<PathBuf> {
 }
 
 fn read_idx_image(path: &Path, index: usize) -> Result<Array2<u8>> {
-    let mut file = fs::File::open(path)?;
+    let mut file = storage::open(path)?;
     let mut header = [0; 16];
     file.read_exact(&mut header).context("the file is shorter than an IDX header")?;
     ensure!(header[..4] == IDX_IMAGES, "not an IDX image file: it starts with {:?}, not {IDX_IMAGES:?}", &header[..4]);
@@ -161,7 +161,7 @@ fn read_idx_image(path: &Path, index: usize) -> Result<Array2<u8>> {
 }
 
 fn read_cifar_image(path: &Path, index: usize) -> Result<Array3<u8>> {
-    let mut file = fs::File::open(path)?;
+    let mut file = storage::open(path)?;
     cifar_image(&read_at(&mut file, index * PICTURE_RECORD + 1, PICTURE_RECORD - 1)?)
 }
 
@@ -171,7 +171,7 @@ fn cifar_image(planes: &[u8]) -> Result<Array3<u8>> {
     Ok(planes.permuted_axes([1, 2, 0]).as_standard_layout().into_owned())
 }
 
-fn read_at(file: &mut fs::File, offset: usize, length: usize) -> Result<Vec<u8>> {
+fn read_at(file: &mut (impl Read + Seek), offset: usize, length: usize) -> Result<Vec<u8>> {
     file.seek(SeekFrom::Start(offset as u64))?;
     let mut bytes = vec![0; length];
     match file.read_exact(&mut bytes) {

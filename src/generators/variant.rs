@@ -78,6 +78,7 @@ impl Variant {
     /// A number that the task's scene does not have, or one out of range.
     pub fn with(mut self, changes: &Changes) -> Result<Self> {
         let task = self.task.name.clone();
+        let motion = self.scene.motion;
         let put = |flag: &str, slot: Option<&mut f64>, value: Option<f64>, minimum: f64| -> Result<()> {
             let Some(value) = value else { return Ok(()) };
             let Some(slot) = slot else { bail!("--{flag} means nothing for task {task}; leave it out") };
@@ -85,20 +86,19 @@ impl Variant {
             *slot = value;
             Ok(())
         };
-        let least_mass = if self.scene.look == Look::Bar { 0.01 } else { 0.0 };
-        for (name, value, minimum) in [
-            ("k", changes.k, 0.0),
-            ("equil", changes.equil, 0.1),
-            ("damping", changes.damping, 0.0),
-            ("g", changes.g, 0.0),
-            ("m", changes.m, least_mass),
-            ("length", changes.length, 0.1),
-            ("a", changes.a, 0.0),
-            ("torque", changes.torque, 0.0),
-            ("angle", changes.angle, 0.0),
-            ("spin", changes.spin, 0.0),
+        for (name, value) in [
+            ("k", changes.k),
+            ("equil", changes.equil),
+            ("damping", changes.damping),
+            ("g", changes.g),
+            ("m", changes.m),
+            ("length", changes.length),
+            ("a", changes.a),
+            ("torque", changes.torque),
+            ("angle", changes.angle),
+            ("spin", changes.spin),
         ] {
-            put(name, self.scene.motion.number(name), value, minimum)?;
+            put(name, self.scene.motion.number(name), value, motion.least(name))?;
         }
         let Scene { speed: [vx, vy], radius, look, .. } = &mut self.scene;
         let moves = *look != Look::Bar;

@@ -1,12 +1,13 @@
 //! Files of the program Tracker: `.trk` (XML) and `.trz` (a zip with one in it). Of these only the scale, the axes and the
 //! time between two frames are read.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use roxmltree::{Document, Node, ParsingOptions};
+
+use crate::support::storage;
 
 /// Most bytes of the XML.
 const MOST_BYTES: u64 = 1 << 26;
@@ -73,7 +74,7 @@ fn number(node: Node, name: &str) -> Result<Option<f64>> {
 }
 
 fn text(path: &Path) -> Result<String> {
-    let file = File::open(path)?;
+    let file = storage::open(path)?;
     let mut text = String::new();
     if path.extension().is_some_and(|extension| extension == "trz") {
         let mut archive = zip::ZipArchive::new(file).context("not a readable zip")?;

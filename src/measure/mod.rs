@@ -45,6 +45,7 @@ use crate::network::cells::CellKind;
 use crate::runs::checkpoint::{SavedWeights, clips_of};
 use crate::runs::summary::Summary;
 use crate::support::atomic;
+use crate::support::storage::storage;
 use crate::tasks::equation_file::EquationFile;
 use crate::training::saved::load_model;
 
@@ -107,7 +108,7 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;
     let mut subject = Subject::read(&config, &model, &clips_of(folder)?, device)?;
     // Only for what can be measured: a name that is misspelt makes no folder.
-    std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    storage().create_folder(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     atomic::check_place(&out.join("measurement.html"))?;
     let sights = subject.look()?;
     subject.find_lost_frames(&sights);

@@ -9,8 +9,9 @@ use std::io::Write as _;
 
 use super::results::{Alternative, Quantity};
 use super::{Measured, motion};
-use crate::report::html;
+use crate::report::{cell, code, html};
 use crate::support::atomic;
+use crate::support::significant::significant;
 use crate::viz::chart::{self, BLUE, Chart, GREEN, GREY, Line, ORANGE, Span, Stroke};
 
 /// Height of each chart.
@@ -78,7 +79,7 @@ fn text(measured: &Measured) -> Result<String> {
         page,
         "{} frames of {}, {:.5} s apart; the equation ({}) was fitted to {} in the first {} of them and predicts the rest.\n",
         it.frames,
-        it.videos.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", "),
+        it.videos.iter().map(|name| code(name)).collect::<Vec<_>>().join(", "),
         it.seconds_between_frames,
         it.equation,
         it.by,
@@ -169,7 +170,7 @@ fn alternatives(alternatives: &[Alternative], unit: &str) -> Result<String> {
         writeln!(
             table,
             "| {} | {} | {} | {} | {:.1} | {:.1} | {parameters} |",
-            it.equation,
+            cell(&it.equation),
             it.unknowns,
             digits(it.residual),
             digits(it.held_out_error),
@@ -180,11 +181,6 @@ fn alternatives(alternatives: &[Alternative], unit: &str) -> Result<String> {
     Ok(table)
 }
 
-/// Five significant digits.
 fn digits(value: f64) -> String {
-    if value == 0.0 || !(1e-4..1e6).contains(&value.abs()) {
-        return format!("{value:.3e}");
-    }
-    let before = value.abs().log10().floor() as i32 + 1;
-    format!("{value:.*}", (5 - before).clamp(0, 6) as usize)
+    significant(value, 5)
 }

@@ -75,7 +75,8 @@ impl<'a> Subject<'a> {
         self.clocks = sights.iter().map(|sight| Clock::of(&sight.centroids.pixels, 2 * objects)).collect();
     }
 
-    /// Frames of a video that may be learned from: those from which clips for training were cut. Of one that was held out
+    /// Frames of a video that may be learned from: those from which clips for training were cut. Films of
+    /// earlier versions do not say which frame is which: there the last quarter is held out. Of one that was held out
     /// whole it is the first half, which says how its motion begins.
     pub(super) fn trained(&self, video: usize) -> usize {
         let frames = self.film.videos[video].dim().0;
@@ -86,7 +87,10 @@ impl<'a> Subject<'a> {
         if !self.teaches(video) {
             return frames.div_ceil(2);
         }
-        (Parts::of(frames.div_ceil(self.ratio)).valid.start * self.ratio).min(frames)
+        match &self.film.numbers[video].to_vec()[..] {
+            [] => (Parts::of(frames.div_ceil(self.ratio)).valid.start * self.ratio).min(frames),
+            numbers => before_held_out(numbers, source.held_out_from),
+        }
     }
 
     /// Whether the frames of a video that may be learned from teach the parameters.
@@ -189,4 +193,24 @@ impl<'a> Subject<'a> {
 /// Frames of an even clock in the part that may be learned from.
 pub(super) fn trained_ticks(track: &Track) -> usize {
     track.ticks[track.trained - 1] + 1
+}
+
+/// Frames of a film before the first one that was held out; `numbers` are those of its frames in the video.
+fn before_held_out(numbers: &[u64], held_out_from: usize) -> usize {
+    numbers.iter().take_while(|number| (**number as usize) < held_out_from).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Parts, before_held_out};
+
+    /// A regular clock shows frame 8 twice, where three quarters end: both were learned from, and no later one.
+    #[test]
+    fn what_was_held_out_begins_where_the_import_said() {
+        let numbers = [0, 1, 2, 3, 4, 5, 6, 7, 8, 8, 9, 10];
+        let parts = Parts::of(numbers.len());
+        assert_eq!(parts.valid.start, 9);
+        let held_out_from = numbers[parts.apart(&numbers).valid.start];
+        assert_eq!(before_held_out(&numbers.map(|number| number as u64), held_out_from), 10);
+    }
 }

@@ -12,7 +12,7 @@ use tch::Tensor;
 
 use super::blocks::side_multiple;
 use super::cells::text::{self, EquationTable};
-use super::cells::{self, Build, Cell, CellKind, Coordinates, Walls};
+use super::cells::{self, Build, Cell, CellKind, Coordinates, MOST_OBJECTS, Walls};
 
 /// Smallest side of a frame, pixels: the window of the structural similarity is 11 x 11.
 const LEAST_SIDE: usize = 12;
@@ -105,7 +105,10 @@ impl System {
             nearest_side(side)
         );
         ensure!(channels == 1 || channels == 3, "channels = {channels}: frames have 1 channel (grey) or 3 (colour)");
-        ensure!(objects > 0, "objects = 0: there must be at least one object");
+        ensure!(
+            (1..=MOST_OBJECTS).contains(&objects),
+            "objects = {objects}: there must be at least one object, and at most {MOST_OBJECTS}"
+        );
         if let Some(written_for) = cell.objects {
             ensure!(
                 objects == written_for,

@@ -20,7 +20,7 @@ mod times;
 mod view;
 
 use std::fs;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -28,7 +28,9 @@ use anyhow::{Context, Result, ensure};
 use self::groups::Group;
 use self::results::Results;
 use crate::support::atomic;
-use crate::support::storage::storage;
+use crate::support::storage::{self, storage};
+
+pub(crate) use self::template::{cell, code};
 
 /// How many runs were found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,7 +79,10 @@ fn put_in_place(out: &Path) -> Result<()> {
     if !new.exists() {
         return Ok(());
     }
-    let before = fs::read_to_string(out.join(PAGE)).unwrap_or_default();
+    let before = match storage::read_to_string(&out.join(PAGE)) {
+        Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+        read => read.with_context(|| format!("cannot read {}", out.join(PAGE).display()))?,
+    };
     let ours = before.starts_with(&format!("# {}", template::TITLE));
     for folder in [records::FOLDER, pictures::FOLDER].iter().filter(|folder| new.join(folder).exists()) {
         let (from, to) = (new.join(folder), out.join(folder));

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use minijinja::{AutoEscape, Environment, Error, ErrorKind, UndefinedBehavior, Value};
 use serde::Deserialize;
 
+use crate::support::significant::significant;
 use crate::support::statistics::Spread;
 
 /// By which a report is known.
@@ -26,7 +27,7 @@ fn engine() -> Result<Environment<'static>, Error> {
     engine.set_auto_escape_callback(|_| AutoEscape::None);
     engine.set_syntax(engine.syntax().to_builder().trim_blocks(true).lstrip_blocks(true).build()?);
     let numbers: [(&str, Digits); 7] = [
-        ("significant", significant),
+        ("significant", |number| significant(number, 4)),
         // Never broken across lines.
         ("percent", |percent| format!("{percent:+.2}\u{a0}%")),
         ("plain", |number| number.to_string()),
@@ -38,8 +39,8 @@ fn engine() -> Result<Environment<'static>, Error> {
     for (name, digits) in numbers {
         engine.add_filter(name, move |value: &Value| written(value, digits));
     }
-    engine.add_filter("code", |text: &str| format!("`{}`", text.replace('`', "'").replace('\n', " ")));
-    engine.add_filter("cell", |text: &str| text.replace('|', "\\|").replace('\n', " "));
+    engine.add_filter("code", code);
+    engine.add_filter("cell", cell);
     engine.add_filter("text", text);
     engine.add_template(PAGE, include_str!("../../reports/report.md.jinja"))?;
     Ok(engine)
@@ -60,13 +61,14 @@ fn written(value: &Value, digits: Digits) -> Result<String, Error> {
     }
 }
 
-/// Four significant digits, without an exponent for numbers of everyday size.
-fn significant(value: f64) -> String {
-    if value != 0.0 && !(1e-4..1e6).contains(&value.abs()) {
-        return format!("{value:.3e}");
-    }
-    let before = if value == 0.0 { 1 } else { value.abs().log10().floor() as i32 + 1 };
-    format!("{value:.*}", (4 - before).clamp(0, 6) as usize)
+/// Text from outside as code.
+pub fn code(text: &str) -> String {
+    format!("`{}`", text.replace('`', "'").replace('\n', " "))
+}
+
+/// Text in a cell of a table.
+pub fn cell(text: &str) -> String {
+    text.replace('|', "\\|").replace('\n', " ")
 }
 
 /// Text from outside in which nothing may be taken for markup. (An underscore within a word is none.)
@@ -96,7 +98,7 @@ mod tests {
 
     #[test]
     fn four_digits() {
-        let written = [3.99079, 60.0, 0.0360549, 123.456, 1632.85, 0.0, 1e-7].map(significant);
+        let written = [3.99079, 60.0, 0.0360549, 123.456, 1632.85, 0.0, 1e-7].map(|number| significant(number, 4));
         assert_eq!(written, ["3.991", "60.00", "0.03605", "123.5", "1633", "0.000", "1.000e-7"]);
     }
 

@@ -96,12 +96,12 @@ fn answer(group: &Group) -> Value {
     }
 }
 
-/// A parameter that a group learned; all none without one.
+/// A parameter that a group learned; all none without one, and shares of a truth that is 0.
 pub(super) fn parameter(group: &Group, parameter: Option<&PhysicalParameter>) -> Value {
     let of = |number: fn(f64, f64) -> f64| {
         group.spread(|summary| {
             let learned = summary.parameters.get(parameter?.name)?;
-            Some(number(learned.learned, learned.truth?))
+            Some(number(learned.learned, learned.truth.filter(|truth| *truth != 0.0)?))
         })
     };
     let learned = parameter.and_then(|parameter| group.value(parameter));
@@ -114,7 +114,9 @@ pub(super) fn parameter(group: &Group, parameter: Option<&PhysicalParameter>) ->
         // In per cent of the truth: with the sign, without, and of the median.
         error => value(of(|learned, truth| 100.0 * (learned / truth - 1.0))),
         error_size => value(of(|learned, truth| (100.0 * (learned / truth - 1.0)).abs())),
-        median_error => learned.zip(truth).map(|(learned, truth)| 100.0 * (learned.median / truth - 1.0)),
+        median_error => learned
+            .zip(truth.filter(|truth| *truth != 0.0))
+            .map(|(learned, truth)| 100.0 * (learned.median / truth - 1.0)),
         // In the model's own unit, where that is not true pixels.
         own => value(learned.zip(unit).map(|(learned, unit)| learned.times(1.0 / unit))),
         // The value in the model's own unit over the truth.

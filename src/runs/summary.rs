@@ -56,9 +56,10 @@ pub struct LearnedParameter {
 }
 
 impl LearnedParameter {
-    /// The error in per cent of the truth, with its sign.
+    /// The error in per cent of the truth, with its sign; none where that is not known or 0.
     pub fn error_percent(&self) -> Option<f64> {
-        self.truth.map(|truth| 100.0 * (self.learned / truth - 1.0))
+        let truth = self.truth.filter(|truth| *truth != 0.0)?;
+        Some(100.0 * (self.learned / truth - 1.0))
     }
 }
 
@@ -109,8 +110,19 @@ impl Summary {
         atomic::write_file(&folder.join(SUMMARY), |file| Ok(serde_json::to_writer_pretty(file, self)?))
     }
 
-    /// The error of a learned parameter in per cent, with its sign; none where its truth is not known.
+    /// The error of a learned parameter in per cent, with its sign; none where its truth is not known or 0.
     pub fn error_percent(&self, symbol: &str) -> Option<f64> {
         self.parameters.get(symbol)?.error_percent()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::LearnedParameter;
+
+    #[test]
+    fn errors_are_shares_of_the_truth_where_it_has_any() {
+        let error = |truth| LearnedParameter { learned: 3.0, truth }.error_percent();
+        assert_eq!([error(Some(4.0)), error(Some(0.0)), error(None)], [Some(-25.0), None, None]);
     }
 }

@@ -73,7 +73,7 @@ impl StressList {
     /// Reads the list; the scenes' files lie in a folder of its name beside it.
     ///
     /// # Errors
-    /// A list that cannot be read, an unknown key or task.
+    /// A list that cannot be read, an unknown key or task, a plain task without limits of success.
     pub fn read(path: &Path) -> Result<Self> {
         let read = || -> Result<Self> {
             let File { clips, scenes } = toml::from_str(&storage::read_to_string(path)?)?;
@@ -87,7 +87,13 @@ impl StressList {
                     test: clips.test,
                 };
                 let task = tasks::find(&file.to_string_lossy())?;
-                Ok(Scene { plain: tasks::find(&plain)?, name, task, file, clips, nine })
+                let plain = tasks::find(&plain)?;
+                ensure!(
+                    !plain.success.is_empty(),
+                    "{name}: its plain task {:?} has no [success] to judge by",
+                    plain.name
+                );
+                Ok(Scene { plain, name, task, file, clips, nine })
             };
             Ok(StressList { scenes: scenes.into_iter().map(scene).collect::<Result<_>>()? })
         };

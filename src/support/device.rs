@@ -23,7 +23,7 @@ pub fn parse(text: &str) -> Result<Device> {
     );
     let Device::Cuda(index) = device else { unreachable!("cpu has returned") };
     ensure!(
-        (index as i64) < Cuda::device_count(),
+        i64::try_from(index).is_ok_and(|index| index < Cuda::device_count()),
         "device {text:?} asked for, but there are {} GPUs",
         Cuda::device_count()
     );

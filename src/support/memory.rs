@@ -4,7 +4,10 @@ use std::fs;
 
 use anyhow::{Result, ensure};
 
-const GIB: f64 = (1u64 << 30) as f64;
+/// As messages say it: `1.5 GiB`.
+pub fn gib(bytes: u64) -> String {
+    format!("{:.1} GiB", bytes as f64 / (1u64 << 30) as f64)
+}
 
 /// Bytes that this process can still take: what the machine has free, its control group allows and its own limit of
 /// addresses (`ulimit -v`) leaves. None where the system does not say.
@@ -18,9 +21,9 @@ pub fn ensure_free(bytes: u64) -> Result<()> {
     let Some(free) = available() else { return Ok(()) };
     ensure!(
         bytes <= free,
-        "it takes {:.1} GiB of memory, {:.1} GiB are free; free some, raise the limit (ulimit -v), or take less",
-        bytes as f64 / GIB,
-        free as f64 / GIB
+        "it takes {} of memory, {} are free; free some, raise the limit (ulimit -v), or take less",
+        gib(bytes),
+        gib(free)
     );
     Ok(())
 }

@@ -1,5 +1,5 @@
 //! What every other folder may use: the best assignment, files that appear whole or not at all, command lines, the device,
-//! memory, random numbers, medians, fast arithmetic, processor time, the values of TOML files.
+//! memory, random numbers, significant digits, medians, fast arithmetic, processor time, the values of TOML files.
 
 pub mod assignment;
 pub mod atomic;
@@ -9,6 +9,7 @@ pub mod fast_math;
 pub mod least_squares;
 pub mod memory;
 pub mod random;
+pub mod significant;
 pub mod statistics;
 pub mod storage;
 pub mod thread_time;

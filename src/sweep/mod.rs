@@ -8,6 +8,8 @@ mod processes;
 mod status;
 
 pub use crate::runs::names::{DONE, OUTPUT};
-pub use plan::{Job, SweepPlan};
-pub use processes::{SIGNALLED, SweepEvent, SweepSummary, failure, forget_failure, last_line, note_failure, run};
+pub use plan::{Job, SweepPlan, each_once};
+pub use processes::{
+    SIGNALLED, SweepEvent, SweepSummary, failure, forget_failure, last_line, note_failure, run, training_program,
+};
 pub use status::{RunState, RunStatus, status};

@@ -1,5 +1,7 @@
 //! Which runs a sweep has, where they go, and how far each is.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
@@ -125,6 +127,35 @@ impl SweepPlan {
             .with_each("set", &self.set)
             .with_each("device", &self.device)
     }
+}
+
+/// Runs that are asked for twice, once.
+///
+/// # Errors
+/// Two different runs that would share a folder.
+pub fn each_once(jobs: Vec<Job>) -> Result<Vec<Job>> {
+    let mut distinct: Vec<Job> = Vec::with_capacity(jobs.len());
+    let mut places = BTreeMap::new();
+    for job in jobs {
+        match places.entry(job.folder.clone()) {
+            Entry::Vacant(place) => {
+                place.insert(distinct.len());
+                distinct.push(job);
+            }
+            Entry::Occupied(place) => {
+                let other = &distinct[*place.get()];
+                ensure!(
+                    other.config == job.config,
+                    "{} and {} would share the run folder {}, and differ; give the tasks other names, or sweep one with \
+                     another --out",
+                    other.task,
+                    job.task,
+                    job.folder.display()
+                );
+            }
+        }
+    }
+    Ok(distinct)
 }
 
 impl Job {

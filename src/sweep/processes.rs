@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
@@ -27,6 +27,17 @@ const NOTE: &str = "sweep: ";
 const TAIL: u64 = 600;
 /// Bytes of what a run printed in which its error is looked for.
 const MOST_PRINTED: u64 = 1 << 24;
+
+/// The training program, which lies beside the one that asks.
+///
+/// # Errors
+/// It was not built.
+pub fn training_program() -> Result<PathBuf> {
+    let this = std::env::current_exe().context("cannot find this program's own place")?;
+    let program = this.with_file_name("run_physics");
+    ensure!(program.exists(), "{} is missing; build it with `cargo build --release`", program.display());
+    Ok(program)
+}
 
 /// How a sweep ended.
 #[derive(Debug, Default, PartialEq, Eq)]

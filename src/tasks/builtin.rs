@@ -28,3 +28,38 @@ pub fn builtin(name: &str) -> Option<Task> {
 pub fn names() -> String {
     all().map(|task| task.name).collect::<Vec<_>>().join(", ")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::builtin;
+
+    /// Frames, clips, cuts, equations, rates and true values as in the original's README and `run_physics.py`.
+    #[test]
+    fn the_papers_tasks_have_the_originals_numbers() {
+        let springs = ("spring", 0.3, [("k", 4.0), ("l", 6.0)].to_vec());
+        let digits = ("spring", 0.3, [("k", 2.0), ("l", 12.0)].to_vec());
+        let bodies = ("gravity", 0.5, [("g", 60.0), ("m", 1.0)].to_vec());
+        for (name, [side, objects, input, predicted, train, test], (equation, dt, truth), [base_lr, alpha]) in [
+            ("bouncing_balls", [32, 2, 4, 6, 12, 30], ("bouncing", 0.3, vec![]), [3e-4, 2.0]),
+            ("spring_color", [32, 2, 4, 6, 12, 30], springs.clone(), [6e-4, 3.0]),
+            ("spring_color_half", [32, 2, 4, 6, 12, 30], springs, [6e-4, 3.0]),
+            ("mnist_spring_color", [64, 2, 3, 7, 12, 30], digits, [6e-4, 3.0]),
+            ("3bp_color", [36, 3, 4, 12, 20, 40], bodies, [1e-3, 5.0]),
+        ] {
+            let task = builtin(name).unwrap();
+            let system = &task.system;
+            assert_eq!(
+                [system.side, system.objects, system.input_steps, system.pred_steps],
+                [side, objects, input, predicted]
+            );
+            assert_eq!(([task.train_frames, task.test_frames], system.channels), ([train, test], 3), "{name}");
+            assert_eq!((system.cell.name, system.dt), (equation, dt), "{name}");
+            assert_eq!([task.base_lr, task.alpha], [base_lr, alpha], "{name}");
+            for (symbol, value) in truth {
+                let fixed =
+                    system.cell.parameters.iter().find(|parameter| parameter.name == symbol).and_then(|it| it.fixed);
+                assert_eq!(task.truth_of(symbol).or(fixed), Some(value), "{name}: {symbol}");
+            }
+        }
+    }
+}

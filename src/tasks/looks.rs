@@ -209,7 +209,7 @@ fn check_colour(key: &str, colour: &[f64], channels: usize) -> Result<()> {
     Ok(())
 }
 
-fn check_radius(key: &str, radius: f64, side: usize) -> Result<()> {
+pub(super) fn check_radius(key: &str, radius: f64, side: usize) -> Result<()> {
     let largest = side as f64 / 2.0;
     ensure!(radius >= 0.5 && radius < largest, "{key}: {radius} px: must be at least 0.5 and less than {largest}");
     Ok(())

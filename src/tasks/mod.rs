@@ -36,6 +36,10 @@ pub use success::Success;
 /// As `data.folder`: the files lie beside the task's own file.
 pub const BESIDE_THE_TASK: &str = ".";
 
+/// Ending of the file with the true states of a dataset file, in the place of `.npz`.
+pub const STATES_ENDING: &str = "_states.npz";
+/// Most frames of a clip: with the largest frames its bytes are still counted without an overflow.
+const MOST_FRAMES: usize = 1_000_000;
 /// Rates of the paper's protocol where a task file says nothing: those of the paper's spring.
 const BASE_LR: f64 = 6e-4;
 const ALPHA: f64 = 3.0;
@@ -281,12 +285,18 @@ impl TaskTable {
                 frames >= least,
                 "data.{key} = {frames}: clips must hold at least input_steps + pred_steps = {least} frames"
             );
+            ensure!(frames <= MOST_FRAMES, "data.{key} = {frames}: a clip has at most {MOST_FRAMES} frames");
         }
         for (key, path) in [("folder", folder), ("train_file", train_file), ("test_file", test_file)] {
             let Some(path) = path else { continue };
             if key == "folder" && path == BESIDE_THE_TASK {
                 continue;
             }
+            // The sample picture and the true states have its name with another ending.
+            ensure!(
+                key == "folder" || (path.ends_with(".npz") && !path.ends_with(STATES_ENDING)),
+                "data.{key} = {path:?}: must end in .npz, and not in {STATES_ENDING}, which is for true states"
+            );
             let inside = Path::new(path).components().all(|part| matches!(part, std::path::Component::Normal(_)));
             ensure!(inside && !path.is_empty(), "data.{key} = {path:?}: must lie in the datasets folder");
         }
@@ -301,6 +311,16 @@ impl TaskTable {
                 percent.is_finite() && *percent > 0.0,
                 "success.parameters.{symbol} = {percent}: must be a positive number"
             );
+        }
+        for (loss, limit) in &self.success.losses {
+            ensure!(
+                limit.is_finite() && *limit > 0.0,
+                "success.losses.{} = {limit}: must be a positive number",
+                loss.key()
+            );
+        }
+        for (recipe, changes) in &self.recipe {
+            ensure!(changes.is_table(), "recipe.{recipe} = {changes}: must be a table of the recipe's sections");
         }
         if self.scene.as_ref().is_some_and(|scene| scene.motion == Motion::Equation {}) {
             let known = |it: &&PhysicalParameter| self.truth.contains_key(it.name) || it.fixed.is_some();

@@ -60,11 +60,6 @@ impl Published {
         self.losses.iter().filter(move |row| row.task == task)
     }
 
-    /// Test losses on a task that others than the paper's authors got.
-    pub fn reruns(&self, task: &str) -> impl Iterator<Item = &PublishedLosses> {
-        self.losses(task).filter(|row| row.who != PAPER)
-    }
-
     /// A test loss of the paper, if it reports it.
     pub fn paper_loss(&self, task: &str, loss: Loss) -> Option<f64> {
         self.losses(task).find(|row| row.who == PAPER)?.losses.get(&loss).copied()

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::camera::Camera;
 pub use super::looks::Background;
-use super::looks::{BackgroundLook, Distractor, ObjectLooks};
+use super::looks::{BackgroundLook, Distractor, ObjectLooks, check_radius};
 use crate::network::System;
 use crate::network::cells::{CellKind, Coordinates};
 
@@ -119,7 +119,31 @@ pub fn number_of(symbol: &str) -> &str {
     }
 }
 
+/// The numbers that a motion may have.
+const NUMBERS: [&str; 10] = ["k", "equil", "damping", "g", "m", "length", "a", "torque", "angle", "spin"];
+
 impl Motion {
+    /// The least that its number of this name may be.
+    pub fn least(&self, name: &str) -> f64 {
+        match (self, name) {
+            (_, "equil" | "length") => 0.1,
+            (Self::Pendulum { .. }, "m") => 0.01,
+            _ => 0.0,
+        }
+    }
+
+    fn check(mut self) -> Result<()> {
+        for name in NUMBERS {
+            let least = self.least(name);
+            let Some(&mut value) = self.number(name) else { continue };
+            ensure!(
+                value.is_finite() && value >= least,
+                "motion.{name} = {value}: must be a number, and at least {least}"
+            );
+        }
+        Ok(())
+    }
+
     /// The number of this name, where this motion has one.
     pub fn number(&mut self, name: &str) -> Option<&mut f64> {
         match (self, name) {
@@ -337,6 +361,7 @@ impl Scene {
                 Coordinates::Angle => "an angle",
             }
         );
+        self.motion.check()?;
         let acts = self.largest_action() != 0.0 || matches!(self.motion, Motion::Pendulum { .. });
         ensure!(
             cell.can_be_driven() == acts,
@@ -384,6 +409,9 @@ impl Scene {
             "background and distractors: nothing lies behind a bar"
         );
         self.objects.check(objects, channels, side)?;
+        if *look == Look::Balls && self.objects.radii.is_empty() {
+            check_radius("radius", self.radius, side)?;
+        }
         background.iter().try_for_each(BackgroundLook::check)?;
         distractors.iter().try_for_each(|distractor| distractor.check(channels, side))?;
         camera.check(side)

@@ -12,7 +12,7 @@ use super::base::{Outcome, Session};
 use super::objective::{Objective, StepLoss, Validated};
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
-use super::ranges::{at_least_one, not_negative};
+use super::ranges::{at_least_one, countable, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::network::System;
@@ -64,6 +64,8 @@ impl Join {
             self.max_steps.is_some() != self.epochs.is_some(),
             "config: join needs either max_steps or epochs, not both and not neither"
         );
+        countable("join.max_steps", self.max_steps.unwrap_or(0))?;
+        countable("join.epochs", self.epochs.unwrap_or(0))?;
         at_least_one("join.batch", self.batch as u64)?;
         at_least_one("join.validation_clips", self.validation_clips as u64)?;
         for (key, number) in [

@@ -11,7 +11,7 @@ use super::base::{Outcome, Session};
 use super::objective::{Objective, StepLoss, Validated};
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
-use super::ranges::{at_least_one, not_negative};
+use super::ranges::{at_least_one, countable, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::network::cells::{Actions, State};
@@ -37,6 +37,7 @@ pub struct Pretrain {
 
 impl Pretrain {
     pub(super) fn check(&self) -> Result<()> {
+        countable("pretrain.max_steps", self.max_steps)?;
         at_least_one("pretrain.batch", self.batch as u64)?;
         not_negative("pretrain.learning_rate", self.learning_rate)?;
         not_negative("pretrain.clip_gradients", self.clip_gradients)?;

@@ -1,6 +1,6 @@
 """Makes cell_gravity_near_collisions.npz, a golden-format file that is chaotic, for tests/goldens.rs:
 
-    make compare/.venv/bin/python
+    make compare/.venv/installed
     cd compare && PYTHONPATH=. .venv/bin/python ../tests/data/make_near_collisions.py
 
 Four triples of bodies start at rest and fall towards each other again and again, 30 frames long. Computed by the

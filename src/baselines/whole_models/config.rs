@@ -1,6 +1,5 @@
 //! Which whole other model is trained, and how.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -12,6 +11,7 @@ use super::frame_model::FrameModel;
 use super::planet::{self, Planet};
 use super::video_lstm::VideoLstm;
 use crate::network::System;
+use crate::support::storage;
 
 /// The file of a run's folder that holds it.
 pub(super) const MODEL: &str = "model.toml";
@@ -73,7 +73,10 @@ impl WholeConfig {
     /// A number out of range.
     pub fn check(&self) -> Result<()> {
         ensure!(self.learning_rate.is_finite() && self.learning_rate > 0.0, "the learning rate must be positive");
-        ensure!(self.batch > 0 && self.steps > 0 && self.checkpoint_every > 0, "batch and steps must be at least 1");
+        ensure!(
+            self.batch > 0 && self.steps > 0 && self.checkpoint_every > 0,
+            "batch, steps and checkpoint-every must be at least 1"
+        );
         ensure!(self.seed <= i64::MAX as u64, "seed {}: must be at most {}", self.seed, i64::MAX);
         Ok(())
     }
@@ -88,6 +91,6 @@ pub fn read(folder: &Path) -> Result<Option<WholeConfig>> {
     if !path.exists() {
         return Ok(None);
     }
-    let read = || Ok::<_, anyhow::Error>(toml::from_str(&fs::read_to_string(&path)?)?);
+    let read = || Ok::<_, anyhow::Error>(toml::from_str(&storage::read_to_string(&path)?)?);
     read().with_context(|| format!("config {}", path.display())).map(Some)
 }

@@ -1,6 +1,5 @@
 //! What a finished run scores.
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
@@ -8,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::WholeConfig;
 use crate::runs::scores::Scores;
+use crate::support::storage;
 
 /// The file of a run's folder that holds them.
 pub(super) const SCORES: &str = "scores.json";
@@ -42,7 +42,7 @@ impl WholeScores {
         if !path.exists() {
             return Ok(None);
         }
-        let read = || Ok::<_, anyhow::Error>(serde_json::from_slice(&fs::read(&path)?)?);
+        let read = || Ok::<_, anyhow::Error>(serde_json::from_slice(&storage::read(&path)?)?);
         read().with_context(|| format!("scores {}", path.display())).map(Some)
     }
 }

@@ -4,7 +4,7 @@
 //! slots, the step, and the weights of the best validation; replaced in one step), and at the end `scores.json` and
 //! `outputs.npz`, of the best weights.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::path::Path;
 use std::time::Instant;
 
@@ -25,6 +25,7 @@ use crate::runs::names::METRICS;
 use crate::runs::weights;
 use crate::support::atomic;
 use crate::support::statistics::is_smaller;
+use crate::support::storage::storage;
 use crate::training::base::Outcome;
 use crate::training::optimizers::{Optimizer, OptimizerKind};
 use crate::viz;
@@ -93,7 +94,7 @@ pub fn train(
 /// Takes a folder for this run, or finds it there; for this program alone while the file is open.
 fn open(config: &WholeConfig, folder: &Path) -> Result<File> {
     let text = toml::to_string_pretty(config)?;
-    fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let lock = lock(folder)?;
     match config::read(folder)? {
         Some(saved) => {

@@ -1,6 +1,5 @@
 //! All planners play, and a table says what they reached.
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -13,6 +12,7 @@ use crate::control::figures::{self, Course};
 use crate::control::results::{Row, mean_and_interval};
 use crate::control::reward::Reward;
 use crate::say;
+use crate::support::storage::storage;
 
 /// Notes of a planner that are printed; how many there are is said in any case.
 const NOTES: usize = 3;
@@ -35,7 +35,7 @@ impl Arguments {
         ensure!(self.study.is_none(), "a study's lines cannot hold a study");
         ensure!(self.episodes > 0, "--episodes must be at least 1");
         let setting = self.setting()?;
-        fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
+        storage().create_folder(out).with_context(|| format!("cannot create {}", out.display()))?;
         // What fails should do so before the first episode.
         for who in self.planner.iter().copied() {
             let model = who.sees().then(|| self.model_of(who, &setting)).transpose()?;

@@ -71,7 +71,12 @@ impl Arguments {
             let goal = self.goal_in_plane(&task)?.swinging(self.goal_swing, self.goal_period);
             Rules { steps: 50, hold: 2, largest_action, reward: Reward::Goal(goal), frames_before: 0 }
         };
-        ensure!(self.goal_period > 0.0, "--goal-period must be above 0, not {}", self.goal_period);
+        ensure!(
+            self.goal_period > 0.0 && self.goal_period.is_finite(),
+            "--goal-period must be a number above 0, not {}",
+            self.goal_period
+        );
+        ensure!(self.goal_swing.is_finite(), "--goal-swing must be a number, not {}", self.goal_swing);
         let faults = Faults { dropped: self.dropped, hidden: self.hidden };
         faults.check()?;
         let usual_steps = rules.steps;

@@ -42,6 +42,8 @@ use text::Equation;
 
 /// Euler steps for one frame.
 pub const SUBSTEPS: usize = 5;
+/// Most objects of a system.
+pub const MOST_OBJECTS: usize = 32;
 
 /// What an equation calls the position of an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

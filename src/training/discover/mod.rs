@@ -25,7 +25,7 @@ use super::objects::pasting;
 use super::objects::sprites;
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
-use super::ranges::{at_least_one, not_negative};
+use super::ranges::{at_least_one, countable, not_negative};
 use super::schedule::{LrSchedule, Timetable};
 use crate::datasets::iterators::Clips;
 use crate::network::System;
@@ -109,6 +109,15 @@ pub struct DiscoverStart {
 
 impl Discover {
     pub(super) fn check(&self) -> Result<()> {
+        for (key, count) in [
+            ("discover.max_steps", self.max_steps),
+            ("discover.coarse_steps", self.coarse_steps),
+            ("discover.fine_steps", self.fine_steps),
+            ("discover.guide.zero_from", self.guide.zero_from),
+            ("discover.schedule.validate_every", self.schedule.validate_every),
+        ] {
+            countable(key, count)?;
+        }
         at_least_one("discover.frames", self.frames as u64)?;
         if self.coarse_steps > 0 {
             at_least_one("discover.fine_steps", self.fine_steps)?;

@@ -37,7 +37,7 @@ use self::integrate::TextCell;
 use self::parameters::{Parameters, check_name};
 use self::parse::{Expression, parse};
 use self::walls::TextWalls;
-use super::{Build, Cell, CellKind, PhysicalParameter, Walls};
+use super::{Build, Cell, CellKind, MOST_OBJECTS, PhysicalParameter, Walls};
 use crate::support::random::fnv1a;
 
 pub use built_in::written;
@@ -45,8 +45,7 @@ pub use plain::SingleEquation;
 pub use scalars::roll_out_on_gpu;
 pub use table::{Accelerations, EquationTable, Given, Integrator, ParameterTable, Sides, WallTable};
 
-/// Most objects, and most steps for a frame.
-const MOST_OBJECTS: usize = 32;
+/// Most steps for a frame.
 const MOST_SUBSTEPS: usize = 1000;
 
 /// The scope of the parameters, whatever the text.

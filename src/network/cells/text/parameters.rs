@@ -26,6 +26,17 @@ pub(super) struct Declared {
     pub fixed: Option<f64>,
 }
 
+impl Declared {
+    /// The least and the most that its value can be.
+    pub(super) fn range(&self) -> [f64; 2] {
+        match (self.fixed, self.bounds) {
+            (Some(value), _) => [value, value],
+            (None, Bounds::Between(low, high)) => [low, high],
+            (None, Bounds::Above(low)) => [low, f64::INFINITY],
+        }
+    }
+}
+
 /// All of them, and which names stand for a whole row.
 #[derive(Debug, Default)]
 pub(super) struct Parameters {

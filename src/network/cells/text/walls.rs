@@ -96,10 +96,22 @@ impl TextWalls {
         let restitution = match &table.restitution {
             None | Some(Given::Number(1.0)) => None,
             Some(given) => {
-                if let Given::Number(number) = given {
-                    ensure!((0.0..=1.0).contains(number), "restitution = {number}: must be 0 to 1");
+                let value = value(given, "restitution", Unit::Of([0.0, 0.0]), "a plain number")?;
+                match value {
+                    Value::Number(number) => {
+                        ensure!((0.0..=1.0).contains(&number), "restitution = {number}: must be 0 to 1");
+                    }
+                    Value::Parameter(place) => {
+                        let parameter = &parameters.all[place];
+                        let [least, most] = parameter.range();
+                        ensure!(
+                            least >= 0.0 && most <= 1.0,
+                            "restitution = {0:?}: must be 0 to 1; say low = 0 and high = 1 of {0}",
+                            parameter.name
+                        );
+                    }
                 }
-                Some(value(given, "restitution", Unit::Of([0.0, 0.0]), "a plain number")?)
+                Some(value)
             }
         };
         Ok(Some(TextWalls { stand, restitution }))

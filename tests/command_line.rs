@@ -342,6 +342,8 @@ fn run_folders_are_guarded() {
     let config = fs::read_to_string(run.join("config.toml")).unwrap();
     fs::write(run.join("config.toml"), config.replace("seed = 0", "seed = 5")).unwrap();
     assert_says(&ended(spring(&run).arg("--resume"), 1), &["config.toml was edited"]);
+    fs::write(run.join("config.toml"), config).unwrap();
+    assert!(dataset().exists());
 }
 
 #[test]

@@ -20,8 +20,8 @@ use rayon::prelude::*;
 use tiny::TINY;
 
 const TABLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/bad_invocations.txt");
-/// So long a call is asked again whose run another call is using. Machines of tests are busy.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// A refusal comes before anything slow. Machines of tests are busy.
+const AT_ONCE: Duration = Duration::from_secs(60);
 
 fn program(name: &str) -> &'static str {
     match name {
@@ -79,9 +79,11 @@ fn huge_npz() -> Vec<u8> {
 fn said(call: &str, place: &Path) -> String {
     let words = shlex::split(call).unwrap();
     let mut command = Command::new(program(&words[0]));
+    let start = Instant::now();
     // Without what this machine may have installed, such as ffmpeg.
     command.args(&words[1..]).current_dir(place).stdin(Stdio::null()).env("PATH", "");
     let output = command.output().unwrap();
+    assert!(start.elapsed() < AT_ONCE, "{call}: took {:?}", start.elapsed());
     let error = String::from_utf8(output.stderr).unwrap();
     let of_this_machine = format!("at most {} on the {} cores", most_threads(), cores());
     let first = error.lines().next().unwrap_or_default().replace(&of_this_machine, "at most 64 on the N cores");
@@ -98,7 +100,7 @@ fn said_alone(call: &str, place: &Path) -> String {
     let start = Instant::now();
     loop {
         let answer = said(call, place);
-        if !answer.contains("another run is using") || start.elapsed() > PATIENCE {
+        if !answer.contains("another run is using") || start.elapsed() > AT_ONCE {
             return answer;
         }
     }

@@ -127,10 +127,10 @@ impl Comparison {
         once("task", &self.tasks)?;
         once("seed", &self.seeds)?;
         let sound = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
-        for (place, entry) in self.models.iter().enumerate() {
+        once("model", &self.models.iter().map(|entry| &entry.name).collect::<Vec<_>>())?;
+        for entry in &self.models {
             let Entry { name, .. } = entry;
             ensure!(!name.is_empty() && name.chars().all(sound), "model {name:?}: a-z, 0-9 and _ can stand in a name");
-            ensure!(!self.models[..place].iter().any(|other| other.name == *name), "model {name} stands there twice");
             ensure!(*name != OBJECTS, "model {name}: runs that find objects have this name; choose another");
             ensure!(
                 entry.whole.is_some() == entry.learning_rate.is_some(),

@@ -75,9 +75,9 @@ impl<'a> Subject<'a> {
         self.clocks = sights.iter().map(|sight| Clock::of(&sight.centroids.pixels, 2 * objects)).collect();
     }
 
-    /// Frames of a video that may be learned from: those from which clips for training were cut. Films of
-    /// earlier versions do not say which frame is which: there the last quarter is held out. Of one that was held out
-    /// whole it is the first half, which says how its motion begins.
+    /// Frames of a video that may be learned from: those from which clips for training were cut. Films of earlier versions do
+    /// not say which frame is which: there the last quarter is held out. Of one that was held out whole it is the first half,
+    /// which says how its motion begins.
     pub(super) fn trained(&self, video: usize) -> usize {
         let frames = self.film.videos[video].dim().0;
         let source = &self.record.sources[video];
@@ -87,10 +87,11 @@ impl<'a> Subject<'a> {
         if !self.teaches(video) {
             return frames.div_ceil(2);
         }
-        match &self.film.numbers[video].to_vec()[..] {
-            [] => (Parts::of(frames.div_ceil(self.ratio)).valid.start * self.ratio).min(frames),
-            numbers => before_held_out(numbers, source.held_out_from),
+        let numbers = &self.film.numbers[video];
+        if numbers.is_empty() {
+            return (Parts::of(frames.div_ceil(self.ratio)).valid.start * self.ratio).min(frames);
         }
+        before_held_out(numbers, source.held_out_from)
     }
 
     /// Whether the frames of a video that may be learned from teach the parameters.
@@ -196,8 +197,8 @@ pub(super) fn trained_ticks(track: &Track) -> usize {
 }
 
 /// Frames of a film before the first one that was held out; `numbers` are those of its frames in the video.
-fn before_held_out(numbers: &[u64], held_out_from: usize) -> usize {
-    numbers.iter().take_while(|number| (**number as usize) < held_out_from).count()
+fn before_held_out<'a>(numbers: impl IntoIterator<Item = &'a u64>, held_out_from: usize) -> usize {
+    numbers.into_iter().take_while(|number| (**number as usize) < held_out_from).count()
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use super::times::TimeToAnswer;
 use crate::network::cells::PhysicalParameter;
 use crate::network::physics_models::losses::Loss;
 use crate::runs::run::{Run, RunData};
-use crate::runs::summary::Summary;
+use crate::runs::summary::{LearnedParameter, Summary};
 use crate::support::statistics::Spread;
 use crate::tasks::Task;
 use crate::tasks::published::published;
@@ -98,12 +98,8 @@ fn answer(group: &Group) -> Value {
 
 /// A parameter that a group learned; all none without one, and shares of a truth that is 0.
 pub(super) fn parameter(group: &Group, parameter: Option<&PhysicalParameter>) -> Value {
-    let of = |number: fn(f64, f64) -> f64| {
-        group.spread(|summary| {
-            let learned = summary.parameters.get(parameter?.name)?;
-            Some(number(learned.learned, learned.truth.filter(|truth| *truth != 0.0)?))
-        })
-    };
+    let error = |summary: &Summary| summary.error_percent(parameter?.name);
+    let ratio = group.spread(|summary| summary.parameters.get(parameter?.name)?.ratio());
     let learned = parameter.and_then(|parameter| group.value(parameter));
     let truth = parameter.and_then(|parameter| group.truth(parameter));
     let unit = parameter.and_then(|parameter| group.own_unit(parameter));
@@ -112,16 +108,20 @@ pub(super) fn parameter(group: &Group, parameter: Option<&PhysicalParameter>) ->
         truth => truth,
         learned => value(learned),
         // In per cent of the truth: with the sign, without, and of the median.
-        error => value(of(|learned, truth| 100.0 * (learned / truth - 1.0))),
-        error_size => value(of(|learned, truth| (100.0 * (learned / truth - 1.0)).abs())),
-        median_error => learned
-            .zip(truth.filter(|truth| *truth != 0.0))
-            .map(|(learned, truth)| 100.0 * (learned.median / truth - 1.0)),
+        error => value(group.spread(error)),
+        error_size => value(group.spread(|summary| error(summary).map(f64::abs))),
+        median_error => learned.and_then(|learned| LearnedParameter { learned: learned.median, truth }.error_percent()),
         // In the model's own unit, where that is not true pixels.
         own => value(learned.zip(unit).map(|(learned, unit)| learned.times(1.0 / unit))),
         // The value in the model's own unit over the truth.
-        ratio => value(of(|learned, truth| learned / truth).map(|ratio| ratio.times(1.0 / unit.unwrap_or(1.0)))),
+        ratio => value(ratio.map(|ratio| ratio.times(1.0 / unit.unwrap_or(1.0)))),
     }
+}
+
+/// By symbol, in per cent with the sign.
+fn errors(summary: &Summary) -> BTreeMap<&str, f64> {
+    let errors = summary.parameters.iter().map(|(symbol, parameter)| (symbol.as_str(), parameter.error_percent()));
+    errors.filter_map(|(symbol, error)| Some((symbol, error?))).collect()
 }
 
 /// What the paper learned; all none where it reports nothing.
@@ -152,6 +152,8 @@ fn of_run(group: &Group, run: &Run) -> Value {
         clips => value(run.data.as_ref().map(|data| data.clips)),
         // summary.json.
         summary => value(&run.summary),
+        // In per cent, of the parameters whose truth is known.
+        errors => run.summary.as_ref().map(|summary| value(errors(summary))),
         // Why the course cannot be read.
         unread_course => run.course.as_ref().err().map(|error| format!("{error:#}")),
         // Losses of the last validation.

@@ -56,10 +56,15 @@ pub struct LearnedParameter {
 }
 
 impl LearnedParameter {
-    /// The error in per cent of the truth, with its sign; none where that is not known or 0.
-    pub fn error_percent(&self) -> Option<f64> {
+    /// The learned value over the truth; none where that is not known or 0.
+    pub fn ratio(&self) -> Option<f64> {
         let truth = self.truth.filter(|truth| *truth != 0.0)?;
-        Some(100.0 * (self.learned / truth - 1.0))
+        Some(self.learned / truth)
+    }
+
+    /// The error in per cent of the truth, with its sign; none as for [`Self::ratio`].
+    pub fn error_percent(&self) -> Option<f64> {
+        Some(100.0 * (self.ratio()? - 1.0))
     }
 }
 

@@ -57,6 +57,8 @@ struct Course {
     errors: Vec<(f64, f64)>,
     /// The best validation of the phase that runs, to which the model returns at its end.
     best: Option<Record>,
+    /// Errors up to it.
+    kept: usize,
 }
 
 impl Observer for Course {
@@ -70,21 +72,27 @@ impl Observer for Course {
         let Event::Recorded(record) = event else { return Ok(()) };
         let error =
             |(name, truth): &(String, f64)| (record.parameters.get(name).map_or(f64::NAN, |x| x / truth) - 1.0).abs();
-        let largest = self.truths.iter().map(error).fold(0.0, f64::max);
-        self.errors.push((now, largest));
+        // What is not a number stays.
+        let larger = |most: f64, error: f64| if error.is_nan() || error > most { error } else { most };
+        self.errors.push((now, self.truths.iter().map(error).fold(0.0, larger)));
         let better = self.best.as_ref().is_none_or(|best| best.phase != record.phase || record.score < best.score);
         if record.score.is_some() && better {
             self.best = Some((*record).clone());
+            self.kept = self.errors.len();
         }
         Ok(())
     }
 }
 
 impl Course {
-    /// When the parameters came within a share of the truth and stayed there.
+    /// When the parameters came within a share of the truth and stayed there; none where nothing is learned.
     fn seconds_to(&self, share: f64) -> Option<f64> {
-        let outside = self.errors.iter().rposition(|(_, error)| error.is_nan() || *error > share);
-        self.errors.get(outside.map_or(0, |place| place + 1)).map(|(seconds, _)| *seconds)
+        if self.truths.is_empty() {
+            return None;
+        }
+        let kept = &self.errors[..self.kept];
+        let outside = kept.iter().rposition(|(_, error)| error.is_nan() || *error > share);
+        kept.get(outside.map_or(0, |place| place + 1)).map(|(seconds, _)| *seconds)
     }
 }
 
@@ -131,7 +139,7 @@ fn one(config: &Config, dataset: &Dataset, device: Device, began: Instant) -> Re
     let [train, valid] = [Split::Train, Split::Valid].map(|split| dataset.clips(split, device));
     let truths = config.task.system.cell.parameters.iter().map(|parameter| parameter.name);
     let truths = truths.filter_map(|name| Some((name.to_string(), config.task.truth_of(name)?))).collect();
-    let mut course = Course { seed: config.seed, began, truths, errors: Vec::new(), best: None };
+    let mut course = Course { seed: config.seed, began, truths, errors: Vec::new(), best: None, kept: 0 };
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
     let learned: Vec<_> = model.learned().map(|parameter| parameter.kind.name.to_string()).collect();
     course.truths.retain(|(name, _): &(String, f64)| learned.contains(name));

@@ -58,14 +58,9 @@ fn main() -> Result<()> {
         notes: Vec::new(),
     };
     let start = Instant::now();
-    torture.prepare()?;
-    torture.two_at_once()?;
-    torture.small_disk()?;
-    torture.future_dates()?;
-    while torture.goes_on() {
-        torture.kill_trainings()?;
-        torture.kill_writers()?;
-        torture.kill_sweep()?;
+    // What stops it is told with the rest.
+    if let Err(error) = torture.run() {
+        torture.lost.push(format!("{error:#}"));
     }
     let Torture { kills, lost, notes, .. } = torture;
     println!("{}", json!({"kills": kills, "lost": lost, "not_tried": notes, "seconds": start.elapsed().as_secs()}));
@@ -74,6 +69,19 @@ fn main() -> Result<()> {
 }
 
 impl Torture {
+    fn run(&mut self) -> Result<()> {
+        self.prepare()?;
+        self.two_at_once()?;
+        self.small_disk()?;
+        self.future_dates()?;
+        while self.goes_on() {
+            self.kill_trainings()?;
+            self.kill_writers()?;
+            self.kill_sweep()?;
+        }
+        Ok(())
+    }
+
     fn goes_on(&self) -> bool {
         Instant::now() < self.until && self.kills.values().sum::<u32>() < self.most_kills
     }

@@ -110,7 +110,7 @@ fn kills(results: &Value) -> String {
 
 /// How often something was tried, and how often it went wrong.
 fn tried(title: &str, results: &Value, tries: &str, failures: &str, failed: &str) -> String {
-    if results[tries] == 0 {
+    if results[tries] == 0 && results[failures] == 0 {
         String::new()
     } else {
         format!("{title}: {}; {failed}: {}.\n", results[tries], results[failures])

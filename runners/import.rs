@@ -16,6 +16,7 @@ use paig::import::tracker::TrackerFile;
 use paig::import::{Imported, import};
 use paig::network::system::EquationEntry;
 use paig::say;
+use paig::support::significant::significant;
 use paig::tasks::equation_file::EquationFile;
 
 /// Turns videos into a task: clips for training, validation and test, the task file, and a contact sheet that shows what
@@ -77,7 +78,7 @@ struct Arguments {
     #[arg(long, value_name = "F", help_heading = "Scale and axes", conflicts_with = "scale")]
     pixels_per_metre: Option<f64>,
     /// The same from two points in the video and their distance in metres
-    #[arg(long, value_name = "X1,Y1,X2,Y2,LENGTH", help_heading = "Scale and axes")]
+    #[arg(long, value_name = "X1,Y1,X2,Y2,LENGTH", allow_hyphen_values = true, help_heading = "Scale and axes")]
     scale: Option<String>,
     /// How well the scale is known: its standard deviation, per cent
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, help_heading = "Scale and axes")]
@@ -86,7 +87,7 @@ struct Arguments {
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, help_heading = "Frames")]
     time_percent: f64,
     /// Origin of the scene's axes, pixels of the video, from its top left corner [default: that corner]
-    #[arg(long, value_name = "X,Y", help_heading = "Scale and axes")]
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = "Scale and axes")]
     origin: Option<String>,
     /// Angle of the x axis, degrees, counter-clockwise [default: 0]
     #[arg(long, value_name = "DEG", help_heading = "Scale and axes")]
@@ -262,7 +263,7 @@ fn summarize(request: &Request, imported: &Imported) {
     let (square, side) = (imported.square, request.side);
     say!("crop {0} x {0} from ({1}, {2}) on, seen as {side} x {side}", square.side, square.x, square.y);
     match imported.metres_per_pixel {
-        Some(metres) => say!("scale {metres:.6} m to a pixel of a frame"),
+        Some(metres) => say!("scale {} m to a pixel of a frame", significant(metres, 5)),
         None => say!(
             "scale not known: what is learned will be in pixels of a frame, what is measured in pixels of the video"
         ),
@@ -274,7 +275,7 @@ fn summarize(request: &Request, imported: &Imported) {
         EquationEntry::Name(name) => name,
         EquationEntry::Text(_) => "as text in the task file",
     };
-    say!("equation {equation}, {:.5} s between frames", imported.interval);
+    say!("equation {equation}, {} s between frames", significant(imported.interval, 5));
     imported.warnings.iter().for_each(|warning| say!("warning: {warning}"));
     let folder = request.out.display();
     say!("look at {folder}/contact-sheet.png, then: run_physics --task {}", imported.task_file.display());

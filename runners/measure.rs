@@ -17,7 +17,7 @@ use paig::tasks::equation_file::EquationFile;
 /// quarter, and says how far all of it can be trusted.
 ///
 /// `run_physics` does this at the end of a run on a task that `import` made. Writes measurement.json, measurement.html,
-/// positions.csv and overlay.gif.
+/// measurement-positions.png, positions.csv and overlay.gif.
 #[derive(Parser)]
 #[command(
     version,

@@ -10,6 +10,7 @@ use paig::measure::results::Measurement;
 use paig::measure::table::{References, read_references, rows, write};
 use paig::say;
 use paig::support::atomic;
+use paig::support::significant::significant;
 
 /// Puts the measurements of some runs into one table, beside what is known of their videos.
 #[derive(Parser)]
@@ -40,7 +41,7 @@ fn run(arguments: &Arguments) -> Result<()> {
     let measurements: Vec<_> =
         arguments.folders.iter().map(|folder| Measurement::read(folder)).collect::<Result<_>>()?;
     let rows: Vec<_> = measurements.iter().flat_map(|it| rows(it, &references)).collect();
-    let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.4}"));
+    let number = |value: Option<f64>| value.map_or("-".into(), |value| significant(value, 5));
     say!(
         "{:<18}{:<38}{:>12}{:>12}{:>12}  {:<8}{:>12}",
         "clip",

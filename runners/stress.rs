@@ -20,7 +20,7 @@ use paig::sweep;
 /// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
 ///
 /// Each scene is filmed once for each data seed and learned from that. Given again, the same command skips what has
-/// finished and goes on with what was cut off; the report is made of all runs that are there.
+/// finished and goes on with what was cut off; the report is made of all runs with these data seeds that are there.
 #[derive(Parser)]
 #[command(
     version,

@@ -62,7 +62,7 @@ struct Arguments {
     /// Folder of the runs
     #[arg(long, default_value = "runs")]
     out: PathBuf,
-    /// Folder of the datasets [default: data/datasets]
+    /// Folder of the datasets [default: data/datasets; the folder of a task's file where its data.folder is "."]
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// cpu, cuda or cuda:n [default: cpu]

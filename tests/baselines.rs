@@ -202,6 +202,16 @@ fn a_small_comparison_runs_to_its_report() {
         let read = |of: &Path| fs::read(of.join(file)).unwrap();
         assert!(read(&report) == read(&folder.path().join("copy")), "{file}");
     }
+    // A row of a whole model with other steps than the list's is none of it, nor a search on other clips.
+    let text_of_list = fs::read_to_string(&list).unwrap();
+    fs::write(&list, text_of_list.replace("steps = { spring_color = 3 }", "steps = { spring_color = 2 }")).unwrap();
+    let other = compare(&["--add", "kept", "--report-only", "--out", "other"]);
+    assert!(other.status.success(), "{}", text(&other));
+    let page = fs::read_to_string(folder.path().join("other/report.md")).unwrap();
+    assert!(page.contains("1 of these 2 trainings are finished"), "{page}");
+    fs::write(&list, text_of_list.replace("train = 30", "train = 20")).unwrap();
+    let other = compare(&["--add", "kept", "--report-only", "--out", "other"]);
+    assert!(!other.status.success() && text(&other).contains("no finished training"), "{}", text(&other));
     let missing = compare(&["--add", "nowhere"]);
     assert!(!missing.status.success() && text(&missing).contains("nowhere/results.json"), "{}", text(&missing));
 }

@@ -97,7 +97,7 @@ fn a_run_is_scored_and_rolled_out() {
     let table = fs::read_to_string(out.join("states.csv")).unwrap();
     let lines: Vec<_> = table.lines().collect();
     assert_eq!((lines[0], lines.len()), ("frame,time,x0,y0,vx0,vy0,x1,y1,vx1,vy1", 42));
-    assert!(lines[1].starts_with("3,0.0000,") && lines[41].starts_with("43,12.0000,"), "{table}");
+    assert!(lines[1].starts_with("3,0.000000,") && lines[41].starts_with("43,12.000000,"), "{table}");
     let read = |path: &Path| NpzReader::new(fs::File::open(path).unwrap()).unwrap();
     let mut rollout = read(&out.join("rollout.npz"));
     let positions: Array2<f32> = rollout.by_name("positions").unwrap();

@@ -8,16 +8,18 @@ use ndarray::{Array3, Array4, ArrayView3, Axis, s};
 use ndarray_npy::NpzReader;
 use paig::datasets::files::{DatasetFile, Split};
 use paig::datasets::states::States;
+use paig::evaluation::ScoredClips;
 use paig::generators::render::{Balls, Overlay};
 use paig::generators::simulate::{SceneState, World};
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::{Changes, Variant};
-use paig::generators::{Counts, generate_clips};
+use paig::generators::{Counts, DatasetJob, generate, generate_clips};
 use paig::tasks::looks::ObjectLooks;
 use paig::tasks::scene::{Background, Motion};
 use paig::tasks::{self, Task, find};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use tch::Device;
 
 const COUNTS: Counts = Counts { train: 40, valid: 3, test: 5 };
 
@@ -254,6 +256,55 @@ fn the_truth_of_an_equation_of_text_is_the_tasks() {
     let other = text.replace("\nk = 4.0", "\nk = 0.5");
     assert_eq!(truth(&other, plain), expected(6.0, 0.5));
     assert!(truth(&other, stronger).is_empty());
+}
+
+/// Clips that were made by another equation, or with other true values, are not kept for those that are asked for; bounds and
+/// starts say only how a model learns.
+#[test]
+fn clips_of_another_equation_are_not_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = include_str!("../configs/gallery/bounce_on_a_floor.toml");
+    let made = |here: &str, there: &str| {
+        let changed = text.replacen(here, there, 1);
+        assert!(here == there || changed != text, "{here}");
+        let variant = Variant::new(&Task::from_toml(&changed).unwrap(), 0).unwrap();
+        let (counts, images) = (Counts { train: 2, valid: 1, test: 1 }, SourceImages::original().unwrap());
+        generate(&DatasetJob { variant, counts, images, folder: folder.path().into(), force: false }, &|_| {})
+    };
+    made("", "").unwrap();
+    made("", "").unwrap();
+    made("start = 24.0", "start = 20.0").unwrap();
+    for (here, there) in [("vec(0, g)", "vec(0, 2 * g)"), ("e = 0.8", "e = 0.7")] {
+        let error = format!("{:#}", made(here, there).unwrap_err());
+        assert!(error.contains("the equation is another") && error.contains("--force"), "{error}");
+    }
+}
+
+/// The same symbol may be another quantity in another task's clips; where these move by the task's own equation it is the same.
+#[test]
+fn true_values_of_another_tasks_clips_count_only_for_its_own_equation() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = |made_for: &str, with: &Changes, read_as: &str| {
+        let task = Task::from_toml(made_for).unwrap();
+        let variant = Variant::new(&task, 0).unwrap().with(with).unwrap();
+        let (_, file) = variant.files()[1].clone();
+        let (counts, images) = (Counts { train: 1, valid: 1, test: 1 }, SourceImages::original().unwrap());
+        let job = DatasetJob { variant, counts, images, folder: folder.path().into(), force: true };
+        generate(&job, &|_| {}).unwrap();
+        let reader = Task::from_toml(read_as).unwrap();
+        let clips = ScoredClips::read(&folder.path().join(file), &reader, Split::Test, Device::Cpu).unwrap();
+        clips.truth.into_iter().map(|truth| (truth.name, truth.value)).collect::<BTreeMap<_, _>>()
+    };
+    let plain = Changes::default();
+    let linear = include_str!("../configs/gallery/fall_linear_drag.toml");
+    let quadratic = include_str!("../configs/gallery/fall_quadratic_drag.toml");
+    assert_eq!(truth(linear, &plain, linear).len(), 2);
+    assert!(truth(linear, &plain, quadratic).is_empty());
+    let spring = include_str!("../configs/tasks/spring_color.toml");
+    let mine = spring.replacen("spring_color", "my_spring", 1);
+    let expected = |k: f64| BTreeMap::from([("k".to_string(), k), ("l".to_string(), 6.0)]);
+    assert_eq!(truth(spring, &plain, &mine), expected(4.0));
+    assert_eq!(truth(spring, &Changes { k: Some(8.0), ..plain }, &mine), expected(8.0));
 }
 
 #[test]

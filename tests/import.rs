@@ -341,6 +341,12 @@ fn a_part_that_is_too_short_is_left_out() {
     let folder = tempfile::tempdir().unwrap();
     let path = pictures(&folder.path().join("film"), (0..80).map(levelled));
     let parts = vec![Part::Frames(3, Some(63)), Part::Frames(70, Some(74))];
+    // Also a single frame, of a video that has times.
+    let one = Request {
+        parts: vec![Part::Frames(0, Some(58)), Part::Frames(58, Some(59))],
+        ..request(&[&numbered()], &folder.path().join("one"))
+    };
+    assert!(imported(&one).warnings[0].contains("frames 58..59 are left out"));
     let plain = request(&[&path], &folder.path().join("out"));
     let done = imported(&Request { parts: parts.clone(), fps: Some(25.0), crop: CropChoice::Full, ..plain });
     assert!(done.warnings[0].contains("frames 70..74 are left out"), "{:?}", done.warnings);
@@ -526,6 +532,9 @@ fn what_cannot_be_imported_is_refused() {
     let equation = EquationFile::read(&own).unwrap().equation;
     assert_says(&refused(&Request { equation, ..plain() }), &["equation", "score", "another name"]);
     assert_says(&refused(&Request { name: Some("pendulum".into()), ..plain() }), &["pendulum", "--name"]);
+    assert_says(&refused(&Request { name: Some("My Scene".into()), ..plain() }), &["--name makes no", "\"My Scene\""]);
+    let foreign = request(&[&path], &folder.path().join("実験"));
+    assert_says(&refused(&foreign), &["the folder --out makes no task's name", "--name", "a-z"]);
     assert_says(&refused(&request(&[&folder.path().join("none.mp4")], &out)), &["none.mp4", "no such file"]);
     let empty = folder.path().join("empty");
     fs::create_dir(&empty).unwrap();
@@ -541,6 +550,19 @@ fn what_cannot_be_imported_is_refused() {
     assert_says(&refused(&same), &["empty/../still/pictures", "given twice"]);
     let two = Request { fps: Some(25.0), ..request(&[&path, &still], &out) };
     assert_says(&refused(&two), &["120 x 80", "64 x 48"]);
+}
+
+/// What is imported is never written over, whatever `--force` allows.
+#[test]
+fn videos_are_not_written_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("exp");
+    let path = pictures(&place, (0..60).map(ball));
+    let into_itself = Request { fps: Some(25.0), force: true, ..request(&[&path], &path) };
+    assert_says(&refused(&into_itself), &["would be written over", "another --out"]);
+    fs::copy(numbered(), place.join("film.npz")).unwrap();
+    let over = Request { force: true, ..request(&[&place.join("film.npz")], &place) };
+    assert_says(&refused(&over), &["exp/film.npz would be written over"]);
 }
 
 /// The options reach the task file, and the summary says what was used.
@@ -621,6 +643,7 @@ fn other_films_are_decoded_by_ffmpeg() {
     fs::create_dir(place("bin")).unwrap();
     let script = format!(
         "#!/bin/sh\ncase \"$*\" in\n*broken*) echo first >&2; echo reason >&2; exit 1;;\n\
+         *torn*framecrc*) echo torn off >&2; exec /bin/cat {0}/list;;\n\
          *framecrc*) exec /bin/cat {0}/list;;\n*rawvideo*) echo >>{0}/passes; exec /bin/cat {0}/pixels;;\nesac\n",
         folder.path().display()
     );
@@ -638,6 +661,12 @@ fn other_films_are_decoded_by_ffmpeg() {
     assert!(output.status.success(), "{}", text(&output));
     assert_says(&text(&output), &["clip.avi: 60 frames of 120 x 80, 20.000 a second"]);
     assert!(place("out/train.npz").exists());
+    // What it reads over is told.
+    let output = program("torn.avi").args(["--force", "--origin", "-20,300"]).output().unwrap();
+    assert_says(&text(&output), &["warning: torn.avi: ffmpeg says \"torn off\""]);
+    let video = tasks::find(place("out/task.toml").to_str().unwrap()).unwrap().video().unwrap().clone();
+    assert_eq!(video.origin, Some([-20.0, 300.0]));
+    assert_eq!(video.sources[0].file, place("torn.avi").to_str().unwrap());
     // Of several throws, too, all are decoded in one pass for the crop and in one for the frames.
     fs::remove_file(place("passes")).unwrap();
     let mut throws = program("clip.avi");

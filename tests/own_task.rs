@@ -70,6 +70,17 @@ fn five_balls_are_generated_trained_scored_reported_predicted_and_resumed_from_a
     run(folder, "report", &["runs", "--out", "report"]);
     let report = fs::read_to_string(folder.join("report/report.md")).unwrap();
     assert!(report.contains("five_balls"), "{report}");
+    // Its commands know that no program finds the task by its name: it stands in the records.
+    let (_, config) = report.split_once("# five_balls.toml is what stands under [task] in ").unwrap();
+    let (config, _) = config.split_once(", as a file of its own").unwrap();
+    for line in [
+        "generate --task five_balls.toml --train 12",
+        "sweep --task five_balls.toml --recipe fast",
+        &format!("run_physics --recipe fast --config '{config}' --seed 0"),
+    ] {
+        assert!(report.contains(line), "{line:?} is not in {report}");
+    }
+    run(folder, "run_physics", &["--recipe", "fast", "--config", config, "--seed", "0", "--print-config"]);
 
     // A run whose end is taken away comes to it again, with the same weights.
     let index = fs::read(of_run.join("checkpoints/index.json")).unwrap();

@@ -226,6 +226,29 @@ fn a_report_can_be_made_again_from_its_records_and_counts_no_run_twice() {
     assert!(second.join("records/spring_color/fast/seed=0/summary.json").exists());
 }
 
+/// Without truths there is nothing to be right about; a loss beyond its limit is a failure all the same.
+#[test]
+fn what_nobody_knows_is_not_judged() {
+    let folder = tempfile::tempdir().unwrap();
+    for (seed, recons_loss) in [(0, 0.05), (1, 5.0)] {
+        let place = folder.path().join(format!("runs/spring_color/fast/seed={seed}"));
+        finished(&place, seed, &[], (3.0, 5.0), 0.3);
+        let mut summary = read(&place.join("summary.json"));
+        for symbol in ["k", "l"] {
+            summary["parameters"][symbol]["truth"] = Value::Null;
+        }
+        summary["test"]["recons_loss"] = json!(recons_loss);
+        summary["test"]["extrap_loss"] = Value::Null;
+        fs::write(place.join("summary.json"), summary.to_string()).unwrap();
+    }
+    let out = folder.path().join("report");
+    assert!(report(&[folder.path().join("runs")], &out).status.success());
+    let page = fs::read_to_string(out.join("report.md")).unwrap();
+    for line in ["| 0 | succeeded | 3.000 | 5.000 |", "| 1 | criterion missed | 3.000 | 5.000 |"] {
+        assert!(page.contains(line), "{line:?} is not in:\n{page}");
+    }
+}
+
 #[test]
 fn changed_recipes_stand_beside_the_plain_one_with_a_verdict() {
     let folder = tempfile::tempdir().unwrap();

@@ -613,6 +613,7 @@ fn motions_that_cannot_be_are_refused() {
         ("spring_color", "equil = 6.0", "equil = nan", "motion.equil = NaN"),
         ("spring_color", "equil = 6.0", "equil = 6.0, damping = inf", "motion.damping = inf"),
         ("falling", "g = 1.5", "g = -1.5", "motion.g = -1.5"),
+        ("pendulum", "look = \"bar\"", "look = \"balls\"\nradius = 3.0", "an angle is drawn as a bar"),
         ("pendulum", "m = 1.0", "m = 0.0", "motion.m = 0: must be a number, and at least 0.01"),
     ] {
         let plain = fs::read_to_string(configs().join(format!("tasks/{task}.toml"))).unwrap();

@@ -1,21 +1,20 @@
 //! What earlier reports say: trainings of other machines, or whose runs are gone.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use serde::de::DeserializeOwned;
 
+use super::list::Comparison;
 use super::plan::Training;
-use super::results::{PredictedFrames, RESULTS, Row, SEARCH, Searched};
+use super::results::{PredictedFrames, RESULTS, Row, SEARCH, Searched, SearchedOn};
 use crate::support::storage;
 
 /// The rows and searches of earlier reports, each once: the first that has it counts.
 #[derive(Debug, Clone, Default)]
 pub struct Earlier {
     rows: Vec<Row>,
-    /// Model and key, and the scores of the rates that were run.
-    searches: BTreeMap<(String, String), Vec<Searched>>,
+    searches: Vec<Searched>,
 }
 
 impl Earlier {
@@ -30,34 +29,38 @@ impl Earlier {
                 row.frames = Some(PredictedFrames::Report(report.clone()));
                 earlier.rows.push(row);
             }
-            for searched in read_json::<Vec<Searched>>(&report.join(SEARCH))? {
-                let key = (searched.model.clone(), searched.key.clone());
-                earlier.searches.entry(key).or_default().push(searched);
-            }
+            earlier.searches.extend(read_json::<Vec<Searched>>(&report.join(SEARCH))?);
         }
         Ok(earlier)
     }
 
     /// The row of a training.
-    pub fn row(&self, training: &Training) -> Option<&Row> {
-        self.rows.iter().find(|row| row.is_of(training))
+    pub fn row(&self, list: &Comparison, training: &Training) -> Option<&Row> {
+        self.rows.iter().find(|row| row.is_of(list, training))
     }
 
     /// What a search has found, with the rates that were only run earlier.
     pub fn completed(&self, searched: Searched) -> Searched {
-        let Searched { model, key, rates, mut failed, .. } = searched;
-        let known = self.searches.get(&(model.clone(), key.clone())).map_or(&[][..], Vec::as_slice);
+        let known: Vec<&Searched> = self.like(&searched.model, &searched.key, searched.on.as_ref()).collect();
+        let Searched { model, key, on, rates, mut failed, .. } = searched;
         let earlier = |rate: f64| known.iter().find_map(|searched| searched.score(rate));
         let rates = rates.into_iter().map(|(rate, score)| (rate, score.or_else(|| earlier(rate)))).collect();
         failed.extend(known.iter().flat_map(|searched| &searched.failed));
-        Searched::new(&model, &key, rates, &failed)
+        Searched::new((&model, &key), on, rates, &failed)
     }
 
     /// Whether this rate of this model was run in an earlier search.
-    pub fn has_searched(&self, training: &Training) -> bool {
-        let (Some(key), Some(rate)) = (&training.entry.rate, training.rate) else { return false };
-        let known = self.searches.get(&(training.entry.name.clone(), key.clone()));
-        training.searched && known.is_some_and(|known| known.iter().any(|searched| searched.knows(rate)))
+    pub fn has_searched(&self, list: &Comparison, training: &Training) -> bool {
+        let &Training { entry, clips, rate: Some(rate), searched: true, .. } = training else { return false };
+        let Some(key) = &entry.rate else { return false };
+        let on = SearchedOn::new(list, entry, clips);
+        self.like(&entry.name, key, Some(&on)).any(|searched| searched.knows(rate))
+    }
+
+    /// The earlier searches of a model's rate that were made by the same trainings.
+    fn like(&self, model: &str, key: &str, on: Option<&SearchedOn>) -> impl Iterator<Item = &Searched> {
+        let of_model = move |searched: &&Searched| searched.model == model && searched.key == key;
+        self.searches.iter().filter(of_model).filter(move |searched| searched.on.as_ref() == on)
     }
 }
 

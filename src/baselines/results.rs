@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use tch::Device;
 
-use super::list::{Comparison, Entry};
+use super::list::{Comparison, Entry, Search};
 use super::plan::{self, Places, Training};
 use super::whole_models::scores::WholeScores;
 use crate::network::dynamics::DynamicsKind;
@@ -84,11 +84,12 @@ impl Row {
         row.with_context(|| format!("run {}", folder.display()))
     }
 
-    /// Whether it is of this training, at the same rate.
-    pub fn is_of(&self, training: &Training) -> bool {
+    /// Whether it is of this training, at the same rate, and of a whole other model of as many steps.
+    pub fn is_of(&self, list: &Comparison, training: &Training) -> bool {
         let Training { entry, task, clips, seed, rate, .. } = training;
         let what = (&self.model, &self.task, self.training_clips, self.seed, self.searched_rate);
-        what == (&entry.name, task, *clips, *seed, *rate)
+        let as_long = entry.whole.is_none() || self.steps == list.steps(entry, task);
+        as_long && what == (&entry.name, task, *clips, *seed, *rate)
     }
 
     /// The scores of its frames, for figures.
@@ -181,12 +182,35 @@ fn of_whole(training: &Training, folder: &Path) -> Result<Option<Row>> {
     }))
 }
 
+/// By which trainings a search was made: others say nothing of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SearchedOn {
+    task: String,
+    seed: u64,
+    training_clips: usize,
+    /// Of a whole other model.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    steps: Option<u64>,
+}
+
+impl SearchedOn {
+    /// As a list has it for a model, on so many training clips.
+    pub fn new(list: &Comparison, entry: &Entry, clips: usize) -> Self {
+        let Search { task, seed, whole_steps, .. } = &list.search;
+        let steps = entry.whole.map(|_| *whole_steps);
+        SearchedOn { task: task.clone(), seed: *seed, training_clips: clips, steps }
+    }
+}
+
 /// The search of one model's learning rate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Searched {
     pub model: String,
     /// The key that was searched.
     pub key: String,
+    /// None in reports of before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub on: Option<SearchedOn>,
     /// Each rate, and the L_pred on validation clips at the end; none if that run has not finished.
     pub rates: Vec<(f64, Option<f64>)>,
     /// Those of them at which the training failed: they are as bad as can be.
@@ -198,13 +222,18 @@ pub struct Searched {
 
 impl Searched {
     /// `failed`: rates that failed, those without a score.
-    pub(super) fn new(model: &str, key: &str, rates: Vec<(f64, Option<f64>)>, failed: &[f64]) -> Self {
+    pub(super) fn new(
+        (model, key): (&str, &str),
+        on: Option<SearchedOn>,
+        rates: Vec<(f64, Option<f64>)>,
+        failed: &[f64],
+    ) -> Self {
         let best = rates.iter().filter_map(|(rate, score)| Some((*rate, (*score)?)));
         let best = best.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(rate, _)| rate);
         let without = rates.iter().filter(|(_, score)| score.is_none()).map(|(rate, _)| *rate);
         let (failed, waiting): (Vec<f64>, Vec<f64>) = without.partition(|rate| failed.contains(rate));
         let chosen = best.filter(|_| waiting.is_empty());
-        Searched { model: model.into(), key: key.into(), chosen, rates, failed }
+        Searched { model: model.into(), key: key.into(), on, chosen, rates, failed }
     }
 
     /// The score of a rate, if that was run.
@@ -234,7 +263,7 @@ pub fn searched(places: &Places, list: &Comparison, clips: usize) -> Result<Vec<
                 rates.push((rate, validated(places, list, training)?));
                 failed.extend(sweep::failure(&places.folder(list, training)?).map(|_| rate));
             }
-            Ok(Searched::new(&entry.name, &key, rates, &failed))
+            Ok(Searched::new((&entry.name, &key), Some(SearchedOn::new(list, entry, clips)), rates, &failed))
         };
         Some(of_rates())
     };
@@ -249,7 +278,10 @@ fn validated(places: &Places, list: &Comparison, training: &Training) -> Result<
     }
     match WholeScores::read(&folder)?.and_then(|whole| whole.best) {
         Some(best) => Ok(Some(best.error)),
-        None => Ok(Course::read(&folder)?.last_validation(VALIDATION_ERROR)),
+        None => {
+            let course = Run::read(&folder)?.course_of_its_weights();
+            Ok(course.and_then(|course| course.last_validation(VALIDATION_ERROR)))
+        }
     }
 }
 
@@ -292,7 +324,7 @@ mod tests {
         assert_eq!(sweep::failure(run), None);
         let chosen = |scores: [Option<f64>; 3], failed: &[f64]| {
             let rates = [1e-3, 1e-2, 1e-1].into_iter().zip(scores).collect();
-            Searched::new("lstm", "pretrain.learning_rate", rates, failed).chosen
+            Searched::new(("lstm", "pretrain.learning_rate"), None, rates, failed).chosen
         };
         assert_eq!(chosen([Some(3.0), Some(2.0), Some(4.0)], &[]), Some(1e-2));
         assert_eq!(chosen([Some(3.0), Some(2.0), None], &[]), None);

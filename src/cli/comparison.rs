@@ -82,7 +82,7 @@ impl Comparing {
         let mut failed = false;
         if search {
             let mut trainings = plan::search(&self.list, models, self.clips);
-            trainings.retain(|training| !self.earlier.has_searched(training));
+            trainings.retain(|training| !self.earlier.has_searched(&self.list, training));
             failed |= self.train(&trainings)?;
         }
         let mut trainings = self.trainings(models, tasks, seeds, self.clips)?;
@@ -94,7 +94,7 @@ impl Comparing {
                 trainings.extend(self.trainings(&models, std::slice::from_ref(&efficiency.task), seeds, clips)?);
             }
         }
-        trainings.retain(|training| self.earlier.row(training).is_none());
+        trainings.retain(|training| self.earlier.row(&self.list, training).is_none());
         failed |= self.train(&trainings)?;
         if self.stop() {
             say!("stopped; the same command goes on");
@@ -216,7 +216,7 @@ impl Comparing {
         let mut rows = Vec::new();
         for training in &trainings {
             let here = Row::read(&self.places, &self.list, training)?;
-            rows.extend(here.or_else(|| self.earlier.row(training).cloned()));
+            rows.extend(here.or_else(|| self.earlier.row(&self.list, training).cloned()));
         }
         ensure!(!rows.is_empty(), "{} holds no finished training of the comparison", self.places.runs.display());
         let searched = self.searched()?;

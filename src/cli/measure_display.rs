@@ -2,15 +2,17 @@
 
 use crate::measure::results::Measurement;
 use crate::say;
+use crate::support::significant::significant;
 
 /// Prints the quantities with their intervals, the prediction of what was held out, and the comparison of equations.
 pub fn print_measurement(it: &Measurement) {
     say!("\n{:<30}{:>12}   {:<26}{:<8}{:>16}", "measured", "", "95 % interval", "", "colour tracker");
     for quantity in &it.quantities {
-        let tracker = quantity.by_tracker.map_or("-".into(), |value| format!("{value:.5}"));
-        let interval = quantity.interval(|end| format!("{end:.5}")).unwrap_or("-".into());
+        let tracker = quantity.by_tracker.map_or("-".into(), |value| significant(value, 6));
+        let interval = quantity.interval(|end| significant(end, 6)).unwrap_or("-".into());
         let name = quantity.name.replace('_', " ");
-        say!("{name:<30}{:>12.5}   {interval:<26}{:<8}{tracker:>16}", quantity.value, quantity.unit);
+        let value = significant(quantity.value, 6);
+        say!("{name:<30}{value:>12}   {interval:<26}{:<8}{tracker:>16}", quantity.unit);
     }
     let held_out = &it.held_out;
     let unit = &held_out.unit;

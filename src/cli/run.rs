@@ -89,7 +89,7 @@ struct RunArgs {
     /// Run folder [default: runs/TASK/RECIPE/seed=N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Folder of the datasets [default: data/datasets]
+    /// Folder of the datasets [default: data/datasets; the folder of the task's file where its data.folder is "."]
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Seed of initial values and of the order of the data [default: 0]
@@ -311,8 +311,9 @@ fn check_states(path: &Path, test: &Dataset, config: &Config) -> Result<()> {
 /// Scores a run's last checkpoint on the test file.
 fn score(config: &Config, folder: &RunFolder, device: Device) -> Result<ExitCode> {
     let (_, model) = load_model(folder.path(), SavedWeights::Last, device)?;
-    let test = ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device)?;
+    let mut test = ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device)?;
     let scores = evaluation::evaluate(&model, &test)?;
+    test.number_objects_as(&model, scores.states.as_ref().map(|states| &states.objects[..]));
     print_frames_and_states(&config.task.system, &scores);
     print_results(&config.task, &model, &test, &scores.losses);
     Ok(ExitCode::SUCCESS)
@@ -342,13 +343,15 @@ fn train(config: &Config, folder: &RunFolder, data: &TrainingData, device: Devic
     let waiting = Progress::busy("scoring");
     let verdict = judge(config, &model, &data.train, &data.valid)?;
     // The true states lie beside the test file: nothing has learned from them before.
-    let test = ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device).with_context(|| {
-        format!(
-            "the training is finished and saved, but not scored; --resume --out {} does it",
-            folder.path().display()
-        )
-    })?;
+    let mut test =
+        ScoredClips::read(&config.data.test_path(), &config.task, Split::Test, device).with_context(|| {
+            format!(
+                "the training is finished and saved, but not scored; --resume --out {} does it",
+                folder.path().display()
+            )
+        })?;
     let scores = evaluation::evaluate(&model, &test)?;
+    test.number_objects_as(&model, scores.states.as_ref().map(|states| &states.objects[..]));
     waiting.finish();
     print_frames_and_states(&config.task.system, &scores);
     print_results(&config.task, &model, &test, &scores.losses);

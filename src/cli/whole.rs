@@ -113,19 +113,22 @@ fn run(model: WholeModel, name: &str, arguments: Arguments) -> Result<ExitCode> 
 /// Reads the data of a training and goes through it.
 ///
 /// # Errors
-/// Data that are missing or do not fit the task, and as for [`training::train`].
+/// Data that are missing, do not fit the task or show nothing that moves, and as for [`training::train`].
 pub fn train(config: &WholeConfig, folder: &Path, device: Device, stop: &dyn Fn() -> bool) -> Result<Outcome> {
     config.check()?;
     let task = tasks::find(&config.task)?;
-    let read = |file: &Path, shape: &ClipShape| Dataset::open(&config.data.join(file), shape);
-    let learned = read(task.train_file.as_ref(), &ClipShape::training(&task))?;
-    let scored = read(task.test_file.as_ref(), &ClipShape::test(&task))?;
+    let train_file = config.data.join(&task.train_file);
+    let learned = Dataset::open(&train_file, &ClipShape::training(&task))?;
+    learned.check_motion(&train_file)?;
+    let scored = Dataset::open(&config.data.join(&task.test_file), &ClipShape::test(&task))?;
     let [train, valid] = [Split::Train, Split::Valid].map(|split| learned.clips(split, device));
     let test = scored.clips(Split::Test, device);
     let told = config.model.learns_rewards();
-    let rewards = told.then(|| rewards(&task, &config.data.join(&task.train_file), &learned)).transpose()?;
+    let rewards = told.then(|| rewards(&task, &train_file, &learned)).transpose()?;
     begin_work();
-    let data = WholeData { train: &train, rewards: rewards.as_ref(), valid: &valid, test: &test };
+    let checksums = learned.learned_from();
+    let data =
+        WholeData { train: &train, rewards: rewards.as_ref(), valid: &valid, test: &test, checksums: &checksums };
     training::train(config, &task.system, data, folder, stop, &mut |record| {
         let error = record.score.unwrap_or(f64::NAN);
         say!("{} - step {}: validation error {error:.4}", folder.display(), record.step);

@@ -12,10 +12,17 @@ use super::reader::Reader;
 use super::shown::Shown;
 use super::unpacked::UnpackedFrames;
 use crate::support::memory;
+use crate::support::random::fnv1a;
 
 /// A dataset is held in memory if so many times its frames fit: the arrays, the tensors that are made of them, and as much
 /// again for what learns.
 const TIMES: u64 = 4;
+
+/// Whether clips are those of before, by what [`Dataset::learned_from`] says of both. Earlier versions said nothing of what
+/// acts.
+pub fn are_the_same(clips: &str, before: &str) -> bool {
+    clips.strip_prefix(before).is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
+}
 
 /// An open dataset.
 #[derive(Debug)]
@@ -51,10 +58,18 @@ impl Dataset {
         matches!(self, Dataset::OnDisk { .. })
     }
 
-    /// Checksums of the clips that a run learns from: those for training and for validation.
+    /// Checksums of the clips that a run learns from: those for training and for validation, and of what acts in them.
     pub fn learned_from(&self) -> String {
         let [train, valid, _] = self.checksums();
-        format!("{train:016x} {valid:016x}")
+        let actions = match self {
+            Dataset::InMemory(file) => &file.actions,
+            Dataset::OnDisk { actions, .. } => actions,
+        };
+        let bytes = |[train, valid, _]: &[Array2<f32>; 3]| -> Vec<u8> {
+            train.iter().chain(valid).flat_map(|action| action.to_le_bytes()).collect()
+        };
+        let actions = actions.as_ref().map_or(String::new(), |actions| format!(" {:016x}", fnv1a(&bytes(actions))));
+        format!("{train:016x} {valid:016x}{actions}")
     }
 
     /// The clips of one split, to be served on a device.
@@ -96,5 +111,27 @@ impl Frames for Dataset {
             Dataset::InMemory(file) => file.checksums(),
             Dataset::OnDisk { frames, .. } => frames.each_ref().map(UnpackedFrames::checksum),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::{Array2, Array5};
+
+    use super::*;
+
+    /// Other torques are other clips; a run of before, which says only which frames it saw, goes on.
+    #[test]
+    fn what_acts_belongs_to_the_clips() {
+        let learned_from = |torque: Option<f32>| {
+            let frames = || Array5::zeros([2, 3, 4, 4, 1]);
+            let actions = torque.map(|torque| [(); 3].map(|()| Array2::from_elem((2, 3), torque)));
+            let file = DatasetFile { train: frames(), valid: frames(), test: frames(), actions };
+            Dataset::InMemory(file).learned_from()
+        };
+        let (without, weak, strong) = (learned_from(None), learned_from(Some(1.0)), learned_from(Some(2.0)));
+        assert!(are_the_same(&weak, &weak) && are_the_same(&weak, &without) && are_the_same(&without, &without));
+        assert!(!are_the_same(&weak, &strong) && !are_the_same(&without, &weak));
+        assert!(!are_the_same(&without, &without[..20]));
     }
 }

@@ -125,9 +125,10 @@ impl Archive {
 
     /// The same for numbers of either float type, as float32.
     pub(crate) fn floats(&mut self, name: &str) -> Result<ArrayD<f32>> {
-        match self.array::<f64>(name, "float64") {
-            Ok(array) => Ok(array.mapv(|value| value as f32)),
-            Err(_) => self.array(name, "float32 or float64"),
+        if self.has(name) && self.header(name)?.kind == "<f8" {
+            Ok(self.array::<f64>(name, "float64")?.mapv(|value| value as f32))
+        } else {
+            self.array(name, "float32 or float64")
         }
     }
 }

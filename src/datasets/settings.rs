@@ -41,6 +41,10 @@ pub struct Settings {
     pub substeps: usize,
     pub scene: Scene,
     pub background: Background,
+    /// Checksum of the equation and its numbers, where the objects move by those of the task, not by the scene's. None in
+    /// files of before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub equation: Option<u64>,
     /// Checksum of the pictures that were drawn; none of plain balls and bars.
     pub source_images: Option<u64>,
     /// None of clips in which nothing but the motion is drawn at random.
@@ -159,6 +163,20 @@ impl Provenance {
         }
     }
 
+    /// What differs from the clips that these settings would make, in lines; none if nothing does, as far as the file says.
+    pub fn difference(&self, asked: &Settings) -> Option<String> {
+        let differ = |there: &str, asked: &str| Some(format!("there: {there}\n  asked: {asked}"));
+        if self.text() != asked.text() {
+            return differ(&self.text(), &asked.text());
+        }
+        let Provenance::Settings(there) = self else { return None };
+        if there.objects != asked.objects {
+            return differ(&format!("{} objects", there.objects), &asked.objects.to_string());
+        }
+        let other = there.equation.zip(asked.equation).is_some_and(|(there, asked)| there != asked);
+        other.then(|| "the equation is another, or a true value of its parameters".into())
+    }
+
     /// A value of the line of an earlier version: what stands behind the word.
     fn earlier<'a>(text: &'a str, word: &str) -> Option<&'a str> {
         text.split(", ").find_map(|part| part.strip_prefix(word)?.strip_prefix(' '))
@@ -242,6 +260,7 @@ mod tests {
             substeps: 10,
             background: scene.background(),
             scene,
+            equation: None,
             source_images: None,
             noise_floor: None,
         }

@@ -67,7 +67,14 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
         None => None,
     };
     let losses = losses.values();
-    ensure!(losses.is_finite(), "the losses are not finite: a model like that predicts nothing");
+    ensure!(
+        losses.is_finite(),
+        "the losses are not finite (L_rec {}, L_pred {}, L_extrap {}): in some clip the equation leaves the numbers; keep its \
+         roots and quotients away from 0",
+        losses.recons_loss,
+        losses.pred_loss,
+        losses.extrap_loss.map_or("-".into(), |loss| loss.to_string())
+    );
     let predicted_frames = predicted_frames.predicted_frames(system)?;
     Ok(Scores { clips: clips.len(), losses, predicted_frames, states })
 }

@@ -8,7 +8,10 @@ use tch::Device;
 use crate::datasets::dataset::Dataset;
 use crate::datasets::files::{ClipShape, Split};
 use crate::datasets::iterators::Clips;
+use crate::datasets::settings::Provenance;
 use crate::datasets::states::{SplitStates, States};
+use crate::network::System;
+use crate::network::physics_models::PhysicsNet;
 use crate::tasks::{Task, TrueParameter};
 
 /// The clips of one split.
@@ -51,6 +54,34 @@ impl ScoredClips {
         Ok(ScoredClips { clips, states, truth, made_with, notes })
     }
 
+    /// Gives the truths of what each object has of its own (`m1`, `m2`, ..) the numbers that the model has given the objects:
+    /// where the equation does not tell these apart, an encoder numbers them as it likes, and the true states alone say how.
+    /// Without states such truths are not known. `order`: the model's object for each true one.
+    pub fn number_objects_as(&mut self, model: &PhysicsNet, order: Option<&[usize]>) {
+        let System { cell, objects, .. } = &model.system;
+        if cell.of_each().is_empty() || model.tells_objects_apart() {
+            return;
+        }
+        let place = |name: &str| cell.parameters.iter().position(|parameter| parameter.name == name);
+        let numbered = |truth: &TrueParameter| {
+            let place = place(&truth.name)?;
+            let Some(first) = cell.of_each().iter().find(|first| (**first..**first + objects).contains(&place)) else {
+                return Some(truth.clone());
+            };
+            let object = *order?.get(place - first)?;
+            Some(TrueParameter { name: cell.parameters[first + object].name.into(), ..truth.clone() })
+        };
+        self.truth = self.truth.iter().filter_map(numbered).collect();
+        self.notes.extend(match order {
+            None => Some("no true states say which object is which: nor which true parameters are whose".into()),
+            Some(order) => (!order.is_sorted()).then(|| {
+                let numbers: Vec<_> = order.iter().map(|object| (object + 1).to_string()).collect();
+                let (count, numbers) = (order.len(), numbers.join(", "));
+                format!("the objects 1 to {count} of the clips are the model's {numbers}, and so are their parameters")
+            }),
+        });
+    }
+
     /// The true value of a parameter, if it is known.
     pub fn truth_of(&self, name: &str) -> Option<f64> {
         self.truth.iter().find(|truth| truth.name == name).map(|truth| truth.value)
@@ -60,6 +91,18 @@ impl ScoredClips {
 /// The true parameters of a dataset file: what was written beside it; else the task's, if it is one of the task's own
 /// files (the authors' have the same names).
 fn truth(path: &Path, task: &Task, states: Option<&States>) -> Vec<TrueParameter> {
+    if let Some(Provenance::Settings(settings)) = states.map(|states| &states.settings)
+        && settings.task != task.name
+    {
+        // Of another task's file the same symbol may be another quantity: it counts where the motion is the task's own, and the
+        // clips follow the equation that they were made for.
+        let follow = states.and_then(|states| states.truth.as_ref()).is_none_or(|values| !values.is_empty());
+        let known = |parameter: &TrueParameter| {
+            let value = settings.scene.truth(task.system.cell, &parameter.name)?;
+            Some(TrueParameter { value, ..parameter.clone() })
+        };
+        return if follow { task.truth.iter().filter_map(known).collect() } else { Vec::new() };
+    }
     let own = [&task.train_file, &task.test_file].iter().any(|file| path.ends_with(file));
     match states.and_then(|states| states.truth.as_ref()) {
         // Of another equation's file the numbers are not this one's.
@@ -70,5 +113,34 @@ fn truth(path: &Path, task: &Task, states: Option<&States>) -> Vec<TrueParameter
         }
         None if own => task.truth.clone(),
         None => Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array5;
+
+    use super::*;
+    use crate::network::physics_models::ModelOptions;
+
+    /// Three bodies of unequal mass that the model has numbered otherwise.
+    #[test]
+    fn truths_of_each_object_go_by_the_models_numbers() {
+        let task = Task::from_toml(include_str!("../../configs/gallery/gravity_masses.toml")).unwrap();
+        let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
+        let numbered = |order: Option<&[usize]>| {
+            let clips = Clips::new(&Array5::zeros([1, 12, 36, 36, 3]), None, Device::Cpu);
+            let (truth, notes) = (task.truth.clone(), Vec::new());
+            let mut scored = ScoredClips { clips, states: None, truth, made_with: None, notes };
+            scored.number_objects_as(&model, order);
+            (["m1", "m2", "m3"].map(|name| scored.truth_of(name)), scored.notes)
+        };
+        assert_eq!(numbered(Some(&[0, 1, 2])), ([60.0, 30.0, 90.0].map(Some), vec![]));
+        // The first of the clips, of mass 60, is the model's third.
+        let (truths, notes) = numbered(Some(&[2, 0, 1]));
+        assert_eq!(truths, [30.0, 90.0, 60.0].map(Some));
+        assert!(notes[0].contains("the model's 3, 1, 2"), "{notes:?}");
+        let (truths, notes) = numbered(None);
+        assert_eq!((truths, notes.len()), ([None; 3], 1));
     }
 }

@@ -98,7 +98,7 @@ pub struct DatasetJob {
 pub fn generate(job: &DatasetJob, watcher: Watcher) -> Result<()> {
     for ((frames, file), counts) in job.variant.files().into_iter().zip([job.counts, of_test_file(job.counts)]) {
         let path = job.folder.join(file);
-        let settings = settings(&job.variant, &job.images, frames, counts).text();
+        let settings = settings(&job.variant, &job.images, frames, counts);
         if !job.force && path.exists() {
             keep(job, &path, frames, &settings, watcher)?;
             continue;
@@ -121,20 +121,16 @@ pub fn generate(job: &DatasetJob, watcher: Watcher) -> Result<()> {
 }
 
 /// Decides about a file that is in the way: the same settings, or not generated here (then it is the user's), are fine.
-fn keep(job: &DatasetJob, path: &Path, frames: usize, settings: &str, watcher: Watcher) -> Result<()> {
+fn keep(job: &DatasetJob, path: &Path, frames: usize, settings: &Settings, watcher: Watcher) -> Result<()> {
     let training = ClipShape::training(&job.variant.task);
     let shape = ClipShape { frames, side: job.variant.side, needed: [false; 3], ..training };
     let advice = || format!("{path:?} is in the way; pass --force to replace it");
     let dataset = DatasetFile::read(path, &shape).with_context(advice)?;
-    match States::read(path, &dataset).with_context(advice)? {
-        None => watcher(GeneratorEvent::Kept { path, ours: false }),
-        Some(states) if states.settings.text() == settings => watcher(GeneratorEvent::Kept { path, ours: true }),
-        Some(states) => bail!(
-            "{path:?} is there with other settings; pass --force to replace it, or another --out\n  \
-             there: {}\n  asked: {settings}",
-            states.settings.text()
-        ),
+    let states = States::read(path, &dataset).with_context(advice)?;
+    if let Some(difference) = states.as_ref().and_then(|states| states.settings.difference(settings)) {
+        bail!("{path:?} is there with other settings; pass --force to replace it, or another --out\n  {difference}");
     }
+    watcher(GeneratorEvent::Kept { path, ours: states.is_some() });
     Ok(())
 }
 
@@ -167,6 +163,7 @@ fn settings(variant: &Variant, images: &SourceImages, frames: usize, clips: Coun
         substeps,
         scene: scene.clone(),
         background,
+        equation: variant.equation_checksum(),
         source_images: Settings::draws_pictures(scene.look, background).then(checksum),
         noise_floor: None,
     }

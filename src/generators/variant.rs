@@ -8,6 +8,7 @@ use super::simulate::{Law, PENDULUM_MAX_SPEED, World};
 use crate::network::System;
 use crate::network::cells::text::{self, Integrator};
 use crate::network::cells::{PhysicalParameter, Walls};
+use crate::support::random::fnv1a;
 use crate::tasks::Task;
 use crate::tasks::looks::{BackgroundLook, Distractor};
 use crate::tasks::scene::{BAR_HALF_WIDTH, BAR_VIEW, Background, DIGIT_RADIUS, Look, Motion, Scene, number_of};
@@ -173,14 +174,16 @@ impl Variant {
         }
     }
 
+    /// The true or given value of a parameter of the task's equation.
+    fn value(&self, parameter: &PhysicalParameter) -> f64 {
+        self.task.truth_of(parameter.name).or(parameter.fixed).unwrap_or(f64::NAN)
+    }
+
     /// The task's equation with its true parameters, if the objects move by it. A text is integrated by Runge and Kutta's
     /// method, whatever the model takes.
     fn law(&self) -> Option<Law> {
         let Variant { task, scene, .. } = self;
-        let raw = |parameter: &PhysicalParameter| {
-            let value = task.truth_of(parameter.name).or(parameter.fixed);
-            value.map_or(f64::NAN, |value| parameter.bounds.raw(value))
-        };
+        let raw = |parameter: &PhysicalParameter| parameter.bounds.raw(self.value(parameter));
         let cell = task.system.cell;
         let precise = text::integrated_by(cell, Integrator::Rk4).ok().flatten();
         (scene.motion == Motion::Equation {}).then(|| Law {
@@ -189,6 +192,15 @@ impl Variant {
             push: scene.push,
             begin: scene.begin.clone(),
         })
+    }
+
+    /// Of the equation and the values of its parameters, if the objects move by it: the same where only the bounds and starts
+    /// of a fit are others.
+    pub fn equation_checksum(&self) -> Option<u64> {
+        let cell = self.task.system.cell;
+        let values: Vec<f64> = cell.parameters.iter().map(|parameter| self.value(parameter)).collect();
+        let checksum = || fnv1a(format!("{} {values:?}", text::accelerations(cell)).as_bytes());
+        (self.scene.motion == Motion::Equation {}).then(checksum)
     }
 
     /// What lies behind the objects, with all that the scene says of it.

@@ -70,6 +70,27 @@ pub struct ImportedTake {
     pub kept: Kept,
 }
 
+/// What an import writes beside its film.
+const TRAIN: &str = "train.npz";
+const TEST: &str = "test.npz";
+const SHEET: &str = "contact-sheet.png";
+pub(crate) const TASK: &str = "task.toml";
+
+/// Refuses to write over a video, or a picture among those of one.
+fn spare_videos(request: &Request) -> Result<()> {
+    let real = |path: &Path| path.canonicalize().ok();
+    let written: Vec<_> = [TRAIN, TEST, FILM].iter().filter_map(|name| real(&request.out.join(name))).collect();
+    for video in &request.videos {
+        let Some(there) = real(video) else { continue };
+        ensure!(
+            !written.contains(&there) && real(&request.out) != Some(there),
+            "{} would be written over; choose another --out",
+            video.display()
+        );
+    }
+    Ok(())
+}
+
 /// Told how far an import is: frames decoded, of all.
 pub type Progress<'a> = &'a dyn Fn(usize, usize);
 
@@ -83,6 +104,9 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     ensure!(request.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps: must be a positive number");
     let (new_folder, name) = (request.folder_is_new()?, request.task_name()?);
     check_system(request)?;
+    if !new_folder {
+        spare_videos(request)?;
+    }
     let mut reel = Reel::open(request, request.clip_frames.unwrap_or(request.least_frames()))?;
     let parts = |reel: &Reel| reel.takes.iter().map(|take| take.parts.clone()).collect::<Vec<_>>();
     let cut = cut(request, &parts(&reel));
@@ -109,19 +133,19 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     let film = clips::film(request, &film, reel.film_numbers())?;
     let counts = [&train.train, &train.valid, &test.test].map(|clips| clips.dim().0);
     let fill = |folder: &Path| {
-        train.write(&folder.join("train.npz"))?;
-        test.write(&folder.join("test.npz"))?;
+        train.write(&folder.join(TRAIN))?;
+        test.write(&folder.join(TEST))?;
         film.write(&folder.join(FILM))?;
-        write_contact_sheet(&folder.join("contact-sheet.png"), &sheet)?;
+        write_contact_sheet(&folder.join(SHEET), &sheet)?;
         // The last one: a folder with a task is complete.
-        atomic::write_file(&folder.join("task.toml"), |file| Ok(file.write_all(text.as_bytes())?))
+        atomic::write_file(&folder.join(TASK), |file| Ok(file.write_all(text.as_bytes())?))
     };
     if new_folder {
         atomic::write_folder(&request.out, fill)?
     } else {
         // Until all is written the folder holds no task: the old one is of other clips.
         storage()
-            .remove_if_there(&request.out.join("task.toml"))
+            .remove_if_there(&request.out.join(TASK))
             .with_context(|| format!("cannot replace {}", request.out.display()))?;
         fill(&request.out)?
     }
@@ -135,7 +159,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
     let mut warnings = reel.left_out.clone();
     warnings.extend(warnings::of(request, &reel, square, &cut, &moving, counts));
     Ok(Imported {
-        task_file: request.out.join("task.toml"),
+        task_file: request.out.join(TASK),
         takes: used.collect(),
         square,
         metres_per_pixel: record.metres_per_pixel(request.side),

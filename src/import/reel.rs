@@ -1,7 +1,7 @@
 //! The takes of one request: videos, or parts of them, and the frames that are used.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{self, PathBuf};
 use std::rc::Rc;
 
 use anyhow::{Context, Result, ensure};
@@ -278,7 +278,8 @@ impl Take {
     fn source(&self) -> video::Source {
         let frames = self.ends();
         video::Source {
-            file: self.video.path.to_string_lossy().into_owned(),
+            // Read again from other folders than this.
+            file: path::absolute(&self.video.path).unwrap_or(self.video.path.clone()).to_string_lossy().into_owned(),
             frames,
             first_seconds: self.kept.first_seconds,
             held_out_from: self.kept.frames.get(self.parts.train.end).copied().unwrap_or(frames[1]),

@@ -9,6 +9,7 @@ use super::request::Request;
 use crate::network::cells;
 use crate::network::cells::text::EquationTable;
 use crate::network::system::EquationEntry;
+use crate::support::significant::significant;
 use crate::support::toml_values::quoted;
 use crate::tasks::Task;
 use crate::tasks::video::Video;
@@ -39,7 +40,7 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
         _ => "frames of the video from one frame to the next: parameters are in frames",
     };
     let scale = match video.metres_per_pixel(request.side) {
-        Some(metres) => format!("# A pixel of a frame is {metres:.6} m.\n"),
+        Some(metres) => format!("# A pixel of a frame is {} m.\n", significant(metres, 5)),
         None => {
             "# The scale is not known: lengths are learned in pixels of a frame, and measured in pixels of the video.\n"
                 .into()

@@ -58,14 +58,21 @@ impl Kept {
     pub fn choose(frames: usize, times: Option<&[f64]>, fps: Option<f64>, part: Part, step: usize) -> Result<Self> {
         ensure!(step > 0, "--step 0: every frame is 1");
         let range = range(frames, times, fps, part)?;
-        let Some(times) = times.filter(|_| fps.is_none()) else {
+        let Some(all) = times.filter(|_| fps.is_none()) else {
             let Some(fps) = fps else { bail!("it has no time stamps; say with --fps how many frames it has a second") };
             let first_seconds = range.start as f64 / fps;
             let (frames, interval) = (range.step_by(step).collect(), step as f64 / fps);
             return Ok(Kept { frames, interval, first_seconds, clock: Clock::Given });
         };
-        let times = &times[range.clone()];
+        let times = &all[range.clone()];
         let (first, last) = (times[0], times[times.len() - 1]);
+        if let ([only], [begin, .., end]) = (times, all)
+            && end > begin
+        {
+            // A frame alone lasts as long as those of the video do.
+            let interval = (end - begin) / (all.len() - 1) as f64 * step as f64;
+            return Ok(Kept { frames: vec![range.start], interval, first_seconds: *only, clock: Clock::Regular });
+        }
         ensure!(
             times.len() > 1 && last > first,
             "its {} frames have no times that run on; say with --fps how many it has a second",

@@ -73,8 +73,8 @@ impl Clock {
         clock
     }
 
-    /// For people; none where nothing was found.
-    pub fn text(&self) -> Option<String> {
+    /// For people; none where nothing was found. `numbers`: which frames of the video these are, if that is known.
+    pub fn text(&self, numbers: &[u64]) -> Option<String> {
         if self.converted {
             return Some(format!(
                 "{} frames are shown twice and after {} some are lost: too many for a camera. The video was rather converted \
@@ -83,7 +83,8 @@ impl Clock {
                 self.lost_after.len()
             ));
         }
-        let list = |frames: &[usize]| frames.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+        let number = |frame: &usize| numbers.get(*frame).copied().unwrap_or(*frame as u64).to_string();
+        let list = |frames: &[usize]| frames.iter().map(number).collect::<Vec<_>>().join(", ");
         let lost = (!self.lost_after.is_empty()).then(|| format!("frames are lost after {}", list(&self.lost_after)));
         let twice = (!self.shown_twice.is_empty()).then(|| format!("shown twice are {}", list(&self.shown_twice)));
         let said: Vec<_> = lost.into_iter().chain(twice).collect();
@@ -149,7 +150,10 @@ mod tests {
         twice.insert(95, 94.0);
         let clock = Clock::of(&seen(&twice), 2);
         assert_eq!((clock.shown_twice.as_slice(), clock.ticks[95], clock.ticks[96]), (&[94][..], 94, 95));
-        assert_eq!(clock.text().unwrap(), "shown twice are 94 (taken into account)");
+        assert_eq!(clock.text(&[]).unwrap(), "shown twice are 94 (taken into account)");
+        // By their numbers in the video, where these are known.
+        let numbers: Vec<u64> = (118..318).collect();
+        assert_eq!(clock.text(&numbers).unwrap(), "shown twice are 212 (taken into account)");
         // A frame that comes late: shown twice the one before, then a step of two. However many, they make up for each other.
         let late: Vec<f64> = (0..240).map(|tick| f64::from(if tick % 63 == 32 { tick - 1 } else { tick })).collect();
         let clock = Clock::of(&seen(&late), 2);
@@ -172,8 +176,8 @@ mod tests {
             let frames = (1.4 * stored) as usize;
             let at = |frame: usize| fallen[(frame as f64 / stored * filmed + 0.83) as usize];
             let clock = Clock::of(&(0..frames).flat_map(at).collect::<Vec<_>>(), 2);
-            assert_eq!(clock.ticks, Clock::even(frames).ticks, "{filmed} as {stored}: {:?}", clock.text());
-            assert!(clock.text().unwrap().contains("another frame rate"), "{:?}", clock.text());
+            assert_eq!(clock.ticks, Clock::even(frames).ticks, "{filmed} as {stored}: {:?}", clock.text(&[]));
+            assert!(clock.text(&[]).unwrap().contains("another frame rate"), "{:?}", clock.text(&[]));
         }
     }
 

@@ -94,6 +94,8 @@ struct Seen {
     teaches: bool,
     /// When each frame was filmed.
     ticks: Vec<usize>,
+    /// Which frames of the video they are, counted from 0; empty where the film does not say.
+    numbers: Vec<u64>,
 }
 
 /// Measures a finished run, and writes `measurement.json`, `measurement.html`, `positions.csv` and `overlay.gif` into
@@ -130,6 +132,15 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
         notes.push("the run's own verdict is \"not found\": do not trust these numbers before you know why".into());
     }
     notes.extend(subject.notes(&tracks, &explained, &uncertainty));
+    let gone = videos.iter().zip(&passes).filter(|(_, passed)| !passed.as_filmed).map(|(video, _)| video.name.as_str());
+    let gone: Vec<&str> = gone.collect();
+    if !gone.is_empty() {
+        notes.push(format!(
+            "{}: no longer where it was imported from, or another video by now; the colour tracker and the overlay take the \
+             frames as the model sees them",
+            gone.join(", ")
+        ));
+    }
     if let Err(error) = &tracker {
         notes.push(format!("colour tracker: {error:#}"));
     }

@@ -9,6 +9,7 @@ use super::dynamics::Dynamics;
 use super::{Measured, Seen};
 use crate::network::cells::Coordinates;
 use crate::support::atomic;
+use crate::support::significant::six_digits;
 use crate::support::statistics::upper_median;
 
 /// Where the equation has what is seen of an object in one frame: pixels of a frame, and those per unit of `dt`.
@@ -98,9 +99,10 @@ pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
                     true => "begin",
                     false => "held out",
                 };
+                let number = seen.numbers.get(frame).map_or(frame, |number| *number as usize);
                 let name = seen.name.replace(',', "_");
                 let seconds = seen.first_seconds + second * seen.ticks[frame] as f64;
-                write!(file, "{name},{frame},{seconds:.6},{object},{part}")?;
+                write!(file, "{name},{number},{},{object},{part}", six_digits(seconds))?;
                 let at = [at[0], at[1]];
                 let numbers = [
                     scale.in_video(at),
@@ -110,7 +112,7 @@ pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
                     scale.velocity_on_axes(fitted.velocity),
                 ];
                 for number in numbers.iter().flatten() {
-                    write!(file, ",{number:.6}")?;
+                    write!(file, ",{}", six_digits(*number))?;
                 }
                 writeln!(file)?;
             }

@@ -40,6 +40,8 @@ pub struct Passed {
     /// Pixels of a picture to a pixel of a frame, and where a frame's corner lies in it.
     pub pixels: f64,
     pub corner: [f64; 2],
+    /// Whether the frames were those that were filmed.
+    pub as_filmed: bool,
 }
 
 impl<'a> Frames<'a> {
@@ -117,7 +119,12 @@ impl<'a> Frames<'a> {
         let tracker = ColourTracker::learn(&learned_from);
         drop(learned_from);
         let kept = spread(self.count(), PICTURES);
-        let mut passed = Passed { tracked: vec![[f64::NAN; 2]; self.count()], pixels: 1.0, ..Passed::default() };
+        let mut passed = Passed {
+            tracked: vec![[f64::NAN; 2]; self.count()],
+            pixels: 1.0,
+            as_filmed: self.as_filmed(),
+            ..Passed::default()
+        };
         let all: Vec<usize> = (0..self.count()).collect();
         self.each(&all, |place, frame| {
             let (seen, [left, top]) = self.seen(&frame);

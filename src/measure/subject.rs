@@ -10,14 +10,16 @@ use super::fit::{Start, Track};
 use super::scale::Scale;
 use super::sight::{self, Positions, Sight};
 use super::source::{Frames, Passed};
-use crate::datasets::dataset::Dataset;
+use crate::datasets::dataset::{Dataset, are_the_same};
 use crate::datasets::files::{ClipShape, Split};
 use crate::datasets::film::{FILM, FilmFile};
 use crate::datasets::iterators::Clips;
+use crate::import::TASK;
 use crate::import::hold_out::Parts;
 use crate::network::System;
 use crate::network::cells::{CellKind, Coordinates, PhysicalParameter};
 use crate::network::physics_models::PhysicsNet;
+use crate::tasks;
 use crate::tasks::video::Video;
 use crate::training::config::Config;
 
@@ -33,6 +35,8 @@ pub(super) struct Subject<'a> {
     ratio: usize,
     /// When the frames of each video were filmed.
     pub(super) clocks: Vec<Clock>,
+    /// Whether the task's file beside the clips says something else of the videos than the run.
+    pub(super) imported_again: bool,
 }
 
 impl<'a> Subject<'a> {
@@ -50,16 +54,23 @@ impl<'a> Subject<'a> {
         let system = &model.system;
         let training = Dataset::open(&path, &ClipShape::training(task))?;
         ensure!(
-            clips.is_empty() || training.learned_from() == clips,
+            clips.is_empty() || are_the_same(&training.learned_from(), clips),
             "the clips in {} are not those that the run learned from: the video was imported again since. Import it as it \
              was, or train a new run on what is there now",
             path.display()
         );
         let film = FilmFile::read(&path.with_file_name(FILM), record.sources.len(), system.side, system.channels)?;
         let train = training.clips(Split::Train, device);
+        let there = path.with_file_name(TASK).to_str().and_then(|file| tasks::find(file).ok());
+        let imported_again = there.is_some_and(|there| there.video().is_some_and(|video| video != record));
         let (scale, ratio) = (Scale::new(record, system), record.step / film_step);
         let clocks = film.videos.iter().map(|frames| Clock::even(frames.dim().0)).collect();
-        Ok(Subject { config, model, record, film, train, scale, ratio, clocks })
+        Ok(Subject { config, model, record, film, train, scale, ratio, clocks, imported_again })
+    }
+
+    /// Of each video which frames of it the film holds; empty where that does not say.
+    pub(super) fn frame_numbers(&self) -> impl Iterator<Item = &[u64]> {
+        self.film.numbers.iter().map(|numbers| numbers.as_slice().unwrap_or_default())
     }
 
     pub(super) fn look(&self) -> Result<Vec<Sight>> {
@@ -173,6 +184,7 @@ impl<'a> Subject<'a> {
             trained: self.trained(video),
             teaches: self.teaches(video),
             ticks: self.clocks[video].ticks.clone(),
+            numbers: self.film.numbers[video].to_vec(),
         };
         sights.iter().enumerate().map(seen).collect()
     }

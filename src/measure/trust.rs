@@ -51,9 +51,17 @@ impl Subject<'_> {
 
     pub(super) fn notes(&self, tracks: &[Track], explained: &Explained, uncertainty: &Uncertainty) -> Vec<String> {
         let mut notes = Vec::new();
-        for (clock, name) in self.clocks.iter().zip(self.record.source_names()) {
-            let said = clock.text();
+        let names = self.record.source_names();
+        for ((clock, name), numbers) in self.clocks.iter().zip(names).zip(self.frame_numbers()) {
+            let said = clock.text(numbers);
             notes.extend(said.map(|said| format!("{name}: by the steps of what moves, {said}")));
+        }
+        if self.imported_again {
+            notes.push(
+                "the video was imported again since the run was begun, with another scale or other times; here those count \
+                 with which the run was begun"
+                    .into(),
+            );
         }
         notes.extend(of_unknowns(explained, uncertainty));
         notes.extend(of_what_is_beside(tracks, explained));
@@ -74,7 +82,9 @@ impl Subject<'_> {
         }
         if self.scale.length_unit() == "px" {
             notes.push(
-                "the scale is not known (--scale, --pixels-per-metre): lengths are in pixels of the video".into(),
+                "the scale was not known when the video was imported (--scale, --pixels-per-metre): lengths are in pixels of \
+                 the video"
+                    .into(),
             );
         }
         notes

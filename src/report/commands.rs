@@ -8,12 +8,17 @@ use super::groups::{Group, choices_of, without_place};
 use crate::generators::{Counts, plain_test_settings};
 use crate::runs::run::{Run, RunData};
 use crate::support::command_line::CommandOptions;
+use crate::tasks::{self, Task};
 use crate::training::layers::USUAL_DATA;
 
 /// All commands of a group in a shell's notation, one a line: the data, all runs at once, and each run by itself. The records of
 /// its runs lie in these folders.
 pub(super) fn commands(group: &Group, records: &[PathBuf]) -> Result<Vec<String>> {
     let mut lines: Vec<String> = Vec::new();
+    if !is_built_in(&group.task) {
+        let (name, config) = (&group.task.name, records[0].join("config.toml"));
+        lines.push(format!("# {name}.toml is what stands under [task] in {}, as a file of its own", config.display()));
+    }
     for run in &group.runs {
         let data = generate(run)?;
         lines.extend(data.into_iter().filter(|line| !lines.contains(line)).collect::<Vec<_>>());
@@ -36,7 +41,10 @@ pub(super) fn commands(group: &Group, records: &[PathBuf]) -> Result<Vec<String>
 /// The data of a run, and where that is not all, what is known besides.
 fn generate(run: &Run) -> Result<Vec<String>> {
     let task = &run.config.task;
-    let options = CommandOptions::default().with("task", &task.name);
+    if task.scene.is_none() {
+        return Ok(vec!["# its clips were not generated".into()]);
+    }
+    let options = CommandOptions::default().with("task", named(task));
     let options = options.with_each("out", data_folder(run));
     let unknown = "# no run says how these data were made:";
     let Some(data) = &run.data else { return Ok(vec![unknown.into(), options.shell("generate")?]) };
@@ -66,7 +74,8 @@ fn sweep(runs: &[Run], group: &Group) -> Option<CommandOptions> {
     let seeds: Vec<_> = runs.iter().map(|run| run.config.seed.to_string()).collect();
     // 0 is what a run had that left the number to the machine and did not finish.
     let threads = Some(threads(first)).filter(|threads| *threads > 0);
-    let options = task_and_recipe(group).with("seeds", seeds.join(",")).with_each("set", &group.changes);
+    let options = CommandOptions::default().with("task", named(&group.task)).with("recipe", &group.recipe);
+    let options = options.with("seeds", seeds.join(",")).with_each("set", &group.changes);
     let options = options.with_each("name", (!group.changes.is_empty()).then(|| name(group)));
     let options = options.with_each("threads-per-run", threads.map(|threads| threads.to_string()));
     let options = options.with("device", &first.config.device).with_each("data", data_folder(first));
@@ -81,11 +90,13 @@ fn runs_of_data(run: &Run, group: &Group) -> Option<String> {
     (!folders.is_empty()).then(|| format!("runs{folders}"))
 }
 
-/// The command for one run. With the config of its record where `--set` cannot say what differs; what is changed goes to a
-/// folder of its own, the one that `sweep` would give it.
+/// The command for one run. With the config of its record where `--set` cannot say what differs, or which alone holds its
+/// task; what is changed goes to a folder of its own, the one that `sweep` would give it.
 fn one(run: &Run, group: &Group, record: &Path) -> CommandOptions {
-    let options = task_and_recipe(group);
-    let options = if said_by_changes(run, group) {
+    let options = CommandOptions::default();
+    let options = if is_built_in(&group.task) { options.with("task", &group.task.name) } else { options };
+    let options = options.with("recipe", &group.recipe);
+    let options = if is_built_in(&group.task) && said_by_changes(run, group) {
         options.with_each("set", &group.changes).with_each("data", data_folder(run))
     } else {
         options.with("config", record.join("config.toml"))
@@ -110,8 +121,14 @@ fn data_folder(run: &Run) -> Option<String> {
     run.config.data_folder().filter(|folder| folder != USUAL_DATA)
 }
 
-fn task_and_recipe(group: &Group) -> CommandOptions {
-    CommandOptions::default().with("task", &group.task.name).with("recipe", &group.recipe)
+/// Whether the programs know a task by its name.
+fn is_built_in(task: &Task) -> bool {
+    tasks::builtin(&task.name).is_some()
+}
+
+/// As which the programs are given a task.
+fn named(task: &Task) -> String {
+    if is_built_in(task) { task.name.clone() } else { format!("{}.toml", task.name) }
 }
 
 /// The name of a changed recipe.

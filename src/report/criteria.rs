@@ -17,17 +17,17 @@ pub(super) enum Status {
     Succeeded,
     /// Finished, but not within it.
     Missed,
-    /// Finished, of a task without a criterion.
+    /// Finished, of a task without a criterion, or of which nothing can be held against it.
     Unjudged,
     Unfinished,
 }
 
 pub(super) fn status(run: &Run) -> Status {
-    match (&run.summary, criterion(&run.config.task)) {
-        (None, _) => Status::Unfinished,
-        (Some(_), None) => Status::Unjudged,
-        (Some(summary), Some(limits)) if keeps(limits, run, summary) => Status::Succeeded,
-        (Some(_), Some(_)) => Status::Missed,
+    let Some(summary) = &run.summary else { return Status::Unfinished };
+    match criterion(&run.config.task).and_then(|limits| keeps(limits, run, summary)) {
+        Some(true) => Status::Succeeded,
+        Some(false) => Status::Missed,
+        None => Status::Unjudged,
     }
 }
 
@@ -36,17 +36,21 @@ pub(super) fn criterion(task: &Task) -> Option<&Success> {
     (!task.success.is_empty()).then_some(&task.success)
 }
 
-/// Whether a finished run keeps all limits. One that no limit is for does not, nor one that lacks a number.
-fn keeps(limits: &Success, run: &Run, summary: &Summary) -> bool {
+/// Whether a finished run keeps all limits; none if no limit is for it. A parameter whose truth is not known and what no frame
+/// shows (L_extrap, where the test clips end before) are not judged; one that lacks another number does not keep its limit.
+fn keeps(limits: &Success, run: &Run, summary: &Summary) -> Option<bool> {
     let learned = run.config.task.system.cell.parameters.iter().filter(|parameter| run.config.learns(parameter));
     let errors = learned.filter_map(|parameter| {
         let limit = *limits.parameters.get(parameter.name)?;
-        Some(summary.error_percent(parameter.name).is_some_and(|error| error.abs() <= limit))
+        let Some(learned) = summary.parameters.get(parameter.name) else { return Some(false) };
+        learned.error_percent().map(|error| error.abs() <= limit)
     });
     let losses = &summary.test.scores.losses;
-    let losses = limits.losses.iter().map(|(loss, limit)| losses.of(*loss).is_some_and(|value| value <= *limit));
-    let kept: Vec<bool> = errors.chain(losses).collect();
-    !kept.is_empty() && kept.into_iter().all(|kept| kept)
+    let losses = limits.losses.iter().filter_map(|(loss, limit)| {
+        let clips_end_before = *loss == Loss::Extrap && losses.extrap_loss.is_none();
+        (!clips_end_before).then(|| losses.of(*loss).is_some_and(|value| value <= *limit))
+    });
+    errors.chain(losses).reduce(|all, kept| all && kept)
 }
 
 /// Whether a reconstruction with this L_rec shows the objects; none where no yardstick says so.
@@ -66,5 +70,5 @@ pub(super) fn reaches_paper(run: &Run) -> bool {
     let parameters = task.system.cell.parameters.iter().filter_map(|parameter| error(parameter.name)).collect();
     let losses = protocol().yardstick(&task.name).cloned().unwrap_or_default();
     let limits = Success { parameters, losses, note: None };
-    run.summary.as_ref().is_some_and(|summary| keeps(&limits, run, summary))
+    run.summary.as_ref().is_some_and(|summary| keeps(&limits, run, summary) == Some(true))
 }

@@ -67,10 +67,11 @@ impl Group {
         self.runs.iter().filter_map(|run| Some((run, run.summary.as_ref()?)))
     }
 
-    /// Successes; none of a task without a criterion.
+    /// Successes; none of a task without a criterion, or where none of its runs can be held against it.
     pub(super) fn succeeded(&self) -> Option<usize> {
-        let succeeded = self.runs.iter().filter(|run| criteria::status(run) == Status::Succeeded).count();
-        criteria::criterion(&self.task).map(|_| succeeded)
+        let all: Vec<Status> = self.runs.iter().map(criteria::status).collect();
+        let judged = criteria::criterion(&self.task).is_some() && all.iter().any(|status| *status != Status::Unjudged);
+        judged.then(|| all.iter().filter(|status| **status == Status::Succeeded).count())
     }
 
     /// Runs that say of themselves that they found what they looked for, and how many say anything.

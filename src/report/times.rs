@@ -34,7 +34,7 @@ impl TimeToAnswer {
     }
 
     fn of_run(group: &Group, run: &Run) -> Option<Self> {
-        let (summary, course) = (run.summary.as_ref()?, run.known_course()?);
+        let (summary, course) = (run.summary.as_ref()?, run.course_of_its_weights()?);
         let within = |percent: f64| {
             let reached = group.learned().map(|parameter| {
                 let truth = summary.parameters.get(parameter.name)?.truth?;

@@ -8,7 +8,7 @@ use super::metrics::{self, Kind, Record};
 use super::names::METRICS;
 
 /// All records of a run, in their order.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Course {
     records: Vec<Record>,
 }
@@ -20,6 +20,17 @@ impl Course {
     /// A missing file, or the number of a damaged line.
     pub fn read(folder: &Path) -> Result<Self> {
         Ok(Course { records: metrics::read(&folder.join(METRICS))? })
+    }
+
+    /// The same up to the best validation of its last phase: the course of the weights that a phase with `end_at_best` ends
+    /// with.
+    pub fn to_best(&self) -> Self {
+        let phase = self.phase();
+        let valid = |record: &Record| record.kind == Kind::Valid && Some(record.phase.as_str()) == phase;
+        let scores = self.records.iter().enumerate().filter(|(_, record)| valid(record));
+        let best = scores.filter_map(|(place, record)| Some((place, record.score?))).min_by(|a, b| a.1.total_cmp(&b.1));
+        let kept = best.map_or(self.records.len(), |(place, _)| place + 1);
+        Course { records: self.records[..kept].to_vec() }
     }
 
     /// Steps taken until the last record.
@@ -70,6 +81,29 @@ impl Course {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_the_last_phase_gave_up_is_left_out() {
+        let record = |(kind, phase, step, score): (Kind, &str, u64, Option<f64>)| Record {
+            score,
+            pred_loss: score,
+            ..Record::new(kind, phase, step)
+        };
+        let (valid, train) = (Kind::Valid, Kind::Train);
+        let before = [(valid, "discover", 5, Some(0.1)), (valid, "join", 5, Some(3.0)), (train, "join", 6, None)];
+        let course = |after: &[(Kind, &str, u64, Option<f64>)]| Course {
+            records: before.iter().chain(after).copied().map(record).collect(),
+        };
+        let last = |course: &Course| (course.to_best().steps(), course.to_best().last_validation("pred_loss"));
+        // Of equal ones the first is kept, as in a training; a score that is not a number is none.
+        let worse =
+            course(&[(valid, "join", 10, Some(2.0)), (valid, "join", 15, Some(2.0)), (valid, "join", 20, None)]);
+        assert_eq!(last(&worse), (10, Some(2.0)));
+        assert_eq!(last(&course(&[(valid, "join", 10, Some(4.0))])), (5, Some(3.0)));
+        assert_eq!(last(&course(&[(valid, "join", 10, Some(2.5))])), (10, Some(2.5)));
+        let unfinished = Course { records: vec![record((train, "join", 6, None))] };
+        assert_eq!(unfinished.to_best().steps(), 6);
+    }
 
     #[test]
     fn an_answer_counts_from_where_it_stays() {

@@ -84,6 +84,14 @@ impl Run {
         self.course.as_ref().ok()
     }
 
+    /// The course of the weights that a finished run has: without what `join` did after its best validation, where it ended
+    /// with the weights of that.
+    pub fn course_of_its_weights(&self) -> Option<Course> {
+        let course = self.known_course()?;
+        let ended_at_best = self.config.choices.get("join.end_at_best").is_some_and(|value| value == "true");
+        Some(if ended_at_best && course.phase() == Some("join") { course.to_best() } else { course.clone() })
+    }
+
     /// Steps until the end, or until the last record of a run that has not finished.
     pub fn steps(&self) -> Option<u64> {
         self.summary.as_ref().map(|summary| summary.steps).or_else(|| self.known_course().map(Course::steps))

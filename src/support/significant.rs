@@ -9,9 +9,20 @@ pub fn significant(value: f64, digits: i32) -> String {
     format!("{value:.*}", (digits - before).clamp(0, 6) as usize)
 }
 
+/// With six decimals; a small number with an exponent instead, so that it keeps its digits.
+pub fn six_digits(value: f64) -> String {
+    if value != 0.0 && value.abs() < 1e-2 { format!("{value:.5e}") } else { format!("{value:.6}") }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::significant;
+    use super::{significant, six_digits};
+
+    #[test]
+    fn small_numbers_keep_their_digits() {
+        let numbers = [0.0, 12.5, -0.25, 5.0e-7, -8.333_333_3e-5].map(six_digits);
+        assert_eq!(numbers, ["0.000000", "12.500000", "-0.250000", "5.00000e-7", "-8.33333e-5"]);
+    }
 
     #[test]
     fn everyday_numbers_have_no_exponent() {

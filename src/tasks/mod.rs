@@ -353,7 +353,11 @@ fn parameter<'a>(equation: &'a CellKind, section: &str, symbol: &str) -> Result<
     })
 }
 
-fn check_name(name: &str) -> Result<()> {
+/// Refuses a name that no task can have.
+///
+/// # Errors
+/// What may stand in one.
+pub fn check_name(name: &str) -> Result<()> {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_' || c == '-';
     ensure!(
         !name.is_empty() && name.len() <= 64 && name.chars().all(plain) && !name.starts_with('-'),

@@ -390,6 +390,7 @@ impl Scene {
         self.check_looks(system)?;
         match self.look {
             Look::Digits if objects != 2 || channels != 3 => bail!("digits are two, in frames of 3 channels"),
+            Look::Balls if cell.coordinates == Coordinates::Angle => bail!("an angle is drawn as a bar"),
             Look::Bar if cell.coordinates != Coordinates::Angle => bail!("a bar is drawn at the angle of a pendulum"),
             Look::Balls if self.objects.colours.is_empty() && colour(objects - 1, channels).is_none() => {
                 bail!("{objects} balls: there are colours for {} only; say others in objects.colours", COLOURS.len())

@@ -90,18 +90,22 @@ impl Source {
     }
 
     fn file_name(&self) -> &str {
-        self.file.rsplit('/').next().unwrap_or(&self.file)
+        let file = self.file.trim_end_matches('/');
+        file.rsplit('/').next().unwrap_or(file)
     }
 }
 
 impl Video {
-    /// Of each source its file's name, and its frames where others are of the same file.
+    /// Of each source its file's name (with its folder, where another file has the same name), and its frames where others are
+    /// of the same file.
     pub fn source_names(&self) -> Vec<String> {
         let name = |source: &Source| {
             let alone = self.sources.iter().filter(|other| other.file == source.file).count() == 1;
             let [first, end] = source.frames;
             let frames = if alone { String::new() } else { format!(" {first}..{end}") };
-            source.file_name().to_string() + &frames
+            let same_name = |other: &Source| other.file != source.file && other.file_name() == source.file_name();
+            let name = if self.sources.iter().any(same_name) { &source.file } else { source.file_name() };
+            name.to_string() + &frames
         };
         self.sources.iter().map(name).collect()
     }
@@ -151,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dt_goes_with_the_time_between_frames() {
+    fn dt_goes_with_the_time_between_frames_and_sources_have_names() {
         let video = |unit: &str| Video {
             size: [64, 48],
             crop: [0, 0, 48],
@@ -172,6 +176,14 @@ mod tests {
             let said = video(unit).check(1.01 * dt).unwrap_err().to_string();
             assert!(said.contains("import the video again with --fps"), "{said}");
         }
+        let with = |files: &[&str]| {
+            let source = |file: &&str| Source { file: (*file).into(), ..video("s").sources[0].clone() };
+            Video { sources: files.iter().map(source).collect(), ..video("s") }.source_names()
+        };
+        // A folder of pictures may end in a slash; files of one name are told apart by their folders.
+        assert_eq!(with(&["films/throw1/", "b.mp4"]), ["throw1", "b.mp4"]);
+        assert_eq!(with(&["one/clip.mp4", "two/clip.mp4", "b.mp4"]), ["one/clip.mp4", "two/clip.mp4", "b.mp4"]);
+        assert_eq!(with(&["one/clip.mp4", "one/clip.mp4"]), ["clip.mp4 0..60"; 2]);
         assert!(video("hours").check(0.1).unwrap_err().to_string().contains("s, ms, frames"));
     }
 }

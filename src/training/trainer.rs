@@ -11,6 +11,7 @@ use tch::{Device, Tensor};
 use super::base::{Intervals, Outcome, Session, Validation};
 use super::config::Config;
 use super::observer::Observer;
+use crate::datasets::dataset::are_the_same;
 use crate::datasets::iterators::Clips;
 use crate::kernels::{Flushing, Kernels, KernelsAlone, own_stream};
 use crate::network::cells::{Actions, Coordinates, State};
@@ -147,7 +148,7 @@ impl<'a> Trainer<'a> {
             begun_with.clone_from(&self.clips);
         }
         ensure!(
-            self.clips.is_empty() || *begun_with == self.clips,
+            self.clips.is_empty() || are_the_same(&self.clips, begun_with),
             "the clips are not those that the run was begun with; put them back, or begin another run in another folder"
         );
         if self.session.state.steps == 0 {

@@ -132,7 +132,7 @@ impl Chart {
 
     /// Where the horizontal axis ends.
     fn end(&self) -> f64 {
-        self.spans.last().map_or(1.0, |span| span.last).max(1.0)
+        self.spans.last().map(|span| span.last).filter(|last| *last > 0.0).unwrap_or(1.0)
     }
 
     fn values(&self) -> impl Iterator<Item = f64> {
@@ -179,7 +179,7 @@ impl Chart {
                 .y_desc(self.values)
                 .x_labels(11)
                 .y_labels(8)
-                .x_label_formatter(&|step| format!("{step:.0}"))
+                .x_label_formatter(&|place| if place.fract() == 0.0 { format!("{place:.0}") } else { short(*place) })
                 .y_label_formatter(&|value| short(*value))
                 .label_style(text(&INK))
                 .axis_desc_style(text(&INK))

@@ -17,6 +17,7 @@ use super::{arrays, gif};
 use crate::evaluation::rollout::Rollout;
 use crate::network::System;
 use crate::network::cells::Coordinates;
+use crate::support::significant::six_digits;
 use crate::support::storage::storage;
 use crate::support::{atomic, memory};
 
@@ -171,7 +172,7 @@ fn states(system: &System, rollout: &Rollout) -> String {
     let mut text = format!("frame,time{}\n", columns.collect::<String>());
     for place in 0..rollout.positions.size()[0] {
         let frame = system.input_steps as i64 - 1 + place;
-        text += &format!("{frame},{:.4}", place as f64 * system.dt);
+        text += &format!("{frame},{}", six_digits(place as f64 * system.dt));
         for object in 0..system.objects {
             for states in [&rollout.positions, &rollout.velocities] {
                 for column in axes * object..axes * (object + 1) {

@@ -1,5 +1,5 @@
 //! How far a training has come, in one file that is replaced in one step: weights, Adam's slots, the step, and the weights of
-//! the best validation.
+//! the best validation; and which clips they were learned from.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,6 +14,8 @@ use crate::support::storage;
 use crate::training::optimizers::{Optimizer, OptimizerKind};
 
 const CHECKPOINT: &str = "checkpoint.safetensors";
+/// Checksums of the clips: the letters of their text.
+const CLIPS: &str = "clips";
 /// Step and seconds, with step and error of the best validation; and what stands before the name of a slot, and of a weight at
 /// the best validation.
 const PROGRESS: &str = "progress";
@@ -28,6 +30,8 @@ pub(super) struct Progress {
     pub seconds: f64,
     /// None before the first checkpoint, and of a checkpoint of an earlier version.
     pub best: Option<Best>,
+    /// Checksums of the clips that it learns from; empty where nobody says them, and in a checkpoint of an earlier version.
+    pub clips: String,
 }
 
 /// The weights at the least validation error so far.
@@ -77,14 +81,17 @@ pub(super) fn write(
     variables: &[(String, Tensor)],
     optimizer: &Optimizer,
 ) -> Result<()> {
-    let Progress { step, seconds, best } = progress;
+    let Progress { step, seconds, best, clips } = progress;
     let mut numbers = vec![*step as f64, *seconds];
     numbers.extend(best.iter().flat_map(|Best { validation: it, .. }| [it.step as f64, it.error]));
     let kept = best.iter().flat_map(|best| &best.weights);
     let kept = kept.map(|(name, weight)| (format!("{BEST}{name}"), weight.shallow_clone()));
     let slots = optimizer.slots().into_iter().map(|(name, slot)| (format!("{SLOT}{name}"), slot));
     let all = variables.iter().map(|(name, variable)| (name.clone(), variable.detach())).chain(slots);
-    let all: Vec<_> = all.chain(kept).chain([(PROGRESS.to_string(), Tensor::from_slice(&numbers))]).collect();
+    let numbers = Tensor::from_slice(&numbers);
+    let letters: Vec<i64> = clips.bytes().map(i64::from).collect();
+    let clips = (!letters.is_empty()).then(|| (CLIPS.to_string(), Tensor::from_slice(&letters)));
+    let all: Vec<_> = all.chain(kept).chain([(PROGRESS.to_string(), numbers)]).chain(clips).collect();
     weights::write(&folder.join(CHECKPOINT), &all)
 }
 
@@ -108,6 +115,8 @@ fn restore(
     let _guard = tch::no_grad_guard();
     let mut saved: BTreeMap<String, Tensor> = saved.into_iter().collect();
     let progress: Vec<f64> = saved.remove(PROGRESS).context("it holds no step")?.to_kind(Kind::Double).try_into()?;
+    let letters: Vec<i64> = saved.remove(CLIPS).map_or(Ok(Vec::new()), TryInto::try_into)?;
+    let clips = letters.into_iter().map(|letter| char::from(letter as u8)).collect();
     let (step, seconds, validation) = match progress[..] {
         [step, seconds] => (step, seconds, None),
         [step, seconds, at, error] => (step, seconds, Some(Validation { step: at as u64, error })),
@@ -128,5 +137,5 @@ fn restore(
     }
     let slot = |(name, value): (String, Tensor)| Some((name.strip_prefix(SLOT)?.to_string(), value));
     optimizer.restore(step as u64, saved.into_iter().filter_map(slot).collect())?;
-    Ok(Progress { step: step as u64, seconds, best })
+    Ok(Progress { step: step as u64, seconds, best, clips })
 }

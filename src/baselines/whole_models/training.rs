@@ -16,6 +16,7 @@ use super::config::{self, MODEL, WholeConfig};
 use super::frame_model::{self, Batch, FrameModel, named_variables, prediction_error};
 use super::gaussian::normal_numbers;
 use super::scores::{SCORES, Validation, WholeScores};
+use crate::datasets::dataset::are_the_same;
 use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::kernels::{Repeated, own_stream};
 use crate::network::System;
@@ -44,6 +45,8 @@ pub struct WholeData<'a> {
     pub rewards: Option<&'a Tensor>,
     pub valid: &'a Clips,
     pub test: &'a Clips,
+    /// Checksums of those for training and validation; empty where nobody says them.
+    pub checksums: &'a str,
 }
 
 impl WholeData<'_> {
@@ -63,7 +66,7 @@ impl WholeData<'_> {
 /// `tell` is given each validation.
 ///
 /// # Errors
-/// A folder that holds another run, a damaged checkpoint, a loss that is not a number, a full disk.
+/// A folder that holds another run or one on other clips, a damaged checkpoint, a loss that is not a number, a full disk.
 pub fn train(
     config: &WholeConfig,
     system: &System,
@@ -82,7 +85,7 @@ pub fn train(
     let device = data.train.device();
     own_stream(device)?;
     let model = config.model.build(system, config.seed, device);
-    let mut run = Running::new(config, model.as_ref(), folder)?;
+    let mut run = Running::new(config, model.as_ref(), data.checksums, folder)?;
     if run.descend(system, data, stop, tell)? == Outcome::Interrupted {
         return Ok(Outcome::Interrupted);
     }
@@ -146,14 +149,22 @@ struct Running<'a> {
 }
 
 impl<'a> Running<'a> {
-    /// From the last checkpoint, if there is one.
-    fn new(config: &'a WholeConfig, model: &'a dyn FrameModel, folder: &'a Path) -> Result<Self> {
+    /// From the last checkpoint, if there is one. `clips`: their checksums.
+    fn new(config: &'a WholeConfig, model: &'a dyn FrameModel, clips: &str, folder: &'a Path) -> Result<Self> {
         let variables = named_variables(model);
         let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
         let mut progress = Progress::default();
         if checkpoint::is_in(folder) {
             progress = checkpoint::read(folder, &variables, &mut optimizer)?;
         }
+        if progress.clips.is_empty() {
+            progress.clips = clips.into();
+        }
+        ensure!(
+            clips.is_empty() || are_the_same(clips, &progress.clips),
+            "{}: the clips are not those that the run was begun with; put them back, or choose another folder",
+            folder.display()
+        );
         let metrics = open_metrics(&folder.join(METRICS), progress.step)?;
         Ok(Running { config, model, folder, variables, optimizer, progress, clock: Instant::now(), metrics })
     }
@@ -304,7 +315,7 @@ mod tests {
             (clip * 31 + time * 17 + y * x * 7 + colour * 90) as u8
         });
         let clips = Clips::new(&pixels, None, Device::Cpu);
-        let data = WholeData { train: &clips, rewards: None, valid: &clips, test: &clips };
+        let data = WholeData { train: &clips, rewards: None, valid: &clips, test: &clips, checksums: "those" };
         let train = |name: &str, stop: bool| {
             let mut errors = Vec::new();
             let tell = &mut |record: &Record| errors.push(record.score.unwrap());
@@ -315,6 +326,11 @@ mod tests {
         let errors = train("whole", false);
         // Stopped after each of its first steps.
         (0..5).for_each(|_| _ = train("cut", true));
+        // With other clips it does not go on.
+        let other = WholeData { checksums: "others", ..data };
+        let cut = folder.path().join("cut");
+        let refused = super::train(&config, &system, other, &cut, &|| false, &mut |_| ()).unwrap_err().to_string();
+        assert!(refused.contains("the clips are not those"), "{refused}");
         train("cut", false);
         let [best, of_cut] =
             ["whole", "cut"].map(|name| WholeScores::read(&folder.path().join(name)).unwrap().unwrap().best.unwrap());

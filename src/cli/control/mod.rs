@@ -56,7 +56,7 @@ struct Arguments {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Degrees from upright, clockwise; of a task in the plane x,y in pixels
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
     goal: Vec<f64>,
     /// A picture of the goal, as large as a frame; the model finds where it is
     #[arg(long, value_name = "FILE", conflicts_with = "goal")]

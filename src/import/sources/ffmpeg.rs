@@ -36,13 +36,10 @@ pub(super) fn facts(path: &Path) -> Result<Facts> {
         !said.contains("fps_mode"),
         "it needs ffmpeg 5.1 or newer (the one on the PATH knows no -fps_mode); or convert it to H.264 in mp4"
     );
-    // What it says last is the reason.
-    ensure!(
-        output.status.success(),
-        "ffmpeg cannot read it: {}",
-        said.trim().lines().last().unwrap_or("it says no more")
-    );
-    listed(&String::from_utf8_lossy(&output.stdout))
+    // What it says last is the reason. Of damage that it can read over it says something, and ends well.
+    let last = said.trim().lines().last();
+    ensure!(output.status.success(), "ffmpeg cannot read it: {}", last.unwrap_or("it says no more"));
+    Ok(Facts { complaint: last.map(String::from), ..listed(&String::from_utf8_lossy(&output.stdout))? })
 }
 
 /// What ffmpeg's list of all frames says.
@@ -68,7 +65,7 @@ fn listed(list: &str) -> Result<Facts> {
     let tick = tick.context("ffmpeg tells no time base")?;
     let first = stamps.first().copied().context("it has no frames")?;
     let times: Vec<f64> = stamps.iter().map(|stamp| (stamp - first) * tick).collect();
-    Ok(Facts { size, frames: times.len(), times: Some(times) })
+    Ok(Facts { size, frames: times.len(), times: Some(times), complaint: None })
 }
 
 /// Raw frames from a running ffmpeg.

@@ -25,7 +25,7 @@ pub(super) fn facts(path: &Path) -> Result<Facts> {
     }
     // Without delays a gif says nothing of time.
     let timed = time > Duration::ZERO || times.len() == 1;
-    Ok(Facts { size, frames: times.len(), times: timed.then_some(times) })
+    Ok(Facts { size, frames: times.len(), times: timed.then_some(times), complaint: None })
 }
 
 fn open(path: &Path) -> Result<GifDecoder<BufReader<File>>> {

@@ -36,6 +36,8 @@ pub struct Video {
     pub frames: usize,
     /// Of each frame, in seconds, from 0 on and ascending; none where the source knows no times.
     pub times: Option<Vec<f64>>,
+    /// What ffmpeg complains of, though it reads on.
+    pub complaint: Option<String>,
     source: Source,
 }
 
@@ -63,6 +65,7 @@ struct Facts {
     size: (u32, u32),
     frames: usize,
     times: Option<Vec<f64>>,
+    complaint: Option<String>,
 }
 
 impl Video {
@@ -74,11 +77,11 @@ impl Video {
         let read = || {
             ensure!(path.exists(), "there is no such file or folder");
             let (source, facts) = source(path)?;
-            let (width, height) = facts.size;
+            let Facts { size: (width, height), frames, times, complaint } = facts;
             check_size(width, height)?;
-            ensure!(facts.frames > 0, "it has no frames");
-            ensure!(facts.frames <= MOST_FRAMES, "it has {} frames; at most {MOST_FRAMES} are read", facts.frames);
-            Ok(Video { path: path.into(), width, height, frames: facts.frames, times: facts.times, source })
+            ensure!(frames > 0, "it has no frames");
+            ensure!(frames <= MOST_FRAMES, "it has {frames} frames; at most {MOST_FRAMES} are read");
+            Ok(Video { path: path.into(), width, height, frames, times, complaint, source })
         };
         read().with_context(|| format!("video {}", path.display()))
     }
@@ -170,7 +173,7 @@ fn mp4(path: &Path) -> Result<(Source, Facts)> {
         Ok(coded) => {
             track.coded = coded;
             let times = track.times();
-            let facts = Facts { size: track.size(), frames: times.len(), times: Some(times) };
+            let facts = Facts { size: track.size(), frames: times.len(), times: Some(times), complaint: None };
             return Ok((Source::H264(track), facts));
         }
         Err(why) => why,

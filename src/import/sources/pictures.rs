@@ -30,7 +30,7 @@ pub(super) fn list(folder: &Path) -> Result<(Vec<PathBuf>, Facts)> {
         NoTransforms | Rotate180 | FlipHorizontal | FlipVertical => (width, height),
     };
     let frames = files.len();
-    Ok((files, Facts { size, frames, times: None }))
+    Ok((files, Facts { size, frames, times: None, complaint: None }))
 }
 
 fn name(path: &Path) -> String {

@@ -172,6 +172,14 @@ impl CellKind {
         matches!(&self.build, Build::Text(equation) if equation.tells_objects_apart(held))
     }
 
+    /// Of the parameters that each object has of its own, the first object's places; those of the other objects follow each.
+    pub fn of_each(&self) -> &[usize] {
+        match &self.build {
+            Build::Text(equation) => equation.of_each(),
+            Build::Rust(_) => &[],
+        }
+    }
+
     /// Whether something acts that may be chosen.
     pub fn can_be_driven(&self) -> bool {
         self.actions && !self.tells_time()

@@ -140,8 +140,8 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
     }
     let named = fits.coordinates(at, order.as_ref());
     let mut free_offsets = false;
-    // Objects that change names have no offsets of their own.
-    if order.is_none() {
+    // Objects that change names have no offsets of their own; and an angle's could not be given to the encoder.
+    if order.is_none() && model.system.cell.coordinates == Coordinates::Position {
         let free = fits.go_on(&named, &best, true, &Trust::default())?;
         free_offsets = free.usual_residual < OFFSETS_PAY * best.usual_residual;
         if free_offsets {

@@ -25,9 +25,7 @@ const CLEARLY_LESS: f64 = 0.7;
 /// Positions that are not finite.
 pub(super) fn find(model: &PhysicsNet, train: &Clips, motion: &Motion, begun: &[f64]) -> Result<Option<Vec<i64>>> {
     let objects = model.system.objects;
-    let held = model.parameters.iter().map(|parameter| (!parameter.learned).then(|| parameter.raw.double_value(&[])));
-    let held: Vec<_> = held.collect();
-    let apart = model.system.cell.tells_objects_apart(&held) && model.options.decoder != DecoderKind::Mlp;
+    let apart = model.tells_objects_apart() && model.options.decoder != DecoderKind::Mlp;
     if !apart || objects > MOST_OBJECTS {
         return Ok(None);
     }

@@ -101,6 +101,15 @@ fn checksum(table: &EquationTable, objects: usize) -> Result<u64> {
     Ok(fnv1a(text.as_bytes()))
 }
 
+/// What moves the objects, without what only a fit needs (its method, the bounds and starts of the parameters): the equation's
+/// name where it is no text.
+pub fn accelerations(kind: &CellKind) -> String {
+    let Build::Text(equation) = kind.build else { return kind.name.into() };
+    let moves =
+        EquationTable { integrator: Integrator::default(), parameters: BTreeMap::new(), ..equation.table.clone() };
+    toml::to_string(&moves).expect("an equation is plain data")
+}
+
 /// The same equation, integrated by another method: none of one that is no text.
 ///
 /// # Errors
@@ -127,6 +136,11 @@ impl Equation {
         let unlike = |first: &usize| (1..objects).any(|object| held[first + object] != held[*first]);
         objects > 1
             && (self.program.accelerations.len() > 1 || self.program.names_objects() || self.of_each.iter().any(unlike))
+    }
+
+    /// Of the parameters that each object has, the first object's places.
+    pub(super) fn of_each(&self) -> &[usize] {
+        &self.of_each
     }
 
     /// The cell with these raw parameters (scalars, one for each).

@@ -202,7 +202,7 @@ fn a_small_comparison_runs_to_its_report() {
         let read = |of: &Path| fs::read(of.join(file)).unwrap();
         assert!(read(&report) == read(&folder.path().join("copy")), "{file}");
     }
-    // A row of a whole model with other steps than the list's is none of it, nor a search on other clips.
+    // A row of a whole model with other steps than the list's is none of it, nor one of other clips.
     let text_of_list = fs::read_to_string(&list).unwrap();
     fs::write(&list, text_of_list.replace("steps = { spring_color = 3 }", "steps = { spring_color = 2 }")).unwrap();
     let other = compare(&["--add", "kept", "--report-only", "--out", "other"]);

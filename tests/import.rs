@@ -532,7 +532,10 @@ fn what_cannot_be_imported_is_refused() {
     let equation = EquationFile::read(&own).unwrap().equation;
     assert_says(&refused(&Request { equation, ..plain() }), &["equation", "score", "another name"]);
     assert_says(&refused(&Request { name: Some("pendulum".into()), ..plain() }), &["pendulum", "--name"]);
-    assert_says(&refused(&Request { name: Some("My Scene".into()), ..plain() }), &["--name makes no", "\"My Scene\""]);
+    assert_says(
+        &refused(&Request { name: Some("My Scene".into()), ..plain() }),
+        &["--name: task name \"My Scene\": 1 to 64"],
+    );
     let foreign = request(&[&path], &folder.path().join("実験"));
     assert_says(&refused(&foreign), &["the folder --out makes no task's name", "--name", "a-z"]);
     assert_says(&refused(&request(&[&folder.path().join("none.mp4")], &out)), &["none.mp4", "no such file"]);
@@ -563,6 +566,11 @@ fn videos_are_not_written_over() {
     fs::copy(numbered(), place.join("film.npz")).unwrap();
     let over = Request { force: true, ..request(&[&place.join("film.npz")], &place) };
     assert_says(&refused(&over), &["exp/film.npz would be written over"]);
+    // One that may stay there.
+    fs::remove_file(place.join("film.npz")).unwrap();
+    fs::copy(numbered(), place.join("clip.mp4")).unwrap();
+    imported(&Request { force: true, ..request(&[&place.join("clip.mp4")], &place) });
+    assert!(place.join("clip.mp4").exists() && place.join("film.npz").exists());
 }
 
 /// The options reach the task file, and the summary says what was used.

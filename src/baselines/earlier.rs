@@ -57,14 +57,49 @@ impl Earlier {
         self.like(&entry.name, key, Some(&on)).any(|searched| searched.knows(rate))
     }
 
-    /// The earlier searches of a model's rate that were made by the same trainings.
+    /// The earlier searches of a model's rate that were made by the same trainings; those of before, which do not say by which,
+    /// are taken for such.
     fn like(&self, model: &str, key: &str, on: Option<&SearchedOn>) -> impl Iterator<Item = &Searched> {
         let of_model = move |searched: &&Searched| searched.model == model && searched.key == key;
-        self.searches.iter().filter(of_model).filter(move |searched| searched.on.as_ref() == on)
+        let by_such = move |searched: &&Searched| searched.on.is_none() || searched.on.as_ref() == on;
+        self.searches.iter().filter(of_model).filter(by_such)
     }
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
     let read = || Ok::<T, anyhow::Error>(serde_json::from_slice(&storage::read(path)?)?);
     read().with_context(|| format!("earlier report, {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::baselines::plan;
+
+    /// A search on other clips says nothing of this one; an earlier report, which does not say on which, is believed.
+    #[test]
+    fn a_search_counts_for_trainings_like_its_own() {
+        let list = Comparison::read(Path::new("configs/baselines.toml")).unwrap();
+        let models = [list.model("gru").unwrap(), list.model("video_lstm").unwrap()];
+        let searches = |clips: Option<usize>| {
+            let of = |training: &Training| {
+                let on = clips.map(|clips| SearchedOn::new(&list, training.entry, clips));
+                let key = training.entry.rate.as_deref().unwrap();
+                Searched::new((&training.entry.name, key), on, vec![(training.rate.unwrap(), Some(1.0))], &[])
+            };
+            Earlier { rows: Vec::new(), searches: plan::search(&list, &models, 5000).iter().map(of).collect() }
+        };
+        for (clips, counts) in [(Some(5000), true), (Some(1000), false), (None, true)] {
+            let earlier = searches(clips);
+            for training in plan::search(&list, &models, 5000) {
+                assert_eq!(earlier.has_searched(&list, &training), counts, "{} {clips:?}", training.entry.name);
+                let (name, key) = (&training.entry.name, training.entry.rate.as_deref().unwrap());
+                let here = SearchedOn::new(&list, training.entry, 5000);
+                let here = Searched::new((name, key), Some(here), vec![(training.rate.unwrap(), None)], &[]);
+                assert_eq!(earlier.completed(here).chosen, training.rate.filter(|_| counts));
+            }
+        }
+    }
 }

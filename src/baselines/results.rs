@@ -276,13 +276,15 @@ fn validated(places: &Places, list: &Comparison, training: &Training) -> Result<
     if Row::read(places, list, training)?.is_none() {
         return Ok(None);
     }
-    match WholeScores::read(&folder)?.and_then(|whole| whole.best) {
-        Some(best) => Ok(Some(best.error)),
-        None => {
-            let course = Run::read(&folder)?.course_of_its_weights();
-            Ok(course.and_then(|course| course.last_validation(VALIDATION_ERROR)))
-        }
+    let last = |course: Course| course.last_validation(VALIDATION_ERROR);
+    if training.entry.whole.is_some() {
+        return match WholeScores::read(&folder)?.and_then(|whole| whole.best) {
+            Some(best) => Ok(Some(best.error)),
+            // A run of before was scored with its last weights.
+            None => Ok(last(Course::read(&folder)?)),
+        };
     }
+    Ok(Run::read(&folder)?.course_of_its_weights().and_then(last))
 }
 
 #[cfg(test)]

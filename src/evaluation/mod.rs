@@ -69,8 +69,8 @@ pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
     let losses = losses.values();
     ensure!(
         losses.is_finite(),
-        "the losses are not finite (L_rec {}, L_pred {}, L_extrap {}): in some clip the equation leaves the numbers; keep its \
-         roots and quotients away from 0",
+        "the losses are not finite (L_rec {}, L_pred {}, L_extrap {}): in some clip what is predicted is no number; of an \
+         equation keep roots and quotients away from 0",
         losses.recons_loss,
         losses.pred_loss,
         losses.extrap_loss.map_or("-".into(), |loss| loss.to_string())

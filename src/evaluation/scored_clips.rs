@@ -59,7 +59,7 @@ impl ScoredClips {
     /// Without states such truths are not known. `order`: the model's object for each true one.
     pub fn number_objects_as(&mut self, model: &PhysicsNet, order: Option<&[usize]>) {
         let System { cell, objects, .. } = &model.system;
-        if cell.of_each().is_empty() || model.tells_objects_apart() {
+        if self.truth.is_empty() || *objects == 1 || cell.of_each().is_empty() || model.tells_objects_apart() {
             return;
         }
         let place = |name: &str| cell.parameters.iter().position(|parameter| parameter.name == name);
@@ -73,7 +73,9 @@ impl ScoredClips {
         };
         self.truth = self.truth.iter().filter_map(numbered).collect();
         self.notes.extend(match order {
-            None => Some("no true states say which object is which: nor which true parameters are whose".into()),
+            None => Some(
+                "without true states nobody knows which object is which: their own parameters have no truths".into(),
+            ),
             Some(order) => (!order.is_sorted()).then(|| {
                 let numbers: Vec<_> = order.iter().map(|object| (object + 1).to_string()).collect();
                 let (count, numbers) = (order.len(), numbers.join(", "));

@@ -111,8 +111,11 @@ impl Request {
                 folder.to_string_lossy().chars().map(letter).take(64).collect::<String>().trim_matches('-').into()
             }
         };
-        let given = if self.name.is_some() { "--name" } else { "the name of the folder --out" };
-        tasks::check_name(&name).with_context(|| format!("{given} makes no task's name; give one with --name"))?;
+        let why = || match &self.name {
+            Some(_) => "--name",
+            None => "the name of the folder --out makes no task's name; give one with --name",
+        };
+        tasks::check_name(&name).with_context(why)?;
         ensure!(tasks::builtin(&name).is_none(), "{name:?} is the name of a built-in task; choose another with --name");
         Ok(name)
     }

@@ -98,8 +98,8 @@ struct Seen {
     numbers: Vec<u64>,
 }
 
-/// Measures a finished run, and writes `measurement.json`, `measurement.html`, `positions.csv` and `overlay.gif` into
-/// `out`.
+/// Measures a finished run, and writes `measurement.json`, `measurement.html`, `measurement-positions.png`, `positions.csv` and
+/// `overlay.gif` into `out`.
 ///
 /// # Errors
 /// A run whose task has no video or no film, or was imported again since; an equation that leads nowhere, a folder that

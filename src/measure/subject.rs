@@ -62,7 +62,7 @@ impl<'a> Subject<'a> {
         let film = FilmFile::read(&path.with_file_name(FILM), record.sources.len(), system.side, system.channels)?;
         let train = training.clips(Split::Train, device);
         let there = path.with_file_name(TASK).to_str().and_then(|file| tasks::find(file).ok());
-        let imported_again = there.is_some_and(|there| there.video().is_some_and(|video| video != record));
+        let imported_again = there.is_some_and(|there| there.video().is_some_and(|video| !video.says_the_same(record)));
         let (scale, ratio) = (Scale::new(record, system), record.step / film_step);
         let clocks = film.videos.iter().map(|frames| Clock::even(frames.dim().0)).collect();
         Ok(Subject { config, model, record, film, train, scale, ratio, clocks, imported_again })

@@ -75,13 +75,15 @@ pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
     rows
 }
 
-/// The name of a video's file without its ending; frames that are named behind it, where others are of the same file, do not
+/// The name of a video's file without its folder and ending; frames that are named behind it, where others are of the same file, do not
 /// belong to it.
 fn clip_name(video: &str) -> &str {
     let are_frames = |text: &str| {
         text.split_once("..").is_some_and(|(first, end)| first.parse::<usize>().and(end.parse::<usize>()).is_ok())
     };
     let file = video.rsplit_once(' ').filter(|(_, last)| are_frames(last)).map_or(video, |(file, _)| file);
+    let file = file.trim_end_matches('/');
+    let file = file.rsplit_once('/').map_or(file, |(_, name)| name);
     file.rsplit_once('.').map_or(file, |(stem, _)| stem)
 }
 
@@ -103,6 +105,8 @@ mod tests {
             ("my throws.v2.mov", "my throws.v2"),
             ("pictures", "pictures"),
             ("pictures 0..40", "pictures"),
+            ("/films/day.1/throws.mp4 30..62", "throws"),
+            ("/films/day.1/pictures/", "pictures"),
         ] {
             assert_eq!(clip_name(video), clip);
         }

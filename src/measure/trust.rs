@@ -58,8 +58,8 @@ impl Subject<'_> {
         }
         if self.imported_again {
             notes.push(
-                "the video was imported again since the run was begun, with another scale or other times; here those count \
-                 with which the run was begun"
+                "the video was imported again since the run was begun, with another scale, other axes or other times; here \
+                 those count with which the run was begun"
                     .into(),
             );
         }

@@ -63,12 +63,19 @@ pub(super) fn lost_objects(task: &Task, summary: &Summary) -> bool {
     objects_found(task, summary.test.scores.losses.of(Loss::Recons).unwrap_or(f64::NAN)) == Some(false)
 }
 
-/// Whether a run finished within the yardsticks, and no parameter further from its truth than the paper's.
+/// Whether a run finished within the yardsticks, and no parameter further from its truth than the paper's. Not where one of these
+/// is not known.
 pub(super) fn reaches_paper(run: &Run) -> bool {
     let task = &run.config.task;
     let error = |name: &str| Some((name.into(), published().parameter(&task.name, name)?.error_percent().abs()));
     let parameters = task.system.cell.parameters.iter().filter_map(|parameter| error(parameter.name)).collect();
     let losses = protocol().yardstick(&task.name).cloned().unwrap_or_default();
     let limits = Success { parameters, losses, note: None };
-    run.summary.as_ref().is_some_and(|summary| keeps(&limits, run, summary) == Some(true))
+    run.summary.as_ref().is_some_and(|summary| {
+        let learned = task.system.cell.parameters.iter().filter(|parameter| run.config.learns(parameter));
+        let mut limited = learned.filter(|parameter| limits.parameters.contains_key(parameter.name));
+        let all_known = limited.all(|parameter| summary.error_percent(parameter.name).is_some())
+            && limits.losses.keys().all(|loss| summary.test.scores.losses.of(*loss).is_some());
+        all_known && keeps(&limits, run, summary) == Some(true)
+    })
 }

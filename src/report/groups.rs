@@ -70,7 +70,8 @@ impl Group {
     /// Successes; none of a task without a criterion, or where none of its runs can be held against it.
     pub(super) fn succeeded(&self) -> Option<usize> {
         let all: Vec<Status> = self.runs.iter().map(criteria::status).collect();
-        let judged = criteria::criterion(&self.task).is_some() && all.iter().any(|status| *status != Status::Unjudged);
+        let judged = all.iter().any(|status| matches!(status, Status::Succeeded | Status::Missed));
+        let judged = criteria::criterion(&self.task).is_some() && (judged || self.finished().next().is_none());
         judged.then(|| all.iter().filter(|status| **status == Status::Succeeded).count())
     }
 
@@ -114,9 +115,11 @@ impl Group {
         self.task.system.cell.parameters.iter().filter(|parameter| self.runs[0].config.learns(parameter))
     }
 
-    /// The truth that the runs' summaries state.
+    /// The truth that the runs' summaries state; none where they state several, since they number the objects otherwise.
     pub(super) fn truth(&self, parameter: &PhysicalParameter) -> Option<f64> {
-        self.finished().find_map(|(_, summary)| summary.parameters.get(parameter.name)?.truth)
+        let mut stated = self.finished().filter_map(|(_, summary)| summary.parameters.get(parameter.name)?.truth);
+        let first = stated.next()?;
+        stated.all(|other| other == first).then_some(first)
     }
 
     /// Whether the group is the paper's protocol, unchanged.

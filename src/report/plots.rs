@@ -36,7 +36,8 @@ pub(super) fn losses(group: &Group) -> Vec<Chart> {
 /// The physical parameters of all runs with their true values.
 pub(super) fn parameters(group: &Group) -> Vec<Chart> {
     let chart = |parameter: &PhysicalParameter| {
-        let truth = group.task.truth_of(parameter.name);
+        let finished = group.finished().next().is_some();
+        let truth = if finished { group.truth(parameter) } else { group.task.truth_of(parameter.name) };
         let stated = truth.map_or(String::new(), |truth| format!(" (true value {truth})"));
         Chart {
             title: format!("{}: {}, every seed{stated}", group.task.name, parameter.name),

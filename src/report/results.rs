@@ -37,7 +37,7 @@ struct TaskResults {
     datasets: usize,
     tried: usize,
     finished: usize,
-    /// Null for a task without a criterion.
+    /// Null for a task without a criterion, or where nothing can be held against it.
     succeeded: Option<usize>,
     parameters: BTreeMap<&'static str, ParameterResults>,
     losses: BTreeMap<Loss, Spread>,

@@ -58,7 +58,7 @@ pub(super) fn of_group(group: &Group, pictures: &GroupPictures, records: &[PathB
         tried => group.runs.len(),
         datasets => group.datasets(),
         finished => group.finished().count(),
-        // None of a task without a criterion.
+        // None of a task without a criterion, or where nothing can be held against it.
         succeeded => group.succeeded(),
         // By the runs' own verdict, and those that have one.
         found => group.found(),
@@ -169,7 +169,8 @@ fn of_run(group: &Group, run: &Run) -> Value {
 /// than it started (below 0), as far from it (0) or further.
 fn movement(run: &Run, parameter: &PhysicalParameter) -> Option<Value> {
     let course = run.known_course()?.start_middle_end(parameter.name)?;
-    let truth = run.config.task.truth_of(parameter.name);
+    let stated = run.summary.as_ref().and_then(|summary| summary.parameters.get(parameter.name));
+    let truth = stated.map_or(run.config.task.truth_of(parameter.name), |stated| stated.truth);
     let away = |truth: f64| (course[2] - truth).abs().total_cmp(&(course[0] - truth).abs()) as i8;
     Some(context! { symbol => parameter.name, course => value(course), truth => truth, away => truth.map(away) })
 }

@@ -67,7 +67,7 @@ pub fn dt_of(unit: &str, frame_seconds: f64, step: usize) -> Option<f64> {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Source {
-    /// As it was given.
+    /// Its whole path; in files of before as it was given.
     pub file: String,
     /// First frame that was used, and the one after the last, counted from 0.
     pub frames: [usize; 2],
@@ -108,6 +108,15 @@ impl Video {
             name.to_string() + &frames
         };
         self.sources.iter().map(name).collect()
+    }
+
+    /// Whether all is the same but where the files lie.
+    pub fn says_the_same(&self, other: &Video) -> bool {
+        let without_files = |video: &Video| {
+            let sources = video.sources.iter().map(|source| Source { file: String::new(), ..source.clone() }).collect();
+            Video { sources, ..video.clone() }
+        };
+        without_files(self) == without_files(other)
     }
 
     /// Metres to a pixel of a frame of that side, if the scale is known.
@@ -183,6 +192,9 @@ mod tests {
         // A folder of pictures may end in a slash; files of one name are told apart by their folders.
         assert_eq!(with(&["films/throw1/", "b.mp4"]), ["throw1", "b.mp4"]);
         assert_eq!(with(&["one/clip.mp4", "two/clip.mp4", "b.mp4"]), ["one/clip.mp4", "two/clip.mp4", "b.mp4"]);
+        let moved =
+            Video { sources: vec![Source { file: "b.mp4".into(), ..video("s").sources[0].clone() }], ..video("s") };
+        assert!(moved.says_the_same(&video("s")) && !moved.says_the_same(&Video { y_up: true, ..video("s") }));
         assert_eq!(with(&["one/clip.mp4", "one/clip.mp4"]), ["clip.mp4 0..60"; 2]);
         assert!(video("hours").check(0.1).unwrap_err().to_string().contains("s, ms, frames"));
     }

@@ -176,7 +176,7 @@ fn states(system: &System, rollout: &Rollout) -> String {
         for object in 0..system.objects {
             for states in [&rollout.positions, &rollout.velocities] {
                 for column in axes * object..axes * (object + 1) {
-                    text += &format!(",{:.5}", states.double_value(&[place, column as i64]));
+                    text += &format!(",{}", six_digits(states.double_value(&[place, column as i64])));
                 }
             }
         }

@@ -133,13 +133,11 @@ impl Arguments {
     /// The run's task and its model as it was saved.
     pub(super) fn loaded(&self) -> Result<(Task, PhysicsNet)> {
         let run = self.run.as_ref().context("this needs a run folder, for the model that sees")?;
-        if let Ok(Some(whole)) = config::read(run) {
-            bail!(
-                "{} is a run of {:?}: a planet's goes with --planner latent, others with none",
-                run.display(),
-                whole.model
-            );
-        }
+        ensure!(
+            !matches!(config::read(run), Ok(Some(_))),
+            "{} is the run of a whole other model; that of a `planet` goes with --planner latent, without --goal-image",
+            run.display()
+        );
         let (config, model) = load_model(run, SavedWeights::Last, Device::Cpu)?;
         Ok((config.task, model))
     }

@@ -114,8 +114,8 @@ impl Report<'_> {
         tried.dedup();
         let _ = writeln!(
             page,
-            "\n## Search of the learning rates\n\nL_pred on the validation clips of `{}` of the weights that a training with \
-             seed {} ended with (of a whole other model the error of all frames after the input), for each rate. The best is \
+            "\n## Search of the learning rates\n\nL_pred on the validation clips of `{}` at the end of a training with \
+             seed {} (of a whole other model the error of all frames after the input), for each rate. The best is \
              taken for all tasks, and a rate at which the training failed is the worst; a model whose search has not \
              finished is trained at its recipe's rate.\n\n| model | key | {} | taken |\n|---|---|{}---|",
             self.list.search.task,

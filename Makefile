@@ -1,7 +1,7 @@
-# make demo      set up, generate the spring data, train, score
+# make demo      set up, build what it needs, generate the spring data, train, score
 # make test      set up, run the tests, check format, lints and docs
 # make lint      check format, lints and docs alone
-# make build     build all programs, into target/release
+# make build     build paig and the runners, into target/release
 # make data      generate the spring data alone
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
@@ -25,6 +25,7 @@
 # GALLERY_SEEDS  seeds of gallery [0-2]
 
 CARGO ?= cargo
+PAIG := target/release/paig
 PYTHON ?= python3
 DEMO ?= runs/demo
 DATA := data/datasets
@@ -36,35 +37,34 @@ COMPARE_READY := compare/.venv/installed
 
 .PHONY: demo test lint libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
 
-demo: data
+demo: libtorch
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
-	$(CARGO) run --release --quiet --bin spring_color -- --out $(DEMO) $$resume
+	$(CARGO) run --release --quiet --package paig-runners --bin spring_color -- --generate --out $(DEMO) $$resume
 
 # Lints come last: those that a newer compiler brings hide no test.
 test: libtorch
-	$(CARGO) test --release
+	$(CARGO) test --release --workspace
 	$(MAKE) lint
 
 lint: libtorch
 	$(CARGO) fmt --check
-	$(CARGO) clippy --release --all-targets -- -D warnings
-	$(CARGO) check --release --no-default-features --lib
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps --document-private-items
+	$(CARGO) clippy --release --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --workspace --no-deps --document-private-items
 
 build: libtorch
-	$(CARGO) build --release
+	$(CARGO) build --release --workspace
 
-data: libtorch
-	$(CARGO) run --release --quiet --bin generate -- --task spring_color --out $(DATA)
+data: build
+	$(PAIG) generate --task spring_color --out $(DATA)
 
 # Those of the report; 1-3 are for development.
 STRESS_SEEDS ?= 4-8,10,11
 
 stress: build
-	$(CARGO) run --release --quiet --bin stress -- --data-seeds $(STRESS_SEEDS) --jobs $(JOBS) --out reports/stress
+	$(PAIG) stress --data-seeds $(STRESS_SEEDS) --jobs $(JOBS) --out reports/stress
 
 baselines: build
-	$(CARGO) run --release --quiet --bin baselines -- --jobs $(JOBS) --efficiency --out reports/baselines
+	$(PAIG) baselines --jobs $(JOBS) --efficiency --out reports/baselines
 
 # Two tasks and two scenes of the stress suite; what is left out or changed, each alone.
 ABLATED := spring_color 3bp_color configs/stress/spring_noise_10.toml configs/stress/spring_same_colour.toml
@@ -81,13 +81,13 @@ ABLATION_SEEDS ?= 0-2
 
 ablations: build
 	for task in $(ABLATED); do \
-		$(CARGO) run --release --quiet --bin generate -- --task $$task --out data/ablations || exit 1; \
+		$(PAIG) generate --task $$task --out data/ablations || exit 1; \
 	done
 	for variant in $(ABLATIONS); do set -- "$$@" --variant "$$variant"; done; \
 	for task in $(ABLATED); do set -- "$$@" --task $$task; done; \
-	$(CARGO) run --release --quiet --bin sweep -- "$$@" --seeds $(ABLATION_SEEDS) --data data/ablations \
+	$(PAIG) sweep "$$@" --seeds $(ABLATION_SEEDS) --data data/ablations \
 		--out runs/ablations --jobs $(JOBS) --threads-per-run 1 || [ $$? -eq 1 ]
-	$(CARGO) run --release --quiet --bin report -- runs/ablations --out reports/ablations
+	$(PAIG) report runs/ablations --out reports/ablations
 
 # Of the float on water no clips can be generated: it sinks with the water from the first frame on.
 GALLERY := $(filter-out %/torricelli.toml,$(wildcard configs/gallery/*.toml))
@@ -95,12 +95,12 @@ GALLERY_SEEDS ?= 0-2
 
 gallery: build
 	for task in $(GALLERY); do \
-		$(CARGO) run --release --quiet --bin generate -- --task $$task --out data/gallery || exit 1; \
+		$(PAIG) generate --task $$task --out data/gallery || exit 1; \
 	done
 	for task in $(GALLERY); do set -- "$$@" --task $$task; done; \
-	$(CARGO) run --release --quiet --bin sweep -- "$$@" --seeds $(GALLERY_SEEDS) --data data/gallery \
+	$(PAIG) sweep "$$@" --seeds $(GALLERY_SEEDS) --data data/gallery \
 		--out runs/gallery --jobs $(JOBS) --threads-per-run 1 || [ $$? -eq 1 ]
-	$(CARGO) run --release --quiet --bin report -- runs/gallery --out reports/gallery
+	$(PAIG) report runs/gallery --out reports/gallery
 
 # Each part leaves what it printed in target/torture; the last one makes the report of all. What fails stops no other part.
 KILLS ?= 300
@@ -109,12 +109,12 @@ STRIDE ?= 1
 TORTURE := target/torture
 torture: build
 	mkdir -p $(TORTURE)
-	-PAIG_FAULTS_STRIDE=$(STRIDE) $(CARGO) test --release --test faults -- --nocapture > $(TORTURE)/faults.txt
-	-$(CARGO) test --release --test invocations -- --nocapture > $(TORTURE)/invocations.txt
-	-$(CARGO) run --release --quiet --example fuzz -- $(FUZZ) > $(TORTURE)/fuzz.txt
-	-$(CARGO) run --release --quiet --example resources -- 10000 > $(TORTURE)/resources.txt
-	-$(CARGO) run --release --quiet --example torture -- $(KILLS) 3600 > $(TORTURE)/kills.txt
-	$(CARGO) run --release --quiet --example torture_report
+	-PAIG_FAULTS_STRIDE=$(STRIDE) $(CARGO) test --release --package paig-cli --test faults -- --nocapture > $(TORTURE)/faults.txt
+	-$(CARGO) test --release --package paig-cli --test programs invocations -- --nocapture > $(TORTURE)/invocations.txt
+	-$(CARGO) xtask fuzz $(FUZZ) > $(TORTURE)/fuzz.txt
+	-$(CARGO) xtask resources 10000 > $(TORTURE)/resources.txt
+	-$(CARGO) xtask torture $(KILLS) 3600 > $(TORTURE)/kills.txt
+	$(CARGO) xtask torture-report
 
 # Needs the engines (tests/engines/engines.py says which), Slurm as root. `torture_report` shows what it prints.
 ENGINES ?= parallel hyperqueue slurm
@@ -125,12 +125,12 @@ engines: build
 CONTROL := runs/control/clips=100
 
 control: build
-	$(CARGO) run --release --quiet --bin generate -- --task pendulum --train 100 --valid 20 --test 50 \
+	$(PAIG) generate --task pendulum --train 100 --valid 20 --test 50 \
 		--out $(DATA)/control
 	@if [ -f $(CONTROL)/config.toml ]; then resume=--resume; else resume="--task pendulum \
 		--config configs/control/few_clips.toml"; fi; \
-	$(CARGO) run --release --quiet --bin run_physics -- $$resume --data $(DATA)/control --out $(CONTROL)
-	$(CARGO) run --release --quiet --bin control -- $(CONTROL) --planner learned,zero --episodes 20 --out $(CONTROL)/control
+	$(PAIG) train $$resume --data $(DATA)/control --out $(CONTROL)
+	$(PAIG) control $(CONTROL) --planner learned,zero --episodes 20 --out $(CONTROL)/control
 
 libtorch:
 	@$(PYTHON) setup/fetch_libtorch.py $(if $(CUDA),--cuda)

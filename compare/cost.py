@@ -97,7 +97,7 @@ def time_case(what, case, steps, program, folder):
     task.write_text(TASK.format(acceleration=SPRINGS if case.objects > 1 else ALONE, side=case.side, objects=case.objects,
                                 input=INPUT, predicted=case.frames - INPUT, frames=case.frames,
                                 longest=max(case.frames, INPUT + 1) + 20))
-    command = [program, "--what", what, "--task", task, "--batch", case.batch, "--steps", steps,
+    command = [program, "bench", "--what", what, "--task", task, "--batch", case.batch, "--steps", steps,
                "--threads", case.threads, "--set", "model.refinement_steps=3"]
     return measured(command, case.threads)
 
@@ -191,9 +191,9 @@ def main():
     parser.add_argument("--binaries", type=Path, default=HERE.parent / "target/release", help="folder of the programs")
     parser.add_argument("--out", type=Path, default=HERE.parent / "benches/cost", help="[default: ../benches/cost]")
     arguments = parser.parse_args()
-    program = arguments.binaries.resolve() / "speed"
+    program = arguments.binaries.resolve() / "paig"
     if not program.exists():
-        parser.error(f"{program} is not there; build it with cargo build --release")
+        parser.error(f"{program} is not there; build it with make build")
     rounds = []
     with tempfile.TemporaryDirectory() as folder:
         for number in range(arguments.rounds):

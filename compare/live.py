@@ -85,7 +85,7 @@ def table(case_of, tolerances, rows):
 def conversion(folder, binaries, log):
     """Lines on a TensorFlow checkpoint that goes through `convert` and on the timed reference, and whether all was as it should be."""
     read, weights, back = folder / "read.npz", folder / "weights.safetensors", folder / "back.npz"
-    convert = [binaries / "convert", "--task", "spring_color"]
+    convert = [binaries / "paig", "convert", "--task", "spring_color"]
     call([sys.executable, "-m", "tf_reference.check_checkpoint", folder / f"given/{CONVERTED}.npz", read], log)
     call([*convert, read, weights], log)
     call([*convert, weights, back], log)
@@ -97,7 +97,7 @@ def conversion(folder, binaries, log):
         "and back to npz: equal to the bit": original.keys() == returned.keys()
         and all(original[name].tobytes() == returned[name].tobytes() for name in original),
         "the converted model in Rust gives TensorFlow's outputs": call(
-            [binaries / "compare", "--goldens", folder / "tf", "--file-filter", CONVERTED, "--f64",
+            [binaries / "paig", "compare", "--goldens", folder / "tf", "--file-filter", CONVERTED, "--f64",
              "--weights", weights], log, may_differ=True),
         "the PyTorch that is timed computes what the one that is read does": call(
             [sys.executable, "-m", "torch_reference.check_fast"], log, may_differ=True),
@@ -119,9 +119,8 @@ def main():
     parser.add_argument("--report", type=Path, default=HERE / "report.md", help="[default: report.md]")
     arguments = parser.parse_args()
     binaries = arguments.binaries.resolve()
-    for name in ("compare", "convert"):
-        if not (binaries / name).exists():
-            parser.error(f"{binaries / name} is not there; build it with cargo build --release")
+    if not (binaries / "paig").exists():
+        parser.error(f"{binaries / 'paig'} is missing; build it with make build")
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.keep.resolve() if arguments.keep else Path(temporary)
         (folder / "given").mkdir(parents=True, exist_ok=True)
@@ -138,7 +137,7 @@ def main():
                 print(f"computing with {reference} ..", flush=True)
                 call([sys.executable, "-m", f"{reference}_reference", folder / "given", folder / reference], log)
                 print(f"comparing Rust with {reference} ..", flush=True)
-                call([binaries / "compare", "--goldens", folder / reference, "--f64", "--rows",
+                call([binaries / "paig", "compare", "--goldens", folder / reference, "--f64", "--rows",
                       folder / f"{reference}.jsonl"], log, may_differ=True)
             rows = {f"rust-{name}": list(rust_rows(folder / f"{name}.jsonl")) for name in ("tf", "torch")}
             rows["torch-tf"] = list(python_rows(folder / "torch", folder / "tf"))

@@ -60,7 +60,7 @@ def in_pytorch(substeps, decisions=20):
 
 def in_rust():
     with tempfile.TemporaryDirectory() as out:
-        command = ["target/release/control", "--planner", "true-state", "--episodes", "8", "--out", out]
+        command = ["target/release/paig", "control", "--planner", "true-state", "--episodes", "8", "--out", out]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             sys.exit(done.stderr.strip())
@@ -69,8 +69,8 @@ def in_rust():
 
 
 if __name__ == "__main__":
-    if not Path("target/release/control").exists():
-        sys.exit("error: target/release/control is not there; run this from the repository's root, after cargo build --release")
+    if not Path("target/release/paig").exists():
+        sys.exit("error: target/release/paig is missing; run this from the repository's root, after make build")
     torch.set_num_threads(1)
     pytorch, rust = in_pytorch(substeps=1), in_rust()
     print(f"true equation, 1 Euler step a frame: PyTorch {pytorch:.1f} ms a decision, Rust {rust:.2f} ms")

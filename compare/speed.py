@@ -102,11 +102,11 @@ def peak_gflops():
 def commands(row, steps, threads, device, rust, references):
     what, task, batch = row
     given = ["--what", what, "--task", task, "--batch", batch, "--steps", steps, "--threads", threads, "--device", device]
-    chosen = {"ours": [rust, *given]}
+    chosen = {"ours": [rust, "bench", *given]}
     if device != "cpu":
-        chosen["tf32"] = [rust, *given, "--set", "model.tf32=true"]
+        chosen["tf32"] = [rust, "bench", *given, "--set", "model.tf32=true"]
     elif what in NETWORK:
-        chosen["libtorch"] = [rust, *given, "--set", 'model.kernels="libtorch"']
+        chosen["libtorch"] = [rust, "bench", *given, "--set", 'model.kernels="libtorch"']
     for name in references:
         module, known = REFERENCES[name]
         if what in known:
@@ -231,9 +231,9 @@ def main():
     parser.add_argument("--keep", action="store_true", help="keep the rows of --out that are not timed now")
     parser.add_argument("--out", type=Path, default=BENCHES, help="folder of the results [default: ../benches]")
     arguments = parser.parse_args()
-    rust = arguments.binaries.resolve() / "speed"
+    rust = arguments.binaries.resolve() / "paig"
     if not rust.exists():
-        parser.error(f"{rust} is not there; build it with cargo build --release")
+        parser.error(f"{rust} is not there; build it with make build")
     of_a_gpu = [name for name in arguments.references if name.endswith("_tf32")]
     if of_a_gpu and arguments.device == "cpu":
         parser.error(f"a CPU has no TF32: leave out {', '.join(of_a_gpu)}, or give a GPU with --device")
@@ -243,7 +243,7 @@ def main():
     rows = [row for row in ROWS if (not arguments.only or {*row[:2]} & {*arguments.only})
             and (not arguments.batch or row[2] in arguments.batch)]
     peak = peak_gflops()
-    start = median(measured([rust, "--task", "spring_color", "--steps", 0], 1)["all_s"] for _ in range(3))
+    start = median(measured([rust, "bench", "--task", "spring_color", "--steps", 0], 1)["all_s"] for _ in range(3))
     timed = {(*row, threads) for row in rows for threads in arguments.threads}
     kept = kept_rows(arguments) if arguments.keep else []
     results = [row for row in kept if (row["what"], row["task"], row["batch"], row["threads"]) not in timed]

@@ -5,10 +5,8 @@ use std::slice;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use clap::{Parser, ValueEnum};
+use clap::{Args, ValueEnum};
 use nix::time::{ClockId, clock_gettime};
-use paig::cli::ending::exit_code;
-use paig::cli::environment;
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, DatasetJob, generate};
@@ -24,6 +22,7 @@ use paig::training::identify::Identify;
 use paig::training::identify::fit::{Start, Trust, fit};
 use paig::training::layers::Overrides;
 use paig::training::optimizers::Optimizer;
+use paig_terminal::{environment, say};
 use serde_json::json;
 use tch::{Cuda, Device, Kind, Tensor};
 
@@ -55,9 +54,9 @@ enum What {
 
 /// Times computations; prints JSON: the `seconds` of each repetition, the `processor_seconds` of one on average, and the
 /// largest memory in MB.
-#[derive(Debug, Parser)]
-#[command(version)]
-struct Arguments {
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  paig bench --task spring_color --what step --batch 100")]
+pub struct Arguments {
     #[arg(long, help = format!("One of {}, or a task file", tasks::names()))]
     task: String,
     #[arg(long, value_enum, default_value = "step")]
@@ -70,7 +69,7 @@ struct Arguments {
     steps: usize,
     #[arg(long, default_value_t = 1)]
     threads: usize,
-    /// A change of the config, as for `run_physics`: `model.kernels="libtorch"`
+    /// A change of the config, as for `paig train`: `model.kernels="libtorch"`
     #[arg(long)]
     set: Vec<String>,
     /// cpu, cuda or cuda:n
@@ -78,11 +77,9 @@ struct Arguments {
     device: String,
 }
 
-fn main() -> ExitCode {
-    exit_code(|| run(&Arguments::parse()))
-}
-
-fn run(arguments: &Arguments) -> Result<ExitCode> {
+/// # Errors
+/// A task or a device that is not there.
+pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     environment::set();
     device::set_threads(arguments.threads)?;
     let device = device::parse(&arguments.device)?;
@@ -109,7 +106,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
         seconds.push(began.elapsed().as_secs_f64());
     }
     let busy = (processor_seconds()? - busy) / arguments.steps.max(1) as f64;
-    println!("{}", json!({ "seconds": seconds, "processor_seconds": busy, "peak_mb": peak_memory()? }));
+    say!("{}", json!({ "seconds": seconds, "processor_seconds": busy, "peak_mb": peak_memory()? }));
     Ok(ExitCode::SUCCESS)
 }
 

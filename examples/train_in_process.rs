@@ -23,7 +23,7 @@ struct Printer;
 impl Observer for Printer {
     fn observe(&mut self, event: &Event) -> Result<()> {
         match event {
-            Event::Recorded(record) if record.score.is_some() => {
+            Event::Recorded { record, .. } if record.score.is_some() => {
                 println!("step {:>4}: validation score {:.3}", record.step, record.score.unwrap_or(f64::NAN));
             }
             Event::Note(line) => println!("{line}"),

@@ -1,5 +1,10 @@
 //! Two coloured balls joined by a spring.
 
+use paig::run::Program;
+
 fn main() -> std::process::ExitCode {
-    paig::cli::run::one_task("spring_color")
+    paig_terminal::run::one_task(
+        "spring_color",
+        Program { version: env!("CARGO_PKG_VERSION"), commit: env!("PAIG_COMMIT") },
+    )
 }

@@ -1,5 +1,10 @@
 //! Three coloured balls that attract each other.
 
+use paig::run::Program;
+
 fn main() -> std::process::ExitCode {
-    paig::cli::run::one_task("3bp_color")
+    paig_terminal::run::one_task(
+        "3bp_color",
+        Program { version: env!("CARGO_PKG_VERSION"), commit: env!("PAIG_COMMIT") },
+    )
 }

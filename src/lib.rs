@@ -26,30 +26,20 @@
 //!
 //! `examples/` trains in process, adds an equation, and takes a saved model apart.
 //!
-//! The library never prints, never exits and reads no arguments; the programs' code is in [`cli`], behind the feature of
-//! that name. Folders in the order of their imports: support, kernels, network, tasks, datasets, generators, runs, evaluation,
-//! training, viz, report, sweep, stress, baselines, import, measure, control, cli.
+//! The library never prints, never exits and reads no arguments. Modules in the order of their imports: support, network,
+//! tasks, datasets, generators, runs, evaluation, training, viz, run. The kernels below them are the crate `paig_kernels`.
 
 #![deny(clippy::print_stdout, clippy::print_stderr, clippy::exit)]
 
-pub mod baselines;
-#[cfg(feature = "cli")]
-#[expect(clippy::exit, reason = "a second signal ends a program at once")]
-pub mod cli;
-pub mod control;
 pub mod datasets;
 pub mod evaluation;
 pub mod generators;
-pub mod import;
-#[expect(unsafe_code, reason = "the module says why; there is none elsewhere")]
-pub mod kernels;
-pub mod measure;
 pub mod network;
-pub mod report;
+pub mod run;
 pub mod runs;
-pub mod stress;
 pub mod support;
-pub mod sweep;
 pub mod tasks;
 pub mod training;
 pub mod viz;
+
+pub use paig_kernels as kernels;

@@ -158,7 +158,7 @@ impl DatasetFile {
     }
 
     /// The bytes of the file to be written to `path`.
-    pub(crate) fn compressed(&self, path: &Path) -> Result<Vec<u8>> {
+    pub fn compressed(&self, path: &Path) -> Result<Vec<u8>> {
         npz::compressed(path, |npz| {
             for split in Split::ALL {
                 npz.add_array(format!("{}_x", split.name()), self.split(split))?;

@@ -5,7 +5,7 @@ pub mod files;
 pub mod film;
 pub mod iterators;
 mod light;
-pub(crate) mod npz;
+pub mod npz;
 mod reader;
 pub mod settings;
 mod shown;

@@ -12,7 +12,7 @@ use crate::support::storage::{self, Input, storage};
 use crate::support::{atomic, memory};
 
 /// A compressed npz under construction, in memory.
-pub(crate) type Writer = NpzWriter<Cursor<Vec<u8>>>;
+pub type Writer = NpzWriter<Cursor<Vec<u8>>>;
 
 /// Bytes that one byte of a deflated file can unpack to.
 const MOST_PACKED: u64 = 1032;
@@ -22,14 +22,14 @@ const FASTEST: i64 = 1;
 const MOST_HEADER: u64 = 4096;
 
 /// An npz file open for reading.
-pub(crate) struct Archive {
+pub struct Archive {
     path: PathBuf,
     reader: NpzReader<BufReader<Box<dyn Input>>>,
     names: Vec<String>,
 }
 
 impl Archive {
-    pub(crate) fn open(path: &Path) -> Result<Self> {
+    pub fn open(path: &Path) -> Result<Self> {
         ensure!(!path.is_dir(), "{path:?} is a folder, not an npz file");
         let file = storage::open(path).with_context(|| format!("cannot open {path:?}"))?;
         let unreadable =
@@ -39,16 +39,16 @@ impl Archive {
         Ok(Self { path: path.to_owned(), reader, names })
     }
 
-    pub(crate) fn names(&self) -> &[String] {
+    pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    pub(crate) fn has(&self, name: &str) -> bool {
+    pub fn has(&self, name: &str) -> bool {
         self.names.iter().any(|known| known == name)
     }
 
     /// Reads an array of any shape, in row-major order. `dtype` is the name of `T` in messages.
-    pub(crate) fn array<T: ReadableElement + Clone>(&mut self, name: &str, dtype: &str) -> Result<ArrayD<T>> {
+    pub fn array<T: ReadableElement + Clone>(&mut self, name: &str, dtype: &str) -> Result<ArrayD<T>> {
         if !self.has(name) {
             bail!("{:?} has no array {name:?}; its arrays are {:?}", self.path, self.names);
         }
@@ -75,12 +75,12 @@ impl Archive {
     }
 
     /// What the header of an array of bytes says, checked against the archive.
-    pub(crate) fn header(&self, name: &str) -> Result<Header> {
+    pub fn header(&self, name: &str) -> Result<Header> {
         self.entry(name, |header, _| Ok(header))
     }
 
     /// Reads an array of bytes in row-major order piece by piece: `read` gets its header and what follows it.
-    pub(crate) fn stream<T>(&self, name: &str, read: impl FnOnce(Header, &mut dyn Read) -> Result<T>) -> Result<T> {
+    pub fn stream<T>(&self, name: &str, read: impl FnOnce(Header, &mut dyn Read) -> Result<T>) -> Result<T> {
         self.entry(name, |header, file| {
             ensure!(header.kind == "|u1", "{}", self.wrong_dtype(name, &header.kind, "uint8"));
             ensure!(
@@ -124,7 +124,7 @@ impl Archive {
     }
 
     /// The same for numbers of either float type, as float32.
-    pub(crate) fn floats(&mut self, name: &str) -> Result<ArrayD<f32>> {
+    pub fn floats(&mut self, name: &str) -> Result<ArrayD<f32>> {
         if self.has(name) && self.header(name)?.kind == "<f8" {
             Ok(self.array::<f64>(name, "float64")?.mapv(|value| value as f32))
         } else {
@@ -135,13 +135,13 @@ impl Archive {
 
 /// What the header of an npy file says.
 #[derive(Debug)]
-pub(crate) struct Header {
+pub struct Header {
     /// As numpy writes it: `|u1` for uint8.
-    pub(crate) kind: String,
-    pub(crate) row_major: bool,
-    pub(crate) shape: Vec<u64>,
+    pub kind: String,
+    pub row_major: bool,
+    pub shape: Vec<u64>,
     /// Of all numbers together.
-    pub(crate) bytes: u64,
+    pub bytes: u64,
 }
 
 impl Header {
@@ -176,18 +176,18 @@ impl Header {
 }
 
 /// Collects arrays into a compressed npz and puts it at `path` in one step.
-pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
     write_whole(path, &compressed(path, fill)?)
 }
 
 /// The same for floating-point numbers.
-pub(crate) fn write_floats(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub fn write_floats(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
     let options = SimpleFileOptions::default().compression_level(Some(FASTEST));
     write_whole(path, &collected(path, options, fill)?)
 }
 
 /// Collects arrays into a compressed npz that is to be written to `path`.
-pub(crate) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
+pub fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
     collected(path, SimpleFileOptions::default(), fill)
 }
 
@@ -198,13 +198,13 @@ fn collected(path: &Path, options: SimpleFileOptions, fill: impl FnOnce(&mut Wri
 }
 
 /// Makes the folders in which a file is to lie where missing.
-pub(crate) fn make_folder(path: &Path) -> Result<()> {
+pub fn make_folder(path: &Path) -> Result<()> {
     let Some(folder) = path.parent() else { return Ok(()) };
     storage().create_folder(folder).with_context(|| format!("cannot make the folder {folder:?}"))
 }
 
 /// Writes a file in one step, and the folders it lies in where missing.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     make_folder(path)?;
     atomic::write_file(path, |file| Ok(file.write_all(bytes)?)).with_context(|| {
         format!(

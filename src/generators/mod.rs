@@ -88,6 +88,18 @@ pub struct DatasetJob {
     pub force: bool,
 }
 
+impl DatasetJob {
+    /// A task's plain dataset: its scene as it stands, 5000 training clips, 500 each for validation and test, seed 0.
+    ///
+    /// # Errors
+    /// A task without a scene, or one that cannot be filmed.
+    pub fn plain(task: &Task, folder: PathBuf) -> Result<Self> {
+        let variant = Variant::new(task, 0)?;
+        let images = SourceImages::of(&variant)?;
+        Ok(DatasetJob { variant, counts: Counts { train: 5000, valid: 500, test: 500 }, images, folder, force: false })
+    }
+}
+
 /// Makes a task's training file and its long test file, each with its true states and a sample picture.
 ///
 /// A file that is there stays, unless the job forces.

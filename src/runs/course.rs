@@ -73,7 +73,7 @@ impl Course {
     }
 
     /// (step, value) of the records of a kind (of any, if none is given) that hold a value.
-    pub(crate) fn points(&self, kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
+    pub fn points(&self, kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
         metrics::points(&self.records, kind, name)
     }
 }

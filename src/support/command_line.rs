@@ -1,7 +1,6 @@
 //! The options of a program, for a process or for people to copy.
 
 use std::ffi::{OsStr, OsString};
-use std::iter;
 
 use anyhow::{Context, Result};
 
@@ -29,13 +28,14 @@ impl CommandOptions {
         &self.0
     }
 
-    /// The whole command in a shell's notation.
+    /// The whole command in a shell's notation: the program, its command, the options.
     ///
     /// # Errors
     /// A word that is not UTF-8.
-    pub fn shell(&self, program: impl AsRef<OsStr>) -> Result<String> {
-        let words: Option<Vec<_>> =
-            iter::once(program.as_ref()).chain(self.0.iter().map(|w| w.as_os_str())).map(OsStr::to_str).collect();
+    pub fn shell(&self, program: impl AsRef<OsStr>, command: &str) -> Result<String> {
+        let options = self.0.iter().map(OsString::as_os_str);
+        let words = [program.as_ref(), OsStr::new(command)].into_iter().chain(options);
+        let words: Option<Vec<_>> = words.map(OsStr::to_str).collect();
         shlex::try_join(words.context("a path that is not UTF-8 cannot stand in a command line")?)
             .context("command line")
     }

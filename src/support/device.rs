@@ -71,7 +71,4 @@ pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// The commit that this program was built from, with a `+` where the sources differ from it.
-pub const COMMIT: &str = env!("PAIG_COMMIT");
-/// Version of the libtorch this was built with.
-pub const LIBTORCH_VERSION: &str = env!("PAIG_LIBTORCH_VERSION");
+pub use paig_kernels::LIBTORCH_VERSION;

@@ -5,6 +5,7 @@ pub mod assignment;
 pub mod atomic;
 pub mod command_line;
 pub mod device;
+pub mod exit_codes;
 pub mod fast_math;
 pub mod least_squares;
 pub mod memory;

@@ -71,7 +71,6 @@ impl ObjectLooks {
 /// What kind of thing lies behind the objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Background {
     /// One grey level, black by default; white behind a bar.
     Plain,
@@ -87,6 +86,19 @@ pub enum Background {
     Drifting,
     /// A picture from a file, the same in all clips.
     Picture,
+}
+
+impl Background {
+    /// All kinds with their names as an option of a program.
+    pub const NAMED: [(&str, Background); 7] = [
+        ("plain", Background::Plain),
+        ("cifar", Background::Cifar),
+        ("random-cifar", Background::RandomCifar),
+        ("texture", Background::Texture),
+        ("random-texture", Background::RandomTexture),
+        ("drifting", Background::Drifting),
+        ("picture", Background::Picture),
+    ];
 }
 
 /// `[scene.background]`

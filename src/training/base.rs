@@ -17,11 +17,11 @@ use super::observer::{Event, Observer};
 use super::optimizers::{Optimizer, OptimizerKind};
 use crate::datasets::iterators::{Clips, steps_per_epoch};
 use crate::evaluation;
-use crate::kernels::Repeated;
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{BestOf, RunState, Store};
 use crate::runs::metrics::{Kind, Record};
 use crate::runs::weights::{self, Named, first_not_finite, is_finite};
+use paig_kernels::Repeated;
 
 /// How a training or a phase ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -269,7 +269,7 @@ impl Session<'_> {
     /// Tells of an early fit: a line on it, and the parameters that it gave the model.
     pub(super) fn tell_fit(&mut self, phase: &str, line: &str) -> Result<()> {
         self.tell(&Event::Note(line))?;
-        self.tell(&Event::Recorded(&self.record(Kind::Identify, phase)))
+        self.tell(&Event::Recorded { record: &self.record(Kind::Identify, phase), model: self.model })
     }
 
     fn record_step(&mut self, phase: &str, value: f64, loss: &StepLoss) -> Result<()> {
@@ -279,7 +279,7 @@ impl Session<'_> {
             pred_loss: loss.prediction.as_ref().map(|loss| loss.double_value(&[])),
             ..self.record(Kind::Train, phase)
         };
-        self.tell(&Event::Recorded(&record))
+        self.tell(&Event::Recorded { record: &record, model: self.model })
     }
 
     /// Scores the model on the validation split; keeps the weights of the last phase's best score. Where the score is not a
@@ -299,7 +299,7 @@ impl Session<'_> {
             extrap_loss,
             ..self.record(Kind::Valid, phase)
         };
-        self.tell(&Event::Recorded(&record))?;
+        self.tell(&Event::Recorded { record: &record, model: self.model })?;
         self.state.validations.push(score);
         // Before the weights are kept: a return to them is not to lose what was fitted to them.
         if let Some(fitted) = objective.after_validation(self.model, &self.state.validations)? {

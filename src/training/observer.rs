@@ -15,7 +15,7 @@ pub enum Event<'a> {
     /// A step was taken, with this loss.
     Step { loss: f64, model: &'a PhysicsNet },
     /// Numbers for metrics.jsonl: of a step, of a validation, of the fit.
-    Recorded(&'a Record),
+    Recorded { record: &'a Record, model: &'a PhysicsNet },
     /// A line for people: what the fit found, what was done about it.
     Note(&'a str),
     /// A checkpoint was saved after this many steps.

@@ -9,8 +9,8 @@ use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
-use crate::kernels::gpu::{self, Rule, Updated};
-use crate::kernels::{self, AdamStep, Kernels};
+use paig_kernels::gpu::{self, Rule, Updated};
+use paig_kernels::{self, AdamStep, Kernels};
 
 /// Which update rule. The constants are TensorFlow 1's defaults, as the original uses them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -222,11 +222,11 @@ impl Optimizer {
                 let tensors = [&variable, g, &m, &v];
                 if let Rates::Numbers(rates) = &self.rates
                     && self.kernels == Kernels::Own
-                    && kernels::serve(&tensors)
+                    && paig_kernels::serve(&tensors)
                     && tensors.iter().all(|it| it.is_contiguous())
                 {
                     let [betas @ .., rate, epsilon] = [b1, b2, rates[place], ADAM_EPSILON].map(|number| number as f32);
-                    return kernels::adam(AdamStep { betas, rate, epsilon }, g, [&mut variable, &mut m, &mut v]);
+                    return paig_kernels::adam(AdamStep { betas, rate, epsilon }, g, [&mut variable, &mut m, &mut v]);
                 }
                 let _ = m.lerp_(g, 1.0 - b1);
                 let _ = v.lerp_(&g.square(), 1.0 - b2);
@@ -271,7 +271,7 @@ impl Optimizer {
 }
 
 fn forget_gradients(variables: &[(String, Tensor)]) {
-    variables.iter().for_each(|(_, variable)| kernels::forget_gradient(variable));
+    variables.iter().for_each(|(_, variable)| paig_kernels::forget_gradient(variable));
 }
 
 #[cfg(test)]

@@ -49,7 +49,7 @@ pub fn line(record: &Record) -> Option<String> {
 impl Observer for Recorder {
     fn observe(&mut self, event: &Event) -> Result<()> {
         match event {
-            Event::Recorded(record) => {
+            Event::Recorded { record, .. } => {
                 if self.metrics.length()? == 0 {
                     Record::begin().write(&mut self.metrics)?;
                 }

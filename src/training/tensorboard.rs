@@ -45,7 +45,7 @@ impl Observer for EventFile {
                 let begun = now() - records.last().map_or(0.0, seconds);
                 records.iter().try_for_each(|record| self.write(&scalars(record, begun + seconds(record))))
             }
-            Event::Recorded(record) => self.write(&scalars(record, now())),
+            Event::Recorded { record, .. } => self.write(&scalars(record, now())),
             _ => Ok(()),
         }
     }

@@ -13,15 +13,16 @@ use super::config::Config;
 use super::observer::Observer;
 use crate::datasets::dataset::are_the_same;
 use crate::datasets::iterators::Clips;
-use crate::kernels::{Flushing, Kernels, KernelsAlone, own_stream};
 use crate::network::cells::{Actions, Coordinates, State};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{RunState, Store};
-use crate::support::device::COMMIT;
 use crate::support::random::named_generator;
+use paig_kernels::{Flushing, Kernels, KernelsAlone, own_stream};
 
 /// Clips that a GPU sees at a time where nothing is learned from them: fewer take it as long.
 const PASS_ON_GPU: usize = 100;
+/// Where nobody says which commit trains.
+const UNKNOWN_COMMIT: &str = "unknown";
 /// States of rest from which a motion is tried before a training. From some of them an equation may lead anywhere: two bodies
 /// that lie on each other.
 const RESTS: usize = 16;
@@ -33,6 +34,8 @@ pub struct Trainer<'a> {
     session: Session<'a>,
     /// Checksums of the clips; empty where nobody says them.
     clips: String,
+    /// Of the program that trains.
+    commit: String,
 }
 
 impl<'a> Trainer<'a> {
@@ -66,12 +69,18 @@ impl<'a> Trainer<'a> {
             slots: None,
             clock: Instant::now(),
         };
-        Ok(Trainer { config, session, clips: String::new() })
+        Ok(Trainer { config, session, clips: String::new(), commit: UNKNOWN_COMMIT.into() })
     }
 
     /// Says by their checksums which clips these are: a run that was begun with others does not go on.
     pub fn of_clips(mut self, checksums: &str) -> Self {
         self.clips = checksums.into();
+        self
+    }
+
+    /// The commit of the program that trains; the checkpoint keeps it.
+    pub fn built_from(mut self, commit: &str) -> Self {
+        self.commit = commit.into();
         self
     }
 
@@ -157,8 +166,8 @@ impl<'a> Trainer<'a> {
         let session = &mut self.session;
         let phases = self.config.phases();
         for phase in phases.iter().skip(session.state.phase) {
-            if session.state.commits.last().is_none_or(|last| last != COMMIT) {
-                session.state.commits.push(COMMIT.into());
+            if session.state.commits.last().is_none_or(|last| *last != self.commit) {
+                session.state.commits.push(self.commit.clone());
             }
             session.last_phase = session.state.phase + 1 == phases.len();
             if phase.run(session)? == Outcome::Interrupted {

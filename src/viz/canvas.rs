@@ -17,7 +17,7 @@ use tch::{Device, Kind, Tensor};
 use crate::support::atomic;
 
 /// The text's colour.
-pub(crate) const INK: RGBColor = RGBColor(38, 42, 48);
+pub const INK: RGBColor = RGBColor(38, 42, 48);
 const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
 
 /// The embedded font under a name of its own, so that no font of the machine decides how a picture looks.
@@ -26,33 +26,33 @@ static REGISTERED: LazyLock<bool> =
     LazyLock::new(|| register_font(FONT, FontStyle::Normal, dejavu::sans::regular()).is_ok());
 
 /// The embedded font, `size` pixels high.
-pub(crate) fn font(size: u32) -> FontDesc<'static> {
+pub fn font(size: u32) -> FontDesc<'static> {
     assert!(*REGISTERED, "the embedded font is sound");
     (FontFamily::Name(FONT), size).into_font()
 }
 
 /// An RGB picture, white at the start. Places are (x, y) of a top left corner in pixels.
 #[derive(Clone)]
-pub(crate) struct Canvas {
+pub struct Canvas {
     pixels: RgbImage,
 }
 
 impl Canvas {
-    pub(crate) fn new(width: u32, height: u32) -> Self {
+    pub fn new(width: u32, height: u32) -> Self {
         Canvas { pixels: RgbImage::from_pixel(width, height, PAPER) }
     }
 
     /// The corner of a picture need not lie within the canvas; what sticks out is cut off.
-    pub(crate) fn paste(&mut self, picture: &RgbImage, (x, y): (u32, u32)) {
+    pub fn paste(&mut self, picture: &RgbImage, (x, y): (u32, u32)) {
         imageops::replace(&mut self.pixels, picture, i64::from(x), i64::from(y));
     }
 
-    pub(crate) fn fill(&mut self, corner: (u32, u32), (width, height): (u32, u32), colour: RGBColor) {
+    pub fn fill(&mut self, corner: (u32, u32), (width, height): (u32, u32), colour: RGBColor) {
         self.paste(&RgbImage::from_pixel(width, height, Rgb([colour.0, colour.1, colour.2])), corner);
     }
 
     /// One line of text; `at` is its left end, middle or right end, halfway up its capitals.
-    pub(crate) fn text(&mut self, text: &str, at: (u32, u32), size: u32, align: HPos, colour: RGBColor) -> Result<()> {
+    pub fn text(&mut self, text: &str, at: (u32, u32), size: u32, align: HPos, colour: RGBColor) -> Result<()> {
         // The font's layout box reaches above the capitals: a fifth of the size further down looks centred.
         let at = (at.0 as i32, (at.1 + size / 5) as i32);
         let style = TextStyle::from(font(size)).color(&colour).pos(Pos::new(align, VPos::Center));
@@ -60,16 +60,20 @@ impl Canvas {
     }
 
     /// The whole canvas as a drawing area.
-    pub(crate) fn area(&mut self) -> DrawingArea<BitMapBackend<'_>, Shift> {
+    pub fn area(&mut self) -> DrawingArea<BitMapBackend<'_>, Shift> {
         let size = self.pixels.dimensions();
         BitMapBackend::with_buffer(&mut self.pixels, size).into_drawing_area()
     }
 
-    pub(crate) fn pixels(&self) -> &RgbImage {
+    pub fn pixels(&self) -> &RgbImage {
         &self.pixels
     }
 
-    pub(crate) fn write_png(&self, path: &Path) -> Result<()> {
+    pub fn into_pixels(self) -> RgbImage {
+        self.pixels
+    }
+
+    pub fn write_png(&self, path: &Path) -> Result<()> {
         atomic::write_file(path, |file| {
             let encoder = PngEncoder::new_with_quality(file, CompressionType::Best, PngFilter::Adaptive);
             Ok(self.pixels.write_with_encoder(encoder)?)
@@ -78,12 +82,12 @@ impl Canvas {
 }
 
 /// A drawing error as one that can leave the thread.
-pub(crate) fn drawn<T, E: std::error::Error + Send + Sync>(result: Result<T, DrawingAreaErrorKind<E>>) -> Result<T> {
+pub fn drawn<T, E: std::error::Error + Send + Sync>(result: Result<T, DrawingAreaErrorKind<E>>) -> Result<T> {
     result.map_err(|error| anyhow!("cannot draw: {error}"))
 }
 
 /// Frames `[n, C, h, w]` in \[0, 1\] (clipped to it) as `n` pictures, every pixel `times` as large; one channel becomes grey.
-pub(crate) fn pictures(frames: &Tensor, times: u32) -> Result<Vec<RgbImage>> {
+pub fn pictures(frames: &Tensor, times: u32) -> Result<Vec<RgbImage>> {
     let (count, channels, height, width) = frames.size4()?;
     ensure!(channels == 1 || channels == 3, "a picture needs 1 or 3 channels; the frames have {channels}");
     let bytes = (frames.to_device(Device::Cpu).clamp(0.0, 1.0) * 255.0).round().to_kind(Kind::Uint8);
@@ -98,6 +102,6 @@ pub(crate) fn pictures(frames: &Tensor, times: u32) -> Result<Vec<RgbImage>> {
 }
 
 /// The same of one frame `[C, h, w]`.
-pub(crate) fn picture(frame: &Tensor, times: u32) -> Result<RgbImage> {
+pub fn picture(frame: &Tensor, times: u32) -> Result<RgbImage> {
     Ok(pictures(&frame.unsqueeze(0), times)?.remove(0))
 }

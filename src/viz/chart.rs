@@ -18,11 +18,11 @@ use plotters::style::{Color, RGBColor, ShapeStyle, TextStyle, WHITE};
 
 use super::canvas::{Canvas, INK, drawn, font};
 
-pub(crate) const GREY: RGBColor = RGBColor(120, 128, 140);
-pub(crate) const GREEN: RGBColor = RGBColor(36, 145, 84);
-pub(crate) const BLUE: RGBColor = RGBColor(24, 119, 190);
-pub(crate) const ORANGE: RGBColor = RGBColor(222, 106, 16);
-pub(crate) const RED: RGBColor = RGBColor(196, 40, 58);
+pub const GREY: RGBColor = RGBColor(120, 128, 140);
+pub const GREEN: RGBColor = RGBColor(36, 145, 84);
+pub const BLUE: RGBColor = RGBColor(24, 119, 190);
+pub const ORANGE: RGBColor = RGBColor(222, 106, 16);
+pub const RED: RGBColor = RGBColor(196, 40, 58);
 
 /// Backgrounds of the spans, in turn.
 const SHADES: [RGBColor; 2] = [RGBColor(243, 245, 248), RGBColor(230, 236, 243)];
@@ -38,7 +38,7 @@ const LOG_FROM: f64 = 20.0;
 
 /// How a line is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stroke {
+pub enum Stroke {
     /// Thin and pale, behind the others.
     Pale,
     /// With a dot at each point.
@@ -51,7 +51,7 @@ pub(crate) enum Stroke {
 
 /// A line of a chart; points are (step, value).
 #[derive(Debug)]
-pub(crate) struct Line {
+pub struct Line {
     /// In the legend; an empty one does not stand there.
     pub label: String,
     pub colour: RGBColor,
@@ -62,14 +62,14 @@ pub(crate) struct Line {
 
 /// Steps or frames that belong together; first and last are equal for a phase that takes no steps.
 #[derive(Debug, Clone)]
-pub(crate) struct Span {
+pub struct Span {
     pub name: String,
     pub first: f64,
     pub last: f64,
 }
 
 /// A plot of values over steps or frames.
-pub(crate) struct Chart {
+pub struct Chart {
     pub title: String,
     /// What is counted on the horizontal axis.
     pub axis: &'static str,
@@ -88,7 +88,7 @@ pub(crate) struct Chart {
 }
 
 /// Draws charts one above the other, each so high, without those that have no point. False and no file if none has one.
-pub(crate) fn write(path: &Path, height: u32, mut charts: Vec<Chart>) -> Result<bool> {
+pub fn write(path: &Path, height: u32, mut charts: Vec<Chart>) -> Result<bool> {
     charts.retain(|chart| chart.lines.iter().flat_map(|line| &line.pieces).any(|piece| !piece.is_empty()));
     if charts.is_empty() {
         return Ok(false);

@@ -5,6 +5,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use image::RgbImage;
 use plotters::style::text_anchor::HPos;
 
 use super::canvas::{Canvas, pictures};
@@ -31,23 +32,32 @@ pub fn layout(system: &System, time: usize) -> Grid {
 
 /// Writes the pictures of the first `count` clips.
 pub(super) fn write(folder: &Path, system: &System, outputs: &Outputs, count: usize) -> Result<()> {
-    let grid = layout(system, outputs.time());
     for clip in 0..outputs.count().min(count) {
-        let mut canvas = empty(&grid, &sections(system, outputs.time()))?;
-        let rows = [
-            outputs.input_and_prediction(clip),
-            outputs.clips.get(clip as i64),
-            outputs.reconstructions.get(clip as i64),
-        ];
-        for (row, frames) in rows.iter().enumerate() {
-            for (frame, picture) in pictures(frames, enlargement(system))?.iter().enumerate() {
-                canvas.paste(picture, grid.corner(row, frame));
-            }
-        }
         let path = folder.join(format!("example{clip}.png"));
-        canvas.write_png(&path).with_context(|| format!("picture of test clip {clip}"))?;
+        canvas(system, outputs, clip)?.write_png(&path).with_context(|| format!("picture of test clip {clip}"))?;
     }
     Ok(())
+}
+
+/// The picture of one clip. Rows: input and prediction, truth, reconstruction.
+///
+/// # Errors
+/// Frames with neither 1 nor 3 channels.
+pub fn picture(system: &System, outputs: &Outputs, clip: usize) -> Result<RgbImage> {
+    Ok(canvas(system, outputs, clip)?.into_pixels())
+}
+
+fn canvas(system: &System, outputs: &Outputs, clip: usize) -> Result<Canvas> {
+    let grid = layout(system, outputs.time());
+    let mut canvas = empty(&grid, &sections(system, outputs.time()))?;
+    let rows =
+        [outputs.input_and_prediction(clip), outputs.clips.get(clip as i64), outputs.reconstructions.get(clip as i64)];
+    for (row, frames) in rows.iter().enumerate() {
+        for (frame, picture) in pictures(frames, enlargement(system))?.iter().enumerate() {
+            canvas.paste(picture, grid.corner(row, frame));
+        }
+    }
+    Ok(canvas)
 }
 
 /// A picture with its captions, labels and boundaries.

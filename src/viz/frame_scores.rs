@@ -15,7 +15,7 @@ use crate::support::statistics::Spread;
 use crate::tasks::Task;
 
 /// Height of a chart, pixels.
-pub(crate) const CHART_HEIGHT: u32 = 520;
+pub const CHART_HEIGHT: u32 = 520;
 
 /// Plots SSIM and squared error over the place of a frame in the clip. False and no file if there are no frames.
 ///
@@ -26,7 +26,7 @@ pub fn write_frame_scores(path: &Path, task: &Task, frames: &[FrameSpread]) -> R
 }
 
 /// SSIM and squared error over the place of a frame in the clip, of several runs with the band in which they lie.
-pub(crate) fn frame_charts(task: &Task, frames: &[FrameSpread]) -> Vec<Chart> {
+pub fn frame_charts(task: &Task, frames: &[FrameSpread]) -> Vec<Chart> {
     let spans = frame_spans(&task.system, frames.last().map_or(0, |scores| scores.frame + 1));
     let chart = |title, lines, legend| Chart {
         title: format!("{}: {title} of the predicted frames", task.name),
@@ -44,7 +44,7 @@ pub(crate) fn frame_charts(task: &Task, frames: &[FrameSpread]) -> Vec<Chart> {
 }
 
 /// Input, T_pred and, as far as clips of `end` frames reach, T_ext.
-pub(crate) fn frame_spans(system: &System, end: usize) -> Vec<Span> {
+pub fn frame_spans(system: &System, end: usize) -> Vec<Span> {
     let (input, boundary) = (system.input_steps as f64, (system.input_steps + system.pred_steps) as f64);
     let end = (end as f64).max(input);
     let span = |name: &str, first, last| Span { name: name.into(), first, last };

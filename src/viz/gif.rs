@@ -16,7 +16,7 @@ const LAST_FRAME_TIME: u32 = 1200;
 const QUANTISER_SPEED: i32 = 10;
 
 /// Writes `frames` pictures as an animation, endless, about 8 of them a second; the last one stands longer.
-pub(crate) fn write(path: &Path, frames: usize, draw: impl Fn(usize) -> Result<Canvas>) -> Result<()> {
+pub fn write(path: &Path, frames: usize, draw: impl Fn(usize) -> Result<Canvas>) -> Result<()> {
     atomic::write_file(path, |file| {
         let mut encoder = GifEncoder::new_with_speed(file, QUANTISER_SPEED);
         encoder.set_repeat(Repeat::Infinite)?;

@@ -6,13 +6,13 @@
 
 mod animation;
 mod arrays;
-pub(crate) mod canvas;
-pub(crate) mod chart;
+pub mod canvas;
+pub mod chart;
 mod curves;
 pub mod examples;
 mod frame_scores;
 mod gallery;
-pub(crate) mod gif;
+pub mod gif;
 pub mod grid;
 mod masks;
 mod rollout;
@@ -33,7 +33,7 @@ use crate::support::storage::storage;
 pub use arrays::write_predictions;
 pub use curves::write_curves;
 pub use frame_scores::write_frame_scores;
-pub(crate) use frame_scores::{CHART_HEIGHT, frame_charts, frame_spans};
+pub use frame_scores::{CHART_HEIGHT, frame_charts, frame_spans};
 pub use gallery::write_gallery;
 pub use rollout::{check_rollout_folder, write_rollout};
 pub use strip::{read_strip, write_strip};

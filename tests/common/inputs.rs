@@ -4,13 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use clap::Parser;
-use paig::cli::arguments::parse_seeds;
-use paig::cli::run::AnyTask;
 use paig::datasets::dataset::Dataset;
 use paig::datasets::files::{ClipShape, Split};
 use paig::generators::source_images::SourceImages;
-use paig::import::sources::Video;
-use paig::import::tracker::TrackerFile;
 use paig::runs::metrics;
 use paig::runs::run_config::RunConfig;
 use paig::runs::summary::Summary;
@@ -18,8 +14,14 @@ use paig::runs::weights;
 use paig::tasks::{self, Task};
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
+use paig_cli::Paig;
+use paig_terminal::arguments::parse_seeds;
+use paig_video::import::sources::Video;
+use paig_video::import::tracker::TrackerFile;
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
+
+use crate::project::project;
 
 /// One reader.
 pub struct Target {
@@ -44,7 +46,7 @@ fn file(folder: &Path, name: &str, bytes: &[u8]) -> std::path::PathBuf {
 }
 
 fn of_repository(name: &str) -> Vec<u8> {
-    fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap()
+    fs::read(project(name)).unwrap()
 }
 
 const RECORD: &str = "reports/seeds/records/spring_color/fast/seed=0";
@@ -247,10 +249,8 @@ pub const TARGETS: &[Target] = &[
     },
     Target {
         name: "command_line",
-        examples: |_| {
-            vec![b"run_physics --task spring_color --seed 1 --set join.batch=5 --threads 2 --resume".to_vec()]
-        },
-        read: |bytes, _| drop(AnyTask::try_parse_from(text(bytes).split_whitespace())),
+        examples: |_| vec![b"paig train --task spring_color --seed 1 --set join.batch=5 --threads 2 --resume".to_vec()],
+        read: |bytes, _| drop(Paig::try_parse_from(text(bytes).split_whitespace())),
         quick: true,
     },
     Target {

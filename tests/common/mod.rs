@@ -1,10 +1,12 @@
 //! A small dataset on the disk and the programs that are tested, for the tests of whole runs.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 use std::sync::OnceLock;
 
 use tempfile::TempDir;
+
+use crate::programs::{paig, text, train};
 
 /// Clips of the training split of [`dataset`].
 pub const TRAIN_CLIPS: usize = 300;
@@ -15,7 +17,7 @@ pub fn dataset() -> &'static Path {
     FOLDER
         .get_or_init(|| {
             let folder = tempfile::tempdir().unwrap();
-            let made = Command::new(env!("CARGO_BIN_EXE_generate"))
+            let made = paig("generate")
                 .args(["--task", "spring_color", "--valid", "40", "--test", "20", "--train", &TRAIN_CLIPS.to_string()])
                 .arg("--out")
                 .arg(folder.path())
@@ -29,7 +31,7 @@ pub fn dataset() -> &'static Path {
 
 /// The training program on the small dataset with one thread.
 pub fn spring(out: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_spring_color"));
+    let mut command = train("spring_color");
     command.arg("--out").arg(out);
     command
 }
@@ -37,11 +39,6 @@ pub fn spring(out: &Path) -> Command {
 /// The arguments of a new run: data and threads.
 pub fn fresh(command: &mut Command) -> &mut Command {
     command.args(["--threads", "1", "--data"]).arg(dataset())
-}
-
-/// Standard output and error together.
-pub fn text(output: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
 /// A config file of that text in the folder.

@@ -3,7 +3,7 @@
 
     python3 tests/engines/engines.py parallel hyperqueue slurm [--runs 20] [--kills 10]
 
-Every run must have finished once, with the bits of the plain sweep. Needed are the programs in target/release, and GNU
+Every run must have finished once, with the bits of the plain sweep. Needed are target/release/paig, and GNU
 parallel (Debian: parallel), or the Python module `hyperqueue` (PyPI), or slurmctld, slurmd and munge (Debian: slurm-wlm,
 munge; as root). Prints a line of JSON for the plain sweep, with the time in which it ran nothing, and one for each engine.
 """
@@ -22,7 +22,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PROGRAMS = ROOT / "target/release"
+PAIG = ROOT / "target/release/paig"
 # A run of all phases in a second or two.
 TINY = """
 [discover]
@@ -51,7 +51,7 @@ def call(*words, **options):
 
 
 def sweep(out, runs, *more):
-    return [PROGRAMS / "sweep", "--task", "spring_color", "--seeds", f"0-{runs - 1}", "--name", "tiny", "--config",
+    return [PAIG, "sweep", "--task", "spring_color", "--seeds", f"0-{runs - 1}", "--name", "tiny", "--config",
             "tiny.toml", "--data", "data", "--threads-per-run", "1", "--out", out, *more]
 
 
@@ -82,7 +82,7 @@ def programs_below(folder):
                 name, place = (entry / "comm").read_text().strip(), os.readlink(entry / "cwd")
             except OSError:
                 continue
-            if name in ("run_physics", "sweep") and place == str(folder):
+            if name == "paig" and place == str(folder):
                 found.append(int(entry.name))
     return found
 
@@ -275,7 +275,7 @@ def plainly(runs, folder):
     if finished("plain", runs) == runs:
         return
     (folder / "tiny.toml").write_text(TINY)
-    call(PROGRAMS / "generate", "--task", "spring_color", "--train", 12, "--valid", 4, "--test", 4, "--out", "data",
+    call(PAIG, "generate", "--task", "spring_color", "--train", 12, "--valid", 4, "--test", 4, "--out", "data",
          stdout=subprocess.DEVNULL)
     took, idle = plain_sweep(runs)
     print(json.dumps({"engine": "none", "runs": runs, "seconds": round(took, 1), "overhead": round(idle / took, 4)}),

@@ -1,8 +1,8 @@
 //! `conv_lstm`: a convolutional LSTM over some frames, and the gradients to the frames and to its weights.
 
 use anyhow::{Result, ensure};
-use paig::baselines::whole_models::conv_lstm::ConvLstmCell;
 use paig::network::blocks::Layers;
+use paig_experiments::baselines::whole_models::conv_lstm::ConvLstmCell;
 use tch::nn::VarStore;
 use tch::{Device, Tensor};
 

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use tch::nn::Path;
 use tch::{Device, Kind, Tensor};
 
-use crate::kernels::{self, ConvolutionKernel, Kernels, PreparedConvolution};
 use crate::network::stn::hat_matrix;
+use paig_kernels::{self, ConvolutionKernel, Kernels, PreparedConvolution};
 
 pub use unet::{UNet, side_multiple, uses_deep_unet};
 pub use variable_from_network::VariableFromNetwork;
@@ -108,8 +108,8 @@ impl Dense {
                 let [x, weight] = [x, &self.weight].map(|factor| factor.to_kind(Kind::BFloat16));
                 x.linear::<Tensor>(&weight, None).to_kind(self.bias.kind()) + &self.bias
             }
-            Precision::Float32 if kernels == Kernels::Own && kernels::serve(&[x, &self.weight]) => {
-                kernels::linear(x, &self.weight, &self.bias)
+            Precision::Float32 if kernels == Kernels::Own && paig_kernels::serve(&[x, &self.weight]) => {
+                paig_kernels::linear(x, &self.weight, &self.bias)
             }
             Precision::Float32 => return self.forward(x),
         };
@@ -118,9 +118,9 @@ impl Dense {
 
     /// The same twice: once differentiable by the input and the layer, once by the layer alone. The products are shared.
     pub fn forward_wide_twice(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> [Tensor; 2] {
-        if precision == Precision::Float32 && kernels == Kernels::Own && kernels::serve(&[x, &self.weight]) {
-            let by_layer = kernels::linear(&x.detach(), &self.weight, &self.bias);
-            let by_both = kernels::taught_through(&by_layer, x, &self.weight);
+        if precision == Precision::Float32 && kernels == Kernels::Own && paig_kernels::serve(&[x, &self.weight]) {
+            let by_layer = paig_kernels::linear(&x.detach(), &self.weight, &self.bias);
+            let by_both = paig_kernels::taught_through(&by_layer, x, &self.weight);
             return [by_both, by_layer].map(|product| self.activation.apply(product));
         }
         [x.shallow_clone(), x.detach()].map(|x| self.forward_wide(&x, kernels, precision))

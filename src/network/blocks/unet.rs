@@ -3,7 +3,7 @@
 use tch::Tensor;
 
 use super::{Activation, Conv2d, Layers, resize_bilinear_x2};
-use crate::kernels::{Instructions, Kernels, Shape, UNetKernel};
+use paig_kernels::{Instructions, Kernels, Shape, UNetKernel};
 
 /// A U-Net: `levels` times two convolutions and a 2x2 max pooling with the width doubling, and the way back up with
 /// skip connections. Gives one mask logit per object and pixel.
@@ -134,9 +134,9 @@ mod tests {
     use tch::{Device, Kind};
 
     use super::*;
-    use crate::kernels::allow_tf32;
-    use crate::kernels::gpu;
-    use crate::kernels::gpu::testing::test_device;
+    use paig_kernels::allow_tf32;
+    use paig_kernels::gpu;
+    use paig_kernels::gpu::testing::test_device;
 
     /// The deep network and the shallow one, of sides that quads of pixels divide and that they do not, of one frame and of more
     /// than a block has.

@@ -5,7 +5,7 @@ use tch::Tensor;
 use super::plain::PlainCell;
 use super::text::roll_out_on_gpu;
 use super::{Actions, Cell, CellKind, State, Walls};
-use crate::kernels::gpu;
+use paig_kernels::gpu;
 
 /// A cell, and what the kernel is told of it.
 #[derive(Debug)]

@@ -7,9 +7,9 @@ use tch::Tensor;
 use tch::nn::Path;
 
 use super::{BACKGROUND_LOGIT, ModelOptions};
-use crate::kernels::{self, Kernels, Shape, gpu};
 use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers, Precision, UNet, uses_deep_unet};
+use paig_kernels::{self, Kernels, Shape, gpu};
 
 const HIDDEN: usize = 200;
 /// Positions nearer to the frame's edge than this allows are not asked of the localisation network.
@@ -80,8 +80,8 @@ impl Encoder {
         }
         let background = logits.narrow(1, 0, 1).full_like(BACKGROUND_LOGIT);
         let masks = Tensor::cat(&[logits, background], 1).softmax(1, frames.kind());
-        let masked = if by_kernel && kernels::serve(&[&masks, frames]) {
-            kernels::masked(self.objects, &masks, frames)
+        let masked = if by_kernel && paig_kernels::serve(&[&masks, frames]) {
+            paig_kernels::masked(self.objects, &masks, frames)
         } else {
             masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0)
         };

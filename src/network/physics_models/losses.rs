@@ -6,8 +6,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 use tch::{Kind, Tensor};
 
 use super::ForwardPass;
-use crate::kernels::{self, Kernels, gpu};
 use crate::network::System;
+use paig_kernels::{self, Kernels, gpu};
 
 /// Mean over frames of the squared error summed over channels, height and width.
 ///
@@ -15,7 +15,7 @@ use crate::network::System;
 pub fn frame_error(kernels: Kernels, frames: &Tensor, truth: &Tensor) -> Tensor {
     let frames_in_all = frames.size()[0] * frames.size()[1];
     let sum = match kernels == Kernels::Own && !truth.requires_grad() {
-        true if kernels::serve(&[frames, truth]) => kernels::squared_error(frames, truth),
+        true if paig_kernels::serve(&[frames, truth]) => paig_kernels::squared_error(frames, truth),
         true if gpu::serve(&[frames, truth]) => gpu::squared_error(frames, truth),
         _ => (frames - truth).square().sum(frames.kind()),
     };

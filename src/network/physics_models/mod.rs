@@ -26,11 +26,11 @@ use tch::nn::{Init, VarStore};
 use tch::{Device, Kind, Tensor};
 
 use self::parameters::raw_within;
-use crate::kernels::{Kernels, allow_tf32};
 use crate::network::System;
 use crate::network::cells::{Actions, Cell, OnGpu, PhysicalParameter, State};
 use crate::network::dynamics::BlackBox;
 use crate::network::initial_values;
+use paig_kernels::{Kernels, allow_tf32};
 
 pub use decoder::{Decoder, DecoderKind, Rendering, Sprites};
 pub use encoder::{Encoder, Encoding};

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::decoder::DecoderKind;
-use crate::kernels::Kernels;
 use crate::network::System;
 use crate::network::blocks::Precision;
 use crate::network::cells::{Coordinates, PhysicalParameter};
 use crate::network::dynamics::DynamicsKind;
+use paig_kernels::Kernels;
 
 /// Choices that change what the network computes. All off is the original.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

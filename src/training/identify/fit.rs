@@ -11,12 +11,12 @@ use anyhow::{Result, ensure};
 use tch::{Device, Kind, Tensor};
 
 use super::Identify;
-use crate::kernels::KernelsAlone;
 use crate::network::System;
 use crate::network::cells::{Actions, State, plain};
 use crate::network::physics_models::PhysicsNet;
 use crate::support::least_squares;
 use crate::support::statistics::MEDIAN_TO_DEVIATION;
+use paig_kernels::KernelsAlone;
 
 /// Half the span of the difference quotients, in the unit of a coordinate or a velocity, or of a raw number. In float64
 /// roll-outs of positions up to 64 px it leaves nine digits.

@@ -191,7 +191,7 @@ impl Phase for Identify {
             session.tell(&Event::Note(&format!("velocity - residual={left:.4} {unit} per time unit")))?;
             record.velocity_residual = Some(left);
         }
-        session.tell(&Event::Recorded(&record))?;
+        session.tell(&Event::Recorded { record: &record, model: session.model })?;
         session.tell(&Event::PhaseEnds { phase: self.name() })?;
         Ok(Outcome::Finished)
     }

@@ -3,7 +3,7 @@
 use tch::{Device, Kind, Tensor};
 
 use super::motion::Moving;
-use crate::kernels::in_parallel;
+use paig_kernels::in_parallel;
 
 /// Pixels that move less than this are left out.
 const FAINT: f32 = 0.05;

@@ -8,11 +8,11 @@ use tch::{Kind, Tensor};
 
 use super::super::{BACKGROUND_LOGIT, ModelOptions};
 use super::{Rendering, Sprites};
-use crate::kernels::{self, Kernels, Scene, gpu};
 use crate::network::System;
 use crate::network::blocks::{Layers, VariableFromNetwork};
 use crate::network::cells::Coordinates;
 use crate::network::stn;
+use paig_kernels::{self, Kernels, Scene, gpu};
 
 /// Of what the fainter of two objects draws, the share below which a difference between them is none.
 const TWINS: f64 = 0.1;
@@ -247,7 +247,7 @@ impl CoordinateConsistent {
     pub fn draw<const LISTS: usize>(&self, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
         let seen: Vec<_> = positions.into_iter().chain([&self.log_sigma]).collect();
         let on_gpu = gpu::serve(&seen);
-        let served = on_gpu || kernels::serve(&seen);
+        let served = on_gpu || paig_kernels::serve(&seen);
         if self.kernels != Kernels::Own || self.coordinates != Coordinates::Position || !served {
             return positions.map(|positions| self.forward(positions).frames);
         }
@@ -265,7 +265,7 @@ impl CoordinateConsistent {
         positions.map(|positions| {
             let (scale, shift) = self.shift(positions);
             let [rows, columns] = stn::separable_pixels(&scale, &shift, self.side as i64, window as i64);
-            let draw = if on_gpu { gpu::draw } else { kernels::draw };
+            let draw = if on_gpu { gpu::draw } else { paig_kernels::draw };
             draw(scene, &layers, &sprites.background, &rows, &columns)
         })
     }

@@ -6,8 +6,8 @@ use super::super::operation::{Binary, Unary};
 use super::super::table::Integrator;
 use super::super::walls::{TextWalls, Value};
 use super::numbers::{Numbers, Signed, Source};
-use crate::kernels::gpu::roll_out::{Barrier, Operation};
 use crate::network::cells::Walls;
+use paig_kernels::gpu::roll_out::{Barrier, Operation};
 
 /// Longest list: one thread goes through it, so a longer one is left to libtorch.
 const MOST_OPERATIONS: usize = 10_000;

@@ -13,8 +13,8 @@ use tch::{Kind, Tensor};
 use self::lowering::Lowering;
 use self::numbers::{Integration, Numbers};
 use super::{Equation, kind as kind_of_text, written};
-use crate::kernels::gpu::roll_out::{Listing, Scalars, roll_out};
 use crate::network::cells::{Actions, Build, CellKind, PhysicalParameter, State, Walls};
+use paig_kernels::gpu::roll_out::{Listing, Scalars, roll_out};
 
 /// The states of the next frames as a [`Cell`](crate::network::cells::Cell) of this equation gives them, by one launch
 /// of a kernel instead of a hundred for each frame; none where the kernel cannot compute them. The tensors are where
@@ -117,11 +117,11 @@ mod tests {
     use tch::Device;
 
     use super::*;
-    use crate::kernels::gpu::roll_out::Operation;
-    use crate::kernels::gpu::testing::{scattered, test_device};
     use crate::network::cells::{
         BOUNCING, Coordinates, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING,
     };
+    use paig_kernels::gpu::roll_out::Operation;
+    use paig_kernels::gpu::testing::{scattered, test_device};
 
     const FRAMES: usize = 8;
     const BATCH: i64 = 37;

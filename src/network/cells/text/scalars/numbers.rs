@@ -6,8 +6,8 @@
 use std::collections::HashMap;
 use std::ops::Neg;
 
-use crate::kernels::gpu::roll_out::{Barrier, HELD, Instruction, Listing, Operation, SINCE, STATE};
 use crate::network::cells::Bounds;
+use paig_kernels::gpu::roll_out::{Barrier, HELD, Instruction, Listing, Operation, SINCE, STATE};
 
 /// A single number: where it comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

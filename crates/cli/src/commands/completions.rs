@@ -1,0 +1,22 @@
+//! Prints the completions for a shell. See `paig completions --help`.
+
+use anyhow::Result;
+use clap::{Args, CommandFactory};
+use clap_complete::{Shell, generate};
+use paig_terminal::progress::write_line;
+
+use crate::Paig;
+
+/// Prints the completions of commands and options for a shell.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  paig completions bash > ~/.local/share/bash-completion/completions/paig")]
+pub struct Arguments {
+    shell: Shell,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let mut script = Vec::new();
+    generate(arguments.shell, &mut Paig::command(), "paig", &mut script);
+    write_line(format_args!("{}", String::from_utf8(script)?));
+    Ok(())
+}

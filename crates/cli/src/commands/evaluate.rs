@@ -1,0 +1,86 @@
+//! Scores a run on a dataset file. See `paig evaluate --help`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use paig::evaluation::{self, ScoredClips};
+use paig::network::physics_models::losses::MeanLosses;
+use paig::runs::scores::{FrameSpread, ScoresFile};
+use paig::support::atomic;
+use paig::viz;
+use paig_terminal::arguments::{ClipsOfRun, ScoredRun};
+use paig_terminal::ending::begin_work;
+use paig_terminal::say;
+use paig_terminal::table::print_frames_and_states;
+
+/// Scores the last checkpoint of a run on any dataset file of its task.
+///
+/// Prints L_rec, L_pred and L_extrap, squared error and SSIM of every predicted frame, and, where the true states lie
+/// beside the file, the errors of positions and velocities.
+#[derive(Debug, Args)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Example:\n  paig evaluate runs/spring_color/fast/seed=0 --json scores.json"
+)]
+pub struct Arguments {
+    #[command(flatten)]
+    run: ScoredRun,
+    /// Write the numbers to this file, too
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Plot SSIM and squared error over the predicted frames to this PNG
+    #[arg(long, value_name = "FILE")]
+    picture: Option<PathBuf>,
+}
+
+pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+    check_places(arguments)?;
+    let ClipsOfRun { config, model, file, split, device } = arguments.run.open()?;
+    let clips = ScoredClips::read(&file, &config.task, split, device)?;
+    begin_work();
+    let run = &arguments.run.run;
+    let scores = evaluation::evaluate(&model, &clips)?;
+    say!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
+    clips.notes.iter().for_each(|note| say!("note: {note}"));
+    print_losses(&scores.losses);
+    print_frames_and_states(&model.system, &scores);
+    if let Some(path) = &arguments.picture {
+        let frames = FrameSpread::of([&scores.predicted_frames[..]]);
+        viz::write_frame_scores(path, &config.task, &frames)?;
+    }
+    if let Some(path) = &arguments.json {
+        ScoresFile {
+            format: ScoresFile::FORMAT,
+            task: config.task.name.clone(),
+            run: run.clone(),
+            file,
+            split: split.name().into(),
+            parameters: model.parameter_values().into_iter().map(|(name, value)| (name.into(), value)).collect(),
+            scores,
+        }
+        .write(path)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What cannot be written must not cost the scoring.
+fn check_places(arguments: &Arguments) -> Result<()> {
+    for path in arguments.json.iter().chain(&arguments.picture) {
+        atomic::check_place(path)?;
+    }
+    if let Some(picture) = &arguments.picture {
+        let png = picture.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+        ensure!(png, "--picture {}: a PNG is written, its name must end in .png", picture.display());
+    }
+    Ok(())
+}
+
+fn print_losses(losses: &MeanLosses) {
+    say!("L_rec {:.4}   L_pred {:.4}", losses.recons_loss, losses.pred_loss);
+    if let Some(loss) = losses.extrap_loss {
+        say!("L_extrap {loss:.4}");
+    }
+    say!();
+}

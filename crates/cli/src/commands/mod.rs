@@ -1,0 +1,72 @@
+//! The commands.
+
+mod baselines;
+mod completions;
+mod control;
+mod convert;
+mod evaluate;
+mod generate;
+mod import;
+mod measure;
+mod measurements;
+mod predict;
+mod report;
+mod stress;
+mod sweep;
+mod train;
+mod train_baseline;
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Subcommand;
+use paig_parity::{parity, speed};
+
+/// What `paig` is asked to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    Train(train::Arguments),
+    Generate(generate::Arguments),
+    Evaluate(evaluate::Arguments),
+    Predict(predict::Arguments),
+    Convert(convert::Arguments),
+    Import(Box<import::Arguments>),
+    Measure(measure::Arguments),
+    Measurements(measurements::Arguments),
+    Sweep(sweep::Arguments),
+    Report(report::Arguments),
+    Stress(stress::Arguments),
+    Baselines(baselines::Arguments),
+    TrainBaseline(train_baseline::Arguments),
+    Control(Box<control::Arguments>),
+    Compare(parity::Arguments),
+    Bench(speed::Arguments),
+    Completions(completions::Arguments),
+}
+
+impl Command {
+    /// # Errors
+    /// Each command's own.
+    pub fn run(self) -> Result<ExitCode> {
+        let done = |()| ExitCode::SUCCESS;
+        match self {
+            Command::Train(arguments) => train::run(&arguments),
+            Command::Generate(arguments) => generate::run(arguments).map(done),
+            Command::Evaluate(arguments) => evaluate::run(&arguments),
+            Command::Predict(arguments) => predict::run(&arguments),
+            Command::Convert(arguments) => convert::run(&arguments).map(done),
+            Command::Import(arguments) => import::run(*arguments).map(done),
+            Command::Measure(arguments) => measure::run(&arguments).map(done),
+            Command::Measurements(arguments) => measurements::run(&arguments).map(done),
+            Command::Sweep(arguments) => sweep::run(arguments),
+            Command::Report(arguments) => report::run(&arguments),
+            Command::Stress(arguments) => stress::run(&arguments),
+            Command::Baselines(arguments) => arguments.run(),
+            Command::TrainBaseline(arguments) => train_baseline::run(arguments),
+            Command::Control(arguments) => control::run(&arguments),
+            Command::Compare(arguments) => parity::run(&arguments),
+            Command::Bench(arguments) => speed::run(&arguments),
+            Command::Completions(arguments) => completions::run(&arguments).map(done),
+        }
+    }
+}

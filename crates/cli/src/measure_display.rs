@@ -1,0 +1,37 @@
+//! A measurement, printed.
+
+use paig::support::significant::significant;
+use paig_terminal::say;
+use paig_video::measure::results::Measurement;
+
+/// Prints the quantities with their intervals, the prediction of what was held out, and the comparison of equations.
+pub fn print_measurement(it: &Measurement) {
+    say!("\n{:<30}{:>12}   {:<26}{:<8}{:>16}", "measured", "", "95 % interval", "", "colour tracker");
+    for quantity in &it.quantities {
+        let tracker = quantity.by_tracker.map_or("-".into(), |value| significant(value, 6));
+        let interval = quantity.interval(|end| significant(end, 6)).unwrap_or("-".into());
+        let name = quantity.name.replace('_', " ");
+        let value = significant(quantity.value, 6);
+        say!("{name:<30}{value:>12}   {interval:<26}{:<8}{tracker:>16}", quantity.unit);
+    }
+    let held_out = &it.held_out;
+    let unit = &held_out.unit;
+    say!("\nthe last {} of {} frames, predicted from the rest ({})", held_out.frames, it.frames, it.by);
+    say!("  distance {:.4} {unit}, {:.2} % of the amplitude", held_out.error, held_out.percent_of_amplitude);
+    say!("  by constant velocity {:.4} {unit}", held_out.constant_velocity);
+    if let Some(error) = held_out.tracker_fit {
+        say!("  by the equation fitted to a colour tracker {error:.4} {unit}");
+    }
+    let left = &it.residuals;
+    let first = left.autocorrelation.first().copied().unwrap_or(0.0);
+    say!("left by the fit {:.4} {unit}; residuals of neighbouring frames correlate by {first:.2}", left.usual);
+    if !it.alternatives.is_empty() {
+        say!("\n{:<44}{:>9}{:>10}{:>10}{:>12}{:>12}", "equation", "unknowns", "left", "held out", "AIC", "BIC");
+    }
+    for other in &it.alternatives {
+        let name = &other.equation;
+        let (left, held_out) = (other.residual, other.held_out_error);
+        say!("{name:<44}{:>9}{left:>10.4}{held_out:>10.4}{:>12.1}{:>12.1}", other.unknowns, other.aic, other.bic);
+    }
+    it.notes.iter().for_each(|note| say!("note: {note}"));
+}

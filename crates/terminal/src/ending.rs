@@ -1,0 +1,155 @@
+//! How a program ends: 0 done, 1 failed, 2 bad usage or input; 128 and the signal's number where it was asked to stop.
+//!
+//! Whatever goes wrong is one line on standard error that begins with `error: `. A panic, an exception of libtorch and too
+//! little memory are no exception to that.
+
+use std::any::Any;
+use std::io::{self, ErrorKind};
+use std::panic::{self, AssertUnwindSafe, PanicHookInfo};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::{Error, Result};
+use nix::errno::Errno;
+
+use super::interrupt;
+use super::progress::{ensure_written, write_error_line};
+use paig_kernels::flush_subnormals;
+
+/// The input is sound and the work has begun.
+static AT_WORK: AtomicBool = AtomicBool::new(false);
+/// Where the last panic came from.
+static PANIC: Mutex<Option<String>> = Mutex::new(None);
+
+/// Bad usage or input; a wrong option has the same.
+const REFUSED: u8 = 2;
+/// What libtorch says where it gets no memory.
+const NO_MEMORY: [&str; 3] = ["can't allocate memory", "CUDA out of memory", "bad_alloc"];
+
+/// Says that all input was found sound: what fails from now on is no fault of it.
+pub fn begin_work() {
+    AT_WORK.store(true, Ordering::SeqCst);
+}
+
+/// Runs a program to its end and gives its exit code. An error is printed with its causes on one line; where it marks a
+/// place in a text, with the lines that show it. Output that could not be written is an error, unless the terminal has
+/// closed and the program was asked to stop.
+pub fn exit_code(program: impl FnOnce() -> Result<ExitCode>) -> ExitCode {
+    flush_subnormals();
+    panic::set_hook(Box::new(note));
+    one_line_on_abort();
+    match panic::catch_unwind(AssertUnwindSafe(program)) {
+        Ok(Ok(code)) => match ensure_written() {
+            Err(error) if !(interrupt::asked() && is_hung_up(&error)) => failed(&error),
+            _ => code,
+        },
+        Ok(Err(error)) => failed(&error),
+        Err(panic) => {
+            write_error_line(&format!("error: {}", panicked(&*panic)));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Where memory runs out in Rust or an exception leaves a thread of libtorch, the process is aborted after a line that says
+/// so. It leaves as a failure instead of dumping its memory.
+fn one_line_on_abort() {
+    // Where it cannot be had, an abort is an abort.
+    let _ = signal_hook::flag::register_conditional_shutdown(
+        signal_hook::consts::SIGABRT,
+        1,
+        Arc::new(AtomicBool::new(true)),
+    );
+}
+
+fn failed(error: &Error) -> ExitCode {
+    let text = text(error);
+    let marks = |line: &str| line.contains('^') && line.chars().all(|c| c == '^' || c.is_whitespace());
+    let said = if text.lines().any(marks) { text.trim_end().to_string() } else { one_line(&text) };
+    write_error_line(&format!("error: {said}"));
+    if AT_WORK.load(Ordering::SeqCst) || is_full(error) { ExitCode::FAILURE } else { ExitCode::from(REFUSED) }
+}
+
+/// Whether a disk took no more: no fault of the input, whenever it shows.
+fn is_full(error: &Error) -> bool {
+    let full = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded, ErrorKind::WriteZero, ErrorKind::ReadOnlyFilesystem];
+    of_system(error).any(|error| full.contains(&error.kind()))
+}
+
+/// Whether output was lost as it is on a terminal that has closed: no failure of a program that a signal told so.
+fn is_hung_up(error: &Error) -> bool {
+    of_system(error).any(|error| error.raw_os_error() == Some(Errno::EIO as i32))
+}
+
+/// What the system said of the causes of an error.
+fn of_system(error: &Error) -> impl Iterator<Item = &io::Error> {
+    error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>())
+}
+
+/// An error with its causes, each said once: many an error repeats its cause in its own words.
+fn text(error: &Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if text.is_empty() {
+            text = cause;
+        } else if !text.contains(cause.trim()) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
+}
+
+fn one_line(text: &str) -> String {
+    text.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
+/// Keeps where a panic came from; what is caught within the program says nothing.
+fn note(info: &PanicHookInfo) {
+    let place = info.location().map(ToString::to_string).unwrap_or_default();
+    *PANIC.lock().unwrap_or_else(PoisonError::into_inner) = Some(place);
+}
+
+fn panicked(panic: &(dyn Any + Send)) -> String {
+    // An error where there is no other way to hand it on, such as a disk that fails within a step.
+    if let Some(error) = panic.downcast_ref::<Error>() {
+        return one_line(&text(error));
+    }
+    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    let text = text.unwrap_or("an unknown failure");
+    if NO_MEMORY.iter().any(|words| text.contains(words)) {
+        return "out of memory; take smaller batches or fewer clips, or raise the limit (ulimit -v)".into();
+    }
+    // The lines after libtorch's first are a trace of its own calls.
+    let what = text.split("Exception raised from").next().unwrap_or(text);
+    let place = PANIC.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default();
+    format!("{} (at {place}; this is a defect of the program, please report it)", one_line(what))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn causes_are_said_once() {
+        let error =
+            anyhow::anyhow!("No space left (os error 28)").context("cannot write a: No space left (os error 28)");
+        assert_eq!(text(&error.context("the run ended")), "the run ended: cannot write a: No space left (os error 28)");
+    }
+
+    #[test]
+    fn a_terminal_that_closed_is_no_full_disk() {
+        let unwritten = |code: Errno| Error::from(io::Error::from_raw_os_error(code as i32)).context("cannot write");
+        let (closed, full) = (unwritten(Errno::EIO), unwritten(Errno::ENOSPC));
+        assert!(is_hung_up(&closed) && !is_full(&closed) && is_full(&full) && !is_hung_up(&full));
+    }
+
+    #[test]
+    fn exceptions_of_libtorch_lose_their_trace() {
+        let words = "Torch(\"[enforce fail at alloc_cpu.cpp:118] err == 0. DefaultCPUAllocator: can't allocate memory: you \
+                     tried to allocate 7 bytes.\\nException raised from ..\")";
+        assert!(panicked(&words.to_string()).starts_with("out of memory"));
+        let said = panicked(&"shapes differ\nException raised from f at g.cpp:1".to_string());
+        assert!(said.starts_with("shapes differ (at ") && !said.contains("g.cpp"), "{said}");
+    }
+}

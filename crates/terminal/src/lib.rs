@@ -1,0 +1,11 @@
+//! What the programs share: options of a run, lines and progress bars, signals, exit codes.
+
+pub mod arguments;
+pub mod ending;
+pub mod environment;
+pub mod generate_display;
+pub mod interrupt;
+pub mod progress;
+pub mod run;
+pub mod screen;
+pub mod table;

@@ -1,0 +1,96 @@
+//! Lines and progress bars: a bar on a terminal, now and then a plain line elsewhere.
+
+use std::fmt::Arguments;
+use std::io::{ErrorKind, IsTerminal, Write};
+use std::sync::Mutex;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// Why the first line that could not be written was not, unless its reader had gone away.
+static UNWRITTEN: Mutex<Option<std::io::Error>> = Mutex::new(None);
+
+/// `println!` that does not panic: a reader that went away (`| head`) is no error, and a full disk stops no training; the
+/// program says it at its end (see [`ensure_written`]).
+#[macro_export]
+macro_rules! say {
+    () => {
+        $crate::say!("")
+    };
+    ($($line:tt)*) => {{
+        $crate::progress::write_line(format_args!("{}\n", format_args!($($line)*)));
+    }};
+}
+
+/// What [`say!`] does.
+pub fn write_line(line: Arguments) {
+    if let Err(error) = std::io::stdout().write_fmt(line)
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        UNWRITTEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(error);
+    }
+}
+
+/// `eprintln!` that does not panic: where nobody reads it, as on a terminal that has closed, it is lost, no more.
+pub fn write_error_line(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// # Errors
+/// A line that could not be written to standard output, to a full disk for example.
+pub fn ensure_written() -> Result<()> {
+    let unwritten = UNWRITTEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner).take();
+    unwritten.map_or(Ok(()), Err).context("cannot write to standard output; what is there is not complete")
+}
+
+/// From one picture of what turns while one waits to the next.
+const TICK: Duration = Duration::from_millis(120);
+
+/// Progress of one phase.
+#[derive(Debug)]
+pub struct Progress {
+    bar: ProgressBar,
+    terminal: bool,
+}
+
+impl Progress {
+    /// A bar of `steps` steps, standing at `done`.
+    pub fn new(name: &str, steps: u64, done: u64) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let bar = if terminal { ProgressBar::new(steps) } else { ProgressBar::hidden() };
+        let style = ProgressStyle::with_template("{prefix:>9} {bar:30} {pos}/{len} {elapsed} (left {eta}) {msg}")
+            .expect("the template is sound");
+        bar.set_style(style);
+        bar.set_prefix(name.to_string());
+        bar.set_position(done);
+        Progress { bar, terminal }
+    }
+
+    /// Something that takes a while, nobody knows how long.
+    pub fn busy(name: &str) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let bar = if terminal { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
+        bar.set_style(ProgressStyle::with_template("{prefix:>9} {spinner} {elapsed}").expect("the template is sound"));
+        bar.set_prefix(name.to_string());
+        bar.enable_steady_tick(TICK);
+        Progress { bar, terminal }
+    }
+
+    /// One step further.
+    pub fn step(&self, message: impl FnOnce() -> String) {
+        if self.terminal {
+            self.bar.set_message(message());
+            self.bar.inc(1);
+        }
+    }
+
+    /// A line that stays: above the bar on a terminal, on standard output elsewhere.
+    pub fn line(&self, text: &str) {
+        if self.terminal { self.bar.println(text) } else { say!("{text}") }
+    }
+
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}

@@ -1,0 +1,196 @@
+//! Filmed videos become a task: frames are chosen, cut out, scaled and cut into clips.
+//!
+//! A video is decoded frame by frame and never held as a whole; only the small frames that a model sees are. It is decoded
+//! once, or twice where the crop is to be found from what moves. Of H.264 only the given parts are, each from the last frame
+//! before it at which decoding can begin.
+
+mod clips;
+mod contact_sheet;
+pub mod crop;
+pub mod hold_out;
+pub mod motion;
+mod reel;
+pub mod request;
+mod scaling;
+pub mod sources;
+mod task_file;
+pub mod time_base;
+pub mod tracker;
+mod warnings;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+
+use self::contact_sheet::write_contact_sheet;
+use self::crop::Square;
+use self::hold_out::{Cut, Parts};
+use self::motion::Moving;
+use self::reel::{Reel, Take};
+use self::request::Request;
+use self::time_base::Kept;
+use paig::datasets::film::FILM;
+use paig::network::System;
+use paig::network::system::SystemTable;
+use paig::runs::metrics;
+use paig::support::atomic;
+use paig::support::storage::storage;
+
+/// Most frames that are kept of all videos.
+const MOST_KEPT: usize = 50_000;
+/// Most training clips, and bytes of them, that are cut without being asked for: neighbouring ones hardly differ.
+const MOST_TRAINING_CLIPS: usize = 2000;
+const MOST_TRAINING_BYTES: usize = 1 << 29;
+
+/// What was made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Imported {
+    pub task_file: PathBuf,
+    pub takes: Vec<ImportedTake>,
+    pub square: Square,
+    pub metres_per_pixel: Option<f64>,
+    pub cut: Cut,
+    /// Seconds between two frames.
+    pub interval: f64,
+    /// Clips for training, validation and test.
+    pub clips: [usize; 3],
+    /// What a person should look at before training.
+    pub warnings: Vec<String>,
+}
+
+/// What was used of one take.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImportedTake {
+    pub name: String,
+    pub width: u32,
+    pub height: u32,
+    /// Frames of the video, and of them those that were kept.
+    pub frames: usize,
+    pub kept: Kept,
+}
+
+/// What an import writes beside its film.
+const TRAIN: &str = "train.npz";
+const TEST: &str = "test.npz";
+const SHEET: &str = "contact-sheet.png";
+pub(crate) const TASK: &str = "task.toml";
+
+/// Refuses to write over a video, or a picture among those of one.
+fn spare_videos(request: &Request) -> Result<()> {
+    let real = |path: &Path| path.canonicalize().ok();
+    let written: Vec<_> = [TRAIN, TEST, FILM].iter().filter_map(|name| real(&request.out.join(name))).collect();
+    for video in &request.videos {
+        let Some(there) = real(video) else { continue };
+        ensure!(
+            !written.contains(&there) && real(&request.out) != Some(there),
+            "{} would be written over; choose another --out",
+            video.display()
+        );
+    }
+    Ok(())
+}
+
+/// Told how far an import is: frames decoded, of all.
+pub type Progress<'a> = &'a dyn Fn(usize, usize);
+
+/// Makes `train.npz`, `test.npz`, `film.npz`, `task.toml` and `contact-sheet.png` in the folder `request.out`.
+///
+/// # Errors
+/// A video that cannot be read, a crop or a part outside of it, nothing that moves, too few frames, a folder that holds
+/// something already, a system that cannot be. Nothing is written then.
+pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
+    ensure!(!request.videos.is_empty(), "no video given");
+    ensure!(request.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps: must be a positive number");
+    let (new_folder, name) = (request.folder_is_new()?, request.task_name()?);
+    check_system(request)?;
+    if !new_folder {
+        spare_videos(request)?;
+    }
+    let mut reel = Reel::open(request, request.clip_frames.unwrap_or(request.least_frames()))?;
+    let parts = |reel: &Reel| reel.takes.iter().map(|take| take.parts.clone()).collect::<Vec<_>>();
+    let cut = cut(request, &parts(&reel));
+    // Where too little is left, that may be why.
+    let cut = if reel.left_out.is_empty() { cut } else { cut.with_context(|| reel.left_out.join("; ")) }?;
+    reel.leave_out_short(cut.train_frames);
+    let parts = parts(&reel);
+    // Of the takes that are left, as what is written down of the videos: each has a clock of its own.
+    let dt = reel.dt(request)?;
+    let square = reel.square(request, progress)?;
+    let record = reel.record(request, square);
+    let text = task_file::text(request, &name, dt, &cut, &record)?;
+    let (film, sheet) = reel.decode(request, square, progress)?;
+    let ratio = reel.film_ratio(request);
+    let filmed: Vec<Vec<_>> = film.iter().map(|frames| frames.iter().step_by(ratio).cloned().collect()).collect();
+    let moving: Vec<_> = filmed.iter().map(|frames| Moving::measure(frames)).collect();
+    ensure!(
+        moving.iter().any(Moving::any),
+        "nothing moves in the frames as a model sees them; look at another part of the video (--frames) or of the frames \
+         (--crop), or raise --side"
+    );
+    let takes: Vec<_> = filmed.iter().map(Vec::as_slice).zip(&parts).collect();
+    let (train, test) = clips::files(request, &takes, &cut, dt)?;
+    let film = clips::film(request, &film, reel.film_numbers())?;
+    let counts = [&train.train, &train.valid, &test.test].map(|clips| clips.dim().0);
+    let fill = |folder: &Path| {
+        train.write(&folder.join(TRAIN))?;
+        test.write(&folder.join(TEST))?;
+        film.write(&folder.join(FILM))?;
+        write_contact_sheet(&folder.join(SHEET), &sheet)?;
+        // The last one: a folder with a task is complete.
+        atomic::write_file(&folder.join(TASK), |file| Ok(file.write_all(text.as_bytes())?))
+    };
+    if new_folder {
+        atomic::write_folder(&request.out, fill)?
+    } else {
+        // Until all is written the folder holds no task: the old one is of other clips.
+        storage()
+            .remove_if_there(&request.out.join(TASK))
+            .with_context(|| format!("cannot replace {}", request.out.display()))?;
+        fill(&request.out)?
+    }
+    let used = reel.takes.iter().map(|Take { video, kept, .. }| ImportedTake {
+        name: video.name(),
+        width: video.width,
+        height: video.height,
+        frames: video.frames,
+        kept: kept.clone(),
+    });
+    let mut warnings = reel.left_out.clone();
+    warnings.extend(warnings::of(request, &reel, square, &cut, &moving, counts));
+    Ok(Imported {
+        task_file: request.out.join(TASK),
+        takes: used.collect(),
+        square,
+        metres_per_pixel: record.metres_per_pixel(request.side),
+        cut,
+        interval: record.frame_seconds,
+        clips: counts,
+        warnings,
+    })
+}
+
+/// Refuses a system that cannot be before a video is opened.
+fn check_system(request: &Request) -> Result<System> {
+    let kind = request.kind()?;
+    metrics::check_parameters(kind.parameters).context("the equation")?;
+    let table = SystemTable {
+        side: request.side,
+        channels: request.channels(),
+        objects: request.objects.or(kind.objects).unwrap_or(1),
+        input_steps: request.input_steps,
+        pred_steps: request.pred_steps,
+        dt: 1.0,
+        equation: request.equation.clone(),
+        wall_margin: None,
+    };
+    table.system(0.0)
+}
+
+/// How long clips are and how they overlap.
+fn cut(request: &Request, parts: &[Parts]) -> Result<Cut> {
+    let least = request.least_frames();
+    let clip_bytes = request.frame_bytes().saturating_mul(request.clip_frames.unwrap_or(least).max(least));
+    let most = MOST_TRAINING_CLIPS.min(MOST_TRAINING_BYTES / clip_bytes);
+    Cut::choose(parts, least, request.clip_frames, request.overlap, most)
+}

@@ -1,0 +1,8 @@
+//! Filmed videos: [`import`] turns them into tasks, [`measure`] finds the parameters of their motion with intervals,
+//! [`run`] does both parts of a whole run.
+
+#![deny(clippy::print_stdout, clippy::print_stderr, clippy::exit)]
+
+pub mod import;
+pub mod measure;
+pub mod run;

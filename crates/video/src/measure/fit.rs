@@ -1,0 +1,431 @@
+//! The fit of an equation to whole videos: each one long trajectory, with the parameters in common.
+//!
+//! A long trajectory has no slope that leads to it from far: a pendulum that is a little too fast is half a swing off at
+//! the end. So the video is first cut into pieces with a state of their own, which grow until one is left. At each length
+//! the fit is Levenberg-Marquardt in float64 with a Huber loss; the states of the pieces are eliminated (the normal
+//! equations have an arrow's shape, as in [`identify`](paig::training::identify::fit)).
+
+use anyhow::{Result, ensure};
+use nalgebra::{DMatrix, DVector};
+
+use super::dynamics::Dynamics;
+use paig::support::least_squares;
+use paig::support::statistics::{MEDIAN_TO_DEVIATION, upper_median};
+
+/// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or of a raw number.
+const PROBE: f64 = 1e-5;
+/// Iterations for each length of the pieces, and the relative fall of the cost at which they end; for the last length and
+/// for those that only lead to it.
+const ITERATIONS: usize = 60;
+const CONVERGED: f64 = 1e-8;
+const NEAR_ENOUGH: f64 = 1e-4;
+/// While pieces are short they may say next to nothing of a parameter, which must not run away meanwhile: it is held at its
+/// start as by one residual for every so much of its raw number.
+const HELD: f64 = 1.0;
+/// Largest change of a raw number in one iteration.
+const LARGEST_STEP: f64 = 0.5;
+/// Residuals beyond so many usual ones count linearly.
+const HUBER: f64 = 3.0;
+/// Least usual residual, in the unit of a coordinate: made data may have none.
+const LEAST_DEVIATION: f64 = 1e-9;
+/// Frames in which an object is seen from which the first state of a piece is guessed.
+const GUESSED_FROM: usize = 9;
+
+/// What is seen of one video.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Track {
+    /// In the equation's coordinates, frame by frame; not a number where an object is not seen.
+    pub positions: Vec<f64>,
+    /// When each frame was filmed, in frames of an even clock.
+    pub ticks: Vec<usize>,
+    /// Frames that may be learned from. Those after them are held out.
+    pub trained: usize,
+    /// Whether those frames teach the parameters. Of a video that was held out whole they only say how its motion begins.
+    pub teaches: bool,
+}
+
+impl Track {
+    /// Frames at even times; `coordinates` numbers each.
+    pub fn even(positions: Vec<f64>, coordinates: usize, trained: usize) -> Self {
+        let ticks = (0..positions.len() / coordinates).collect();
+        Track { positions, ticks, trained, teaches: true }
+    }
+
+    /// Frames of an even clock from the first frame to the last, both counted.
+    pub fn duration(&self) -> usize {
+        self.ticks.last().map_or(0, |last| last + 1)
+    }
+
+    /// What belongs to each frame, of something with `size` numbers at each tick.
+    pub fn at_frames(&self, by_tick: &[f64], size: usize) -> Vec<f64> {
+        self.ticks.iter().flat_map(|tick| &by_tick[size * tick..size * (tick + 1)]).copied().collect()
+    }
+}
+
+/// Where a fit begins.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Start {
+    /// Raw numbers of all parameters; more where what is seen may lie beside the state (see [`Dynamics::beside`]).
+    pub raw: Vec<f64>,
+    pub learned: Vec<bool>,
+    /// Frames of the first pieces.
+    pub piece: usize,
+}
+
+/// The result of a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fitted {
+    /// Raw numbers of all parameters.
+    pub raw: Vec<f64>,
+    /// Of each video that teaches, at its first frame: positions, velocities.
+    pub states: Vec<Vec<f64>>,
+    /// Of each video that teaches, of the frames that were learned from: seen minus rolled-out, frame by frame.
+    pub residuals: Vec<Vec<f64>>,
+    /// What a residual usually is: from the median of their sizes.
+    pub usual_residual: f64,
+    /// The same while each of the first pieces had a state of its own; none of videos too short for two pieces, of which the
+    /// pieces say no more than the whole.
+    pub piecewise_residual: Option<f64>,
+    /// Residuals beyond this counted linearly.
+    pub huber: f64,
+}
+
+/// Some frames of a video that follow each other, with the state at their beginning.
+#[derive(Debug, Clone)]
+struct Piece {
+    track: usize,
+    first: usize,
+    frames: usize,
+    state: Vec<f64>,
+}
+
+/// Residuals (rolled-out minus seen; 0 where nothing is seen) of a piece, and their derivatives.
+pub(super) struct Linearised {
+    pub residual: DVector<f64>,
+    pub by_state: DMatrix<f64>,
+    /// By the raw numbers that are learned.
+    pub by_raw: DMatrix<f64>,
+}
+
+/// The unknowns of one length of the pieces.
+#[derive(Debug, Clone)]
+struct Unknowns {
+    raw: Vec<f64>,
+    pieces: Vec<Piece>,
+}
+
+/// What is made least.
+struct Goal<'a> {
+    /// Residuals beyond this count linearly.
+    huber: f64,
+    /// Weight of the squared distance of the raw numbers from where they began.
+    held: f64,
+    start: &'a [f64],
+}
+
+pub(super) struct Problem<'a> {
+    pub dynamics: &'a Dynamics,
+    /// Those that teach.
+    pub tracks: Vec<&'a Track>,
+    /// Places of the parameters that are learned.
+    pub learned: Vec<usize>,
+}
+
+/// Fits an equation to what is seen of the videos that teach.
+///
+/// # Errors
+/// Too few frames, an equation that leads to infinity wherever the fit goes.
+pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitted> {
+    let problem = Problem::new(dynamics, tracks, &start.learned);
+    ensure!(!problem.tracks.is_empty(), "all videos are held out whole; a fit needs one to learn from");
+    for track in &problem.tracks {
+        ensure!(track.trained >= 3, "a video of {} frames is too short to be fitted", track.trained);
+    }
+    let longest = problem.tracks.iter().map(|track| track.trained).max().unwrap_or(0);
+    let mut length = start.piece.clamp(3, longest);
+    let mut unknowns = Unknowns { raw: start.raw.clone(), pieces: problem.first_pieces(length) };
+    let in_pieces = unknowns.pieces.len() >= 2 * problem.tracks.len();
+    let mut huber = f64::INFINITY;
+    let mut piecewise = None;
+    loop {
+        // The second time with the scale of what is left by the first.
+        for _ in 0..2 {
+            let last = length == longest;
+            let deviation = if last { 0.0 } else { problem.usual(&unknowns).min(huber / HUBER) };
+            let goal = Goal { huber, held: (deviation / HELD).powi(2), start: &start.raw };
+            problem.minimise(&mut unknowns, &goal, if last { CONVERGED } else { NEAR_ENOUGH });
+            huber = HUBER * problem.usual(&unknowns);
+        }
+        piecewise = piecewise.or(in_pieces.then_some(huber / HUBER));
+        if length == longest {
+            break;
+        }
+        length = (2 * length).min(longest);
+        unknowns.pieces = problem.longer_pieces(&unknowns, length);
+        // Longer pieces may at first be far off.
+        huber = f64::INFINITY;
+    }
+    let residuals =
+        unknowns.pieces.iter().map(|piece| problem.residual(piece, &unknowns.raw).iter().map(|x| -x).collect());
+    let residuals: Vec<Vec<f64>> = residuals.collect();
+    ensure!(
+        residuals.iter().flatten().all(|x| x.is_finite()),
+        "the equation leads to infinity; are its bounds and starts right?"
+    );
+    Ok(Fitted {
+        usual_residual: huber / HUBER,
+        piecewise_residual: piecewise,
+        states: unknowns.pieces.iter().map(|piece| piece.state.clone()).collect(),
+        raw: unknowns.raw,
+        residuals,
+        huber,
+    })
+}
+
+impl<'a> Problem<'a> {
+    pub(super) fn new(dynamics: &'a Dynamics, tracks: &'a [Track], learned: &[bool]) -> Self {
+        let learned = (0..learned.len()).filter(|place| learned[*place]).collect();
+        Problem { dynamics, tracks: tracks.iter().filter(|track| track.teaches).collect(), learned }
+    }
+
+    /// Derivatives of a whole video's training part.
+    pub(super) fn of_track(&self, track: usize, raw: &[f64], state: &[f64]) -> Linearised {
+        let piece = Piece { track, first: 0, frames: self.tracks[track].trained, state: state.to_vec() };
+        self.linearise(&piece, raw)
+    }
+
+    fn seen(&self, piece: &Piece) -> &[f64] {
+        let coordinates = self.dynamics.coordinates();
+        &self.tracks[piece.track].positions[coordinates * piece.first..coordinates * (piece.first + piece.frames)]
+    }
+
+    /// Where pieces of so many frames begin: what is left at the end and is shorter than half a piece joins the last.
+    fn cut(&self, length: usize) -> Vec<(usize, usize, usize)> {
+        let of_track = |(place, track): (usize, &&Track)| {
+            let count = ((track.trained + length / 2) / length).max(1);
+            let end = move |piece: usize| if piece + 1 == count { track.trained } else { (piece + 1) * length };
+            (0..count).map(move |piece| (place, piece * length, end(piece) - piece * length)).collect::<Vec<_>>()
+        };
+        self.tracks.iter().enumerate().flat_map(of_track).collect()
+    }
+
+    fn first_pieces(&self, length: usize) -> Vec<Piece> {
+        let cut = self.cut(length).into_iter();
+        cut.map(|(track, first, frames)| {
+            let mut piece = Piece { track, first, frames, state: Vec::new() };
+            piece.state = self.guessed(&piece);
+            piece
+        })
+        .collect()
+    }
+
+    /// Position and velocity at the first frame of a piece, by a parabola through the first frames in which the object is seen.
+    /// Where a piece has none, it rests where it was seen last before.
+    fn guessed(&self, piece: &Piece) -> Vec<f64> {
+        let (coordinates, seen) = (self.dynamics.coordinates(), self.seen(piece));
+        let guess = |coordinate: usize| {
+            let ticks = self.tracks[piece.track].ticks[piece.first..].iter().map(|tick| tick - self.begin(piece));
+            let points = ticks.zip(seen.chunks(coordinates).map(|frame| frame[coordinate]));
+            let points: Vec<_> = points.filter(|(_, x)| x.is_finite()).take(GUESSED_FROM).collect();
+            if points.is_empty() {
+                return (self.seen_before(piece, coordinate).unwrap_or(0.0), 0.0);
+            }
+            let powers = (points.len() - 1).min(2);
+            let matrix = DMatrix::from_fn(points.len(), powers + 1, |row, power| {
+                (points[row].0 as f64 * self.dynamics.dt).powi(power as i32)
+            });
+            let values = DVector::from_iterator(points.len(), points.iter().map(|(_, x)| *x));
+            let solved = matrix.svd(true, true).solve(&values, 1e-12);
+            let solved = solved.unwrap_or_else(|_| DVector::zeros(1));
+            (solved.get(0).copied().unwrap_or(0.0), solved.get(1).copied().unwrap_or(0.0))
+        };
+        let (pos, vel): (Vec<_>, Vec<_>) = (0..coordinates).map(guess).unzip();
+        pos.into_iter().chain(vel).collect()
+    }
+
+    /// Where a coordinate was seen last before a piece.
+    fn seen_before(&self, piece: &Piece, coordinate: usize) -> Option<f64> {
+        let coordinates = self.dynamics.coordinates();
+        let before = self.tracks[piece.track].positions[..coordinates * piece.first].chunks(coordinates);
+        before.map(|frame| frame[coordinate]).rfind(|x| x.is_finite())
+    }
+
+    /// Pieces that begin where some of the shorter ones do, or as near after one as they can.
+    fn longer_pieces(&self, unknowns: &Unknowns, length: usize) -> Vec<Piece> {
+        let cut = self.cut(length).into_iter();
+        cut.map(|(track, first, frames)| {
+            let before = unknowns.pieces.iter().rev().find(|piece| piece.track == track && piece.first <= first);
+            let before = before.expect("the first piece begins with the video");
+            let ticks = &self.tracks[track].ticks;
+            let begin = ticks[before.first];
+            let way = self.dynamics.roll_out(&unknowns.raw, &before.state, begin, ticks[first] - begin + 1);
+            let led_to = Piece { track, first, frames, state: way[way.len() - before.state.len()..].to_vec() };
+            let afresh = Piece { state: self.guessed(&led_to), ..led_to.clone() };
+            // Over so long a way a state that was good for a short one may lead to infinity.
+            let left = |piece: &Piece| {
+                let left = self.residual(piece, &unknowns.raw).norm();
+                if left.is_finite() { left } else { f64::INFINITY }
+            };
+            if left(&afresh) < left(&led_to) { afresh } else { led_to }
+        })
+        .collect()
+    }
+
+    /// The tick of a piece's first frame.
+    fn begin(&self, piece: &Piece) -> usize {
+        self.tracks[piece.track].ticks[piece.first]
+    }
+
+    /// Positions in the frames of a piece, from a state at its first.
+    fn rolled_out(&self, piece: &Piece, raw: &[f64], state: &[f64]) -> Vec<f64> {
+        let ticks = &self.tracks[piece.track].ticks[piece.first..piece.first + piece.frames];
+        let begin = self.begin(piece);
+        let last = ticks.last().map_or(0, |last| last - begin);
+        let positions = self.dynamics.positions(raw, state, begin, last + 1);
+        let coordinates = self.dynamics.coordinates();
+        let at = |tick: usize, coordinate: usize| {
+            positions[coordinates * (tick - begin) + coordinate] + self.dynamics.beside(raw, tick, coordinate)
+        };
+        ticks.iter().flat_map(|tick| (0..coordinates).map(|coordinate| at(*tick, coordinate))).collect()
+    }
+
+    fn residual(&self, piece: &Piece, raw: &[f64]) -> DVector<f64> {
+        let rolled_out = self.rolled_out(piece, raw, &piece.state);
+        let residual = rolled_out.iter().zip(self.seen(piece)).map(|(out, seen)| match seen.is_nan() {
+            true => 0.0,
+            false => out - seen,
+        });
+        DVector::from_iterator(rolled_out.len(), residual)
+    }
+
+    fn linearise(&self, piece: &Piece, raw: &[f64]) -> Linearised {
+        let seen = self.seen(piece);
+        let positions = |raw: &[f64], state: &[f64]| DVector::from_vec(self.rolled_out(piece, raw, state));
+        let probed = |numbers: &[f64], place: usize, by: f64| {
+            let mut numbers = numbers.to_vec();
+            numbers[place] += by;
+            numbers
+        };
+        let quotient = |mut up: DVector<f64>, down: DVector<f64>| {
+            up -= down;
+            up /= 2.0 * PROBE;
+            up.iter_mut().zip(seen).filter(|(_, seen)| seen.is_nan()).for_each(|(x, _)| *x = 0.0);
+            up
+        };
+        let by_state: Vec<_> = (0..piece.state.len())
+            .map(|place| {
+                let [up, down] = [PROBE, -PROBE].map(|by| positions(raw, &probed(&piece.state, place, by)));
+                quotient(up, down)
+            })
+            .collect();
+        let by_raw: Vec<_> = self
+            .learned
+            .iter()
+            .map(|place| {
+                let [up, down] = [PROBE, -PROBE].map(|by| positions(&probed(raw, *place, by), &piece.state));
+                quotient(up, down)
+            })
+            .collect();
+        let matrix = |columns: &[DVector<f64>]| match columns {
+            [] => DMatrix::zeros(seen.len(), 0),
+            columns => DMatrix::from_columns(columns),
+        };
+        Linearised { residual: self.residual(piece, raw), by_state: matrix(&by_state), by_raw: matrix(&by_raw) }
+    }
+
+    fn cost(&self, unknowns: &Unknowns, goal: &Goal) -> f64 {
+        let huber = goal.huber;
+        let loss = |x: f64| if x.abs() <= huber { 0.5 * x * x } else { huber * (x.abs() - 0.5 * huber) };
+        let of_piece = |piece: &Piece| self.residual(piece, &unknowns.raw).iter().map(|x| loss(*x)).sum::<f64>();
+        let away = self.learned.iter().map(|place| (unknowns.raw[*place] - goal.start[*place]).powi(2)).sum::<f64>();
+        let cost = unknowns.pieces.iter().map(of_piece).sum::<f64>() + 0.5 * goal.held * away;
+        if cost.is_finite() { cost } else { f64::INFINITY }
+    }
+
+    /// What a residual usually is.
+    fn usual(&self, unknowns: &Unknowns) -> f64 {
+        let of_piece = |piece: &Piece| {
+            let residual = self.residual(piece, &unknowns.raw);
+            let seen = self.seen(piece).iter().map(|seen| !seen.is_nan()).collect::<Vec<_>>();
+            residual.iter().zip(seen).filter(|(_, seen)| *seen).map(|(x, _)| x.abs()).collect::<Vec<_>>()
+        };
+        let size = upper_median(unknowns.pieces.iter().flat_map(of_piece)).unwrap_or(0.0);
+        (size * MEDIAN_TO_DEVIATION).max(LEAST_DEVIATION)
+    }
+
+    /// Iterates until the cost stands still.
+    fn minimise(&self, unknowns: &mut Unknowns, goal: &Goal, converged: f64) {
+        let cost = |unknowns: &Unknowns| self.cost(unknowns, goal);
+        let linearise = |unknowns: &Unknowns| {
+            unknowns.pieces.iter().map(|piece| self.linearise(piece, &unknowns.raw)).collect::<Vec<_>>()
+        };
+        let step = |unknowns: &Unknowns, at: &Vec<Linearised>, damping: f64| self.stepped(unknowns, at, goal, damping);
+        least_squares::minimise(unknowns, (ITERATIONS, converged), cost, linearise, step);
+    }
+
+    /// The unknowns after a damped Gauss-Newton step; none where there is none.
+    fn stepped(&self, unknowns: &Unknowns, at: &[Linearised], goal: &Goal, damping: f64) -> Option<Unknowns> {
+        let count = self.learned.len();
+        let huber = goal.huber;
+        let mut normal = DMatrix::identity(count, count) * goal.held;
+        let away = self.learned.iter().map(|place| unknowns.raw[*place] - goal.start[*place]);
+        let mut gradient = DVector::from_iterator(count, away) * goal.held;
+        let mut of_pieces = Vec::with_capacity(at.len());
+        for Linearised { residual, by_state, by_raw } in at {
+            let weight = residual.map(|x| huber / x.abs().max(huber)).map(|x| if x.is_nan() { 1.0 } else { x });
+            let weighted = |jacobian: &DMatrix<f64>| {
+                let mut jacobian = jacobian.clone();
+                jacobian.column_iter_mut().for_each(|mut column| column.component_mul_assign(&weight));
+                jacobian.transpose()
+            };
+            let (state, raw) = (weighted(by_state), weighted(by_raw));
+            let factor = damped(&state * by_state, damping).cholesky()?;
+            let (mixed, right) = (&state * by_raw, &state * residual);
+            let (by_mixed, by_right) = (factor.solve(&mixed), factor.solve(&right));
+            normal += &raw * by_raw - mixed.transpose() * &by_mixed;
+            gradient += &raw * residual - mixed.transpose() * &by_right;
+            of_pieces.push((by_mixed, by_right));
+        }
+        let mut change = if count > 0 { -damped(normal, damping).cholesky()?.solve(&gradient) } else { gradient };
+        let largest = change.amax();
+        if count > 0 && largest > LARGEST_STEP {
+            change *= LARGEST_STEP / largest;
+        }
+        let mut next = unknowns.clone();
+        self.learned.iter().zip(change.iter()).for_each(|(place, change)| next.raw[*place] += change);
+        for (piece, (by_mixed, by_right)) in next.pieces.iter_mut().zip(of_pieces) {
+            let of_state = by_right + by_mixed * &change;
+            piece.state.iter_mut().zip(of_state.iter()).for_each(|(state, change)| *state -= change);
+        }
+        Some(next)
+    }
+}
+
+/// With a larger diagonal.
+fn damped(mut normal: DMatrix<f64>, damping: f64) -> DMatrix<f64> {
+    for place in 0..normal.nrows() {
+        normal[(place, place)] += damping * normal[(place, place)].abs() + 1e-12;
+    }
+    normal
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ball that falls, lost from sight at the beginning and for longer than a piece: what is left says its g all the same.
+    #[test]
+    fn a_piece_in_which_nothing_is_seen_says_nothing() {
+        let system = paig::tasks::builtin("falling").unwrap().system;
+        let dynamics = Dynamics::new(paig::network::System { objects: 1, ..system }, 0.1).unwrap();
+        let positions = dynamics.positions(&[7.0_f64.ln()], &[3.0, 4.0, 1.0, -2.0], 0, 60);
+        let start = Start { raw: vec![6.0_f64.ln()], learned: vec![true], piece: 10 };
+        for unseen in [0..9, 0..12, 10..30, 9..21] {
+            let mut track = Track::even(positions.clone(), 2, 60);
+            track.positions[2 * unseen.start..2 * unseen.end].fill(f64::NAN);
+            let fitted = fit(&dynamics, &[track], &start).unwrap();
+            // The positions have no errors.
+            assert!((fitted.raw[0].exp() - 7.0).abs() < 1e-4, "{unseen:?}: {}", fitted.raw[0].exp());
+        }
+    }
+}

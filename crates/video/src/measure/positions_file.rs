@@ -1,0 +1,143 @@
+//! positions.csv: where every object was seen in every frame and where the equation has it.
+
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::Result;
+
+use super::dynamics::Dynamics;
+use super::{Measured, Seen};
+use paig::network::cells::Coordinates;
+use paig::support::atomic;
+use paig::support::significant::six_digits;
+use paig::support::statistics::upper_median;
+
+/// Where the equation has what is seen of an object in one frame: pixels of a frame, and those per unit of `dt`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    pub at: [f64; 2],
+    pub velocity: [f64; 2],
+}
+
+impl Place {
+    /// The same with what is seen beside the state.
+    fn beside(self, dynamics: &Dynamics, raw: &[f64], object: usize, tick: usize) -> Self {
+        let coordinate = |axis: usize| 2 * object + axis;
+        Place {
+            at: [0, 1].map(|axis| self.at[axis] + dynamics.beside(raw, tick, coordinate(axis))),
+            velocity: [0, 1].map(|axis| self.velocity[axis] + dynamics.drift(raw, coordinate(axis))),
+        }
+    }
+}
+
+impl Measured<'_> {
+    /// Where the equation has the objects of a video, frame by frame, object by object.
+    pub(super) fn places(&self, video: usize) -> Vec<Place> {
+        let system = &self.explained.dynamics.system;
+        let (objects, per_object) = (system.objects, system.cell.coordinates.per_object());
+        let state_size = 2 * objects * per_object;
+        let middle = system.side as f64 / 2.0;
+        let distances = self.distances(&self.videos[video], middle);
+        let of_state = |state: &[f64]| {
+            let (pos, vel) = state.split_at(objects * per_object);
+            let place = |object: usize| match system.cell.coordinates {
+                Coordinates::Position => Place {
+                    at: [pos[2 * object], pos[2 * object + 1]],
+                    velocity: [vel[2 * object], vel[2 * object + 1]],
+                },
+                // What turns is seen at one distance from the middle; 0 is up, positive clockwise.
+                Coordinates::Angle => {
+                    let ((sin, cos), distance) = (pos[object].sin_cos(), distances[object]);
+                    Place {
+                        at: [middle + distance * sin, middle - distance * cos],
+                        velocity: [distance * cos * vel[object], distance * sin * vel[object]],
+                    }
+                }
+            };
+            (0..objects).map(place).collect::<Vec<_>>()
+        };
+        let states: Vec<_> = self.explained.states[video].chunks(state_size).collect();
+        let dynamics = &self.explained.dynamics;
+        let raw = &self.explained.fitted.raw;
+        let ticks = self.videos[video].ticks.iter();
+        let of_tick = |tick: usize| {
+            let places = of_state(states[tick]).into_iter().enumerate();
+            places.map(move |(object, place)| place.beside(dynamics, raw, object, tick))
+        };
+        ticks.flat_map(|tick| of_tick(*tick)).collect()
+    }
+
+    /// Of each object, the median distance from the middle.
+    fn distances(&self, seen: &Seen, middle: f64) -> Vec<f64> {
+        let objects = self.explained.dynamics.system.objects;
+        (0..objects)
+            .map(|object| {
+                let places = seen.pixels.chunks(2).skip(object).step_by(objects);
+                upper_median(places.map(|at| (at[0] - middle).hypot(at[1] - middle))).unwrap_or(0.0)
+            })
+            .collect()
+    }
+}
+
+/// One line for each object in each frame.
+pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
+    let (scale, objects) = (&measured.scale, measured.explained.dynamics.system.objects);
+    let unit = scale.length_unit();
+    let second = measured.measurement.seconds_between_frames;
+    atomic::write_file(path, |file| {
+        writeln!(
+            file,
+            "video,frame,seconds,object,part,seen_x_video_px,seen_y_video_px,fitted_x_video_px,fitted_y_video_px,\
+             seen_x_{unit},seen_y_{unit},fitted_x_{unit},fitted_y_{unit},fitted_vx_{unit}_per_s,fitted_vy_{unit}_per_s"
+        )?;
+        for (video, seen) in measured.videos.iter().enumerate() {
+            let places = measured.places(video);
+            for (row, (at, fitted)) in seen.pixels.chunks(2).zip(places).enumerate() {
+                let (frame, object) = (row / objects, row % objects + 1);
+                let part = match frame < seen.trained {
+                    true if seen.teaches => "learned",
+                    true => "begin",
+                    false => "held out",
+                };
+                let number = seen.numbers.get(frame).map_or(frame, |number| *number as usize);
+                let name = seen.name.replace(',', "_");
+                let seconds = seen.first_seconds + second * seen.ticks[frame] as f64;
+                write!(file, "{name},{number},{},{object},{part}", six_digits(seconds))?;
+                let at = [at[0], at[1]];
+                let numbers = [
+                    scale.in_video(at),
+                    scale.in_video(fitted.at),
+                    scale.on_axes(at),
+                    scale.on_axes(fitted.at),
+                    scale.velocity_on_axes(fitted.velocity),
+                ];
+                for number in numbers.iter().flatten() {
+                    write!(file, ",{}", six_digits(*number))?;
+                }
+                writeln!(file)?;
+            }
+        }
+        Ok(())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use paig::network::System;
+
+    /// What drifts moves as fast as its places say.
+    #[test]
+    fn a_drift_is_in_the_velocity_too() {
+        let system = paig::tasks::builtin("falling").unwrap().system;
+        let dynamics = Dynamics::new(System { objects: 1, ..system }, 0.1).unwrap();
+        let raw = [12.0_f64.ln(), 0.5, -2.0];
+        let rests = Place { at: [3.0, 4.0], velocity: [0.0, 0.0] };
+        let [first, later] = [0, 10].map(|tick| rests.beside(&dynamics, &raw, 0, tick));
+        assert_eq!((first.at, first.velocity), (rests.at, [0.5, -2.0]));
+        // Ten frames are a unit of `dt`; rounding of float64.
+        for axis in 0..2 {
+            assert!((later.at[axis] - first.at[axis] - first.velocity[axis]).abs() < 1e-12, "{later:?}");
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! What a fit says in the units of the scene: its parameters, what is seen beside the state, period, length and amplitude of what
+//! swings; each with the draws of the bootstrap.
+
+use std::collections::BTreeMap;
+
+use super::bootstrap::{Draw, Uncertainty};
+use super::dynamics::Dynamics;
+use super::explain::{Explained, positions_of};
+use super::fit::Track;
+use super::motion;
+use super::results::Quantity;
+use super::scale::Scale;
+use super::shown::Shown;
+use super::subject::{Subject, trained_ticks};
+use paig::network::cells::PhysicalParameter;
+
+/// Draws of the bootstrap that are rolled out again: for what only a whole motion shows.
+const ROLLED_OUT_DRAWS: usize = 200;
+/// The acceleration of gravity for which the length of a simple pendulum is given, m/s^2.
+const STANDARD_GRAVITY: f64 = 9.80665;
+
+impl Subject<'_> {
+    pub(super) fn quantities(
+        &self,
+        tracks: &[Track],
+        explained: &Explained,
+        uncertainty: &Uncertainty,
+        tracker: Option<&Explained>,
+    ) -> Vec<Quantity> {
+        let parameters = explained.dynamics.system.cell.parameters.iter().enumerate();
+        let parameters = parameters.filter(|(place, _)| explained.learned[*place]).map(|(place, parameter)| {
+            let powers = Scale::powers(parameter);
+            let value = |raw: &[f64]| parameter.bounds.value(raw[place]);
+            let in_frames = value(&explained.fitted.raw);
+            let factor = powers.map_or(1.0, |powers| self.scale.factor(powers));
+            let draws = of_shown(uncertainty, place);
+            let draws =
+                draws.map(|draw| value(&draw.raw) * powers.map_or(1.0, |powers| self.scale.drawn(powers, draw)));
+            Quantity::new(parameter.name, factor * in_frames, draws.collect())
+                .in_unit(powers.map_or("?".into(), |powers| self.scale.unit(powers)))
+                .in_frames(in_frames)
+                .of_tracker(tracker.map(|fit| factor * value(&fit.fitted.raw)))
+        });
+        let mut quantities: Vec<Quantity> = parameters.collect();
+        quantities.extend(self.beside(explained, uncertainty));
+        quantities.extend(self.of_the_swing(tracks, explained, uncertainty, tracker));
+        quantities
+    }
+
+    /// By how much what is seen lies beside the state, if it does: the drift of the camera, pixels of the video in a second, or
+    /// pixels of each object beside its middle, more than the first one.
+    fn beside(&self, explained: &Explained, uncertainty: &Uncertainty) -> Vec<Quantity> {
+        let Dynamics { system, .. } = &explained.dynamics;
+        let (seconds, unit) = if system.objects == 1 { (self.scale.seconds, "px/s") } else { (1.0, "px") };
+        let times = self.scale.video_pixels / seconds;
+        let quantity = |place: usize| {
+            let draws = of_shown(uncertainty, place).map(|draw| times * draw.raw[place]);
+            let value = times * explained.fitted.raw[place];
+            Quantity::new(&explained.dynamics.name(place), value, draws.collect()).in_unit(unit.into())
+        };
+        let learned = (system.cell.parameters.len()..explained.learned.len()).filter(|place| explained.learned[*place]);
+        learned.map(quantity).collect()
+    }
+
+    /// Period, effective length and amplitude of a motion that swings, in the first video. What walls turn back is no simple
+    /// pendulum, however evenly it swings.
+    fn of_the_swing(
+        &self,
+        tracks: &[Track],
+        explained: &Explained,
+        uncertainty: &Uncertainty,
+        tracker: Option<&Explained>,
+    ) -> Vec<Quantity> {
+        let coordinates = explained.dynamics.coordinates();
+        let second = self.scale.seconds * explained.dynamics.dt;
+        let swing = |states: &[f64]| motion::along_the_way(&positions_of(states, coordinates), coordinates);
+        let along = swing(&explained.states[0]);
+        let Some(frames) = motion::period(&along) else { return Vec::new() };
+        let drawn = uncertainty.draws.iter().take(ROLLED_OUT_DRAWS).map(|draw| {
+            let states = explained.dynamics.roll_out(&draw.raw, &draw.states[0], 0, along.len());
+            let along = swing(&states);
+            (
+                motion::period(&along).unwrap_or(f64::NAN) * self.scale.drawn([0, 1], draw) * explained.dynamics.dt,
+                motion::amplitude(&along[..trained_ticks(&tracks[0])]),
+            )
+        });
+        let (periods, amplitudes): (Vec<f64>, Vec<f64>) = drawn.unzip();
+        let of_tracker = tracker.and_then(|fit| Some(second * motion::period(&swing(&fit.states[0]))?));
+        let length = |period: f64| STANDARD_GRAVITY * (period / std::f64::consts::TAU).powi(2);
+        let lengths = periods.iter().map(|period| length(*period)).collect();
+        let (times, unit) = self.per_coordinate();
+        let hangs = !explained.dynamics.has_walls();
+        let length = hangs.then(|| {
+            Quantity::new("length_of_a_simple_pendulum", length(second * frames), lengths)
+                .in_unit("m".into())
+                .of_tracker(of_tracker.map(length))
+        });
+        let amplitude = Quantity::new(
+            "amplitude",
+            times * motion::amplitude(&along[..trained_ticks(&tracks[0])]),
+            amplitudes.into_iter().map(|amplitude| times * amplitude).collect(),
+        );
+        let mut quantities =
+            vec![Quantity::new("period", second * frames, periods).in_unit("s".into()).of_tracker(of_tracker)];
+        quantities.extend(length);
+        quantities.push(amplitude.in_unit(unit.into()));
+        quantities
+    }
+}
+
+/// The draws in which a raw number says something: none of what does not show by itself.
+fn of_shown(uncertainty: &Uncertainty, place: usize) -> impl Iterator<Item = &Draw> {
+    uncertainty.draws.iter().filter(move |_| uncertainty.shown[place] == Shown::ByItself)
+}
+
+impl Explained {
+    /// The learned parameters in the units of the scene.
+    pub(super) fn parameters(&self, scale: &Scale) -> BTreeMap<String, f64> {
+        let parameters = self.dynamics.system.cell.parameters.iter().enumerate();
+        let learned = parameters.filter(|(place, _)| self.learned[*place]);
+        let value = |(place, kind): (usize, &PhysicalParameter)| {
+            let factor = Scale::powers(kind).map_or(1.0, |powers| scale.factor(powers));
+            (kind.name.to_string(), factor * kind.bounds.value(self.fitted.raw[place]))
+        };
+        learned.map(value).collect()
+    }
+}

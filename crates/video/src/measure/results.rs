@@ -1,0 +1,182 @@
+//! measurement.json: what was measured. The one writer and the one reader of that file.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use serde::{Deserialize, Serialize};
+
+use paig::support::{atomic, storage};
+
+/// Version of the file's form.
+pub const FORMAT: u32 = 1;
+pub const MEASUREMENT: &str = "measurement.json";
+
+/// A measured run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Measurement {
+    pub format: u32,
+    pub task: String,
+    /// Names of the videos' files.
+    pub videos: Vec<String>,
+    /// Frames that were looked at, and of them those that were learned from.
+    pub frames: usize,
+    pub learned_frames: usize,
+    pub seconds_between_frames: f64,
+    /// For people: where the equation stands.
+    pub equation: String,
+    /// Which measure of the positions was taken.
+    pub by: String,
+    pub quantities: Vec<Quantity>,
+    pub held_out: HeldOut,
+    pub residuals: Residuals,
+    /// The equation and those it was compared with; empty where there was none.
+    #[serde(default)]
+    pub alternatives: Vec<Alternative>,
+    /// What a person should know.
+    pub notes: Vec<String>,
+    /// Of the run, and of the measurement.
+    pub training_seconds: Option<f64>,
+    pub seconds: f64,
+}
+
+/// A parameter, or what the motion shows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Quantity {
+    pub name: String,
+    /// In its unit. Parameters and times come in metres, if the scale is known, and seconds; an amplitude and what is seen beside
+    /// the state always in pixels of the video. `?`: as in the equation, whose unit is not known.
+    pub value: f64,
+    /// 95 % interval; none of what does not show in the motion.
+    pub low: Option<f64>,
+    pub high: Option<f64>,
+    pub unit: String,
+    /// In pixels of a frame and the unit of `dt`, as the equation has it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub in_frames: Option<f64>,
+    /// What the fit to a colour tracker's positions says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub by_tracker: Option<f64>,
+}
+
+/// How well the held-out part of the videos is predicted from the rest: root mean square distances.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HeldOut {
+    pub frames: usize,
+    /// `px` of the video, or `rad`.
+    pub unit: String,
+    pub error: f64,
+    /// Of the two baselines.
+    pub constant_velocity: f64,
+    pub tracker_fit: Option<f64>,
+    pub percent_of_amplitude: f64,
+    /// Metres to a pixel of the video, if known.
+    pub metres_per_unit: Option<f64>,
+}
+
+/// What the fit leaves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Residuals {
+    /// `px` of the video, or `rad`.
+    pub unit: String,
+    /// What a residual of one coordinate usually is, over the whole video and over short parts with a state of their own; none of
+    /// videos too short for parts.
+    pub usual: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub usual_in_pieces: Option<f64>,
+    /// Root mean square distance, of the frames that were learned from.
+    pub distance: f64,
+    /// From 1 frame apart on.
+    pub autocorrelation: Vec<f64>,
+    /// Frames that together hold as much as one independent one.
+    pub frames_in_one: f64,
+    /// Frames of a block of the bootstrap.
+    pub block: usize,
+}
+
+/// An equation that was fitted to the same positions.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Alternative {
+    pub equation: String,
+    /// Parameters and initial states.
+    pub unknowns: usize,
+    /// Root mean square distances, in the unit of the residuals.
+    pub residual: f64,
+    pub held_out_error: f64,
+    pub aic: f64,
+    pub bic: f64,
+    pub parameters: BTreeMap<String, f64>,
+}
+
+impl Quantity {
+    /// With the 95 % interval of its draws, if there are any; those that are not finite count on neither side.
+    pub fn new(name: &str, value: f64, draws: Vec<f64>) -> Self {
+        let mut draws: Vec<f64> = draws.into_iter().filter(|x| x.is_finite()).collect();
+        draws.sort_by(f64::total_cmp);
+        let quantile = |share: f64| {
+            let place = share * (draws.len().max(1) - 1) as f64;
+            let (below, above) = (draws.get(place.floor() as usize), draws.get(place.ceil() as usize));
+            below.zip(above).map(|(below, above)| below + (above - below) * place.fract())
+        };
+        let (low, high) = (quantile(0.025), quantile(0.975));
+        Quantity { name: name.into(), value, low, high, unit: String::new(), in_frames: None, by_tracker: None }
+    }
+
+    /// The interval, its ends written so; none where there is none.
+    pub fn interval(&self, digits: impl Fn(f64) -> String) -> Option<String> {
+        Some(format!("{} to {}", digits(self.low?), digits(self.high?)))
+    }
+
+    #[must_use]
+    pub fn in_unit(self, unit: String) -> Self {
+        Quantity { unit, ..self }
+    }
+
+    #[must_use]
+    pub fn in_frames(self, value: f64) -> Self {
+        Quantity { in_frames: Some(value), ..self }
+    }
+
+    #[must_use]
+    pub fn of_tracker(self, by_tracker: Option<f64>) -> Self {
+        Quantity { by_tracker, ..self }
+    }
+}
+
+impl Measurement {
+    pub fn quantity(&self, name: &str) -> Option<&Quantity> {
+        self.quantities.iter().find(|quantity| quantity.name == name)
+    }
+
+    /// # Errors
+    /// A missing or damaged file, or one of a newer form.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(MEASUREMENT);
+        let text = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let measurement: Self =
+            serde_json::from_slice(&text).with_context(|| format!("{} is damaged", path.display()))?;
+        ensure!(measurement.format <= FORMAT, "{} is of a newer form; use a newer program", path.display());
+        Ok(measurement)
+    }
+
+    /// # Errors
+    /// A full disk.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        atomic::write_file(&folder.join(MEASUREMENT), |file| Ok(serde_json::to_writer_pretty(file, self)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quantity_without_draws_has_no_interval() {
+        let draws = |count: u32| (0..count).map(f64::from).collect();
+        for (count, interval) in [(0, None), (101, Some("2.5 to 97.5"))] {
+            let quantity = Quantity::new("a", 50.0, draws(count));
+            let read: Quantity = serde_json::from_str(&serde_json::to_string(&quantity).unwrap()).unwrap();
+            assert_eq!((read.interval(|end| end.to_string()).as_deref(), read), (interval, quantity));
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Many measurements in one table, beside what is known of their videos.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+
+use super::results::Measurement;
+use paig::support::{atomic, storage};
+
+/// What is known, by the video's name without its ending and the quantity.
+pub type References = BTreeMap<String, BTreeMap<String, f64>>;
+
+/// One quantity of one video.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    pub clip: String,
+    pub quantity: String,
+    pub value: f64,
+    /// 95 % interval; none of what has none.
+    pub low: Option<f64>,
+    pub high: Option<f64>,
+    pub unit: String,
+    pub reference: Option<f64>,
+    /// Root mean square distances in the held-out part, pixels of the video (or radians): of the fitted equation and of the
+    /// two baselines.
+    pub heldout_error: f64,
+    pub heldout_error_constant_velocity: f64,
+    pub heldout_error_tracker_fit: Option<f64>,
+    /// Of training and measurement.
+    pub seconds: f64,
+}
+
+/// # Errors
+/// A file that is not one of references.
+pub fn read_references(path: &Path) -> Result<References> {
+    let read = || Ok::<_, anyhow::Error>(toml::from_str(&storage::read_to_string(path)?)?);
+    read().with_context(|| format!("references {}", path.display()))
+}
+
+/// The rows of one measurement: its quantities, those of the tracker, the prediction, and by how much other equations are
+/// worse.
+pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
+    let video = measurement.videos.first().map_or("", String::as_str);
+    let clip = clip_name(video).to_string();
+    let held_out = &measurement.held_out;
+    let row = |quantity: &str, value: f64, unit: &str| Row {
+        clip: clip.clone(),
+        quantity: quantity.into(),
+        value,
+        low: None,
+        high: None,
+        unit: unit.into(),
+        reference: references.get(&clip).and_then(|known| known.get(quantity)).copied(),
+        heldout_error: held_out.error,
+        heldout_error_constant_velocity: held_out.constant_velocity,
+        heldout_error_tracker_fit: held_out.tracker_fit,
+        seconds: measurement.training_seconds.unwrap_or_default() + measurement.seconds,
+    };
+    let mut rows = Vec::new();
+    for it in &measurement.quantities {
+        rows.push(Row { low: it.low, high: it.high, ..row(&it.name, it.value, &it.unit) });
+        rows.extend(it.by_tracker.map(|value| row(&format!("{}_by_tracker", it.name), value, &it.unit)));
+    }
+    rows.push(row("heldout_percent_of_amplitude", held_out.percent_of_amplitude, "%"));
+    if let [own, others @ ..] = &measurement.alternatives[..] {
+        for other in others {
+            let name = other.equation.rsplit('/').next().unwrap_or(&other.equation);
+            let name = name.trim_end_matches(".toml");
+            rows.push(row(&format!("bic_of_{name}_minus_own"), other.bic - own.bic, ""));
+            rows.push(row(&format!("heldout_error_of_{name}"), other.held_out_error, &held_out.unit));
+        }
+    }
+    rows
+}
+
+/// The name of a video's file without its folder and ending; frames that are named behind it, where others are of the same file, do not
+/// belong to it.
+fn clip_name(video: &str) -> &str {
+    let are_frames = |text: &str| {
+        text.split_once("..").is_some_and(|(first, end)| first.parse::<usize>().and(end.parse::<usize>()).is_ok())
+    };
+    let file = video.rsplit_once(' ').filter(|(_, last)| are_frames(last)).map_or(video, |(file, _)| file);
+    let file = file.trim_end_matches('/');
+    let file = file.rsplit_once('/').map_or(file, |(_, name)| name);
+    file.rsplit_once('.').map_or(file, |(stem, _)| stem)
+}
+
+/// # Errors
+/// A full disk.
+pub fn write(path: &Path, rows: &[Row]) -> Result<()> {
+    atomic::write_file(path, |file| Ok(serde_json::to_writer_pretty(file, rows)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::clip_name;
+
+    #[test]
+    fn references_are_found_by_the_name_of_the_file() {
+        for (video, clip) in [
+            ("throws.mp4", "throws"),
+            ("throws.mp4 30..62", "throws"),
+            ("my throws.v2.mov", "my throws.v2"),
+            ("pictures", "pictures"),
+            ("pictures 0..40", "pictures"),
+            ("/films/day.1/throws.mp4 30..62", "throws"),
+            ("/films/day.1/pictures/", "pictures"),
+        ] {
+            assert_eq!(clip_name(video), clip);
+        }
+    }
+}

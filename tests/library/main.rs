@@ -1,0 +1,22 @@
+//! The library: model, equations, data, training.
+
+#[path = "../common/random.rs"]
+mod random;
+
+mod alignment;
+mod cells;
+mod coarse;
+mod driven_model;
+mod dynamics;
+mod equation_text;
+mod generators;
+mod identify;
+mod layers;
+mod objects;
+mod pendulum_data;
+mod recentre;
+mod refinement;
+mod second_look;
+mod ssim;
+mod subtract_background;
+mod viz;

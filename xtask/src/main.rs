@@ -1,0 +1,39 @@
+//! Tools for development, `cargo xtask TOOL`: faults, kills, fuzzing, resources, coverage of intervals.
+
+mod fuzz;
+#[path = "../../tests/common/inputs.rs"]
+mod inputs;
+mod interval_coverage;
+mod programs;
+#[path = "../../tests/common/project.rs"]
+mod project;
+mod resources;
+mod seeds;
+mod torture;
+mod torture_report;
+
+use anyhow::Result;
+use clap::Parser;
+
+/// Tools for development.
+#[derive(Debug, Parser)]
+enum Tool {
+    Fuzz(fuzz::Arguments),
+    Resources(resources::Arguments),
+    Torture(torture::Arguments),
+    /// Writes reports/torture from what the parts of `make torture` printed.
+    TortureReport,
+    IntervalCoverage(interval_coverage::Arguments),
+    Seeds(seeds::Arguments),
+}
+
+fn main() -> Result<()> {
+    match Tool::parse() {
+        Tool::Fuzz(arguments) => fuzz::run(&arguments),
+        Tool::Resources(arguments) => resources::run(&arguments),
+        Tool::Torture(arguments) => torture::run(&arguments),
+        Tool::TortureReport => torture_report::run(),
+        Tool::IntervalCoverage(arguments) => interval_coverage::run(&arguments),
+        Tool::Seeds(arguments) => seeds::run(&arguments),
+    }
+}

@@ -217,7 +217,7 @@ fn repetition<'a>(
 /// The raw numbers of a task's true parameters.
 fn true_numbers(task: &Task) -> Vec<Tensor> {
     let parameters = task.system.cell.parameters.iter();
-    parameters.map(|kind| Tensor::from(kind.bounds.raw(task.truth_of(kind.name).unwrap_or(1.0)))).collect()
+    parameters.map(|kind| Tensor::from(kind.bounds.raw(task.truth_of(&kind.name).unwrap_or(1.0)))).collect()
 }
 
 /// Positions `[clips, frames, coordinates]`, pixels, float64, of objects that begin on a ring and obey the task's equation.

@@ -3,15 +3,15 @@
 //! The clips are drawn here, too, so that the answer is known. `cargo run --release --example own_equation` takes some
 //! two minutes on a core.
 
+use std::sync::Arc;
+
 use anyhow::Result;
 use ndarray::Array5;
 use paig::datasets::iterators::Clips;
 use paig::generators::render::Balls;
 use paig::network::System;
 use paig::network::cells::plain::{Euler, Law, PlainCell, columns, columns_mut};
-use paig::network::cells::{
-    self, Actions, Build, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars,
-};
+use paig::network::cells::{Actions, Build, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
 use paig::network::physics_models::PhysicsNet;
 use paig::support::random::named_generator;
 use paig::tasks::Task;
@@ -22,19 +22,23 @@ use rand::Rng;
 use tch::{Device, Tensor};
 
 /// What the network, a task file and a run's config need to know of the equation.
-static FALLING_WITH_DRAG: CellKind = CellKind {
-    name: "falling_with_drag",
-    scope: "falling_with_drag_ode_cell",
-    objects: Some(1),
-    coordinates: Coordinates::Position,
-    walls: false,
-    actions: false,
-    parameters: &[PhysicalParameter::learned("g", "log_g", 1), PhysicalParameter::learned("c", "log_c", 0)],
-    build: Build::Rust(|logs, _walls| {
-        let [log_g, log_c] = scalars(logs);
-        Box::new(FallingWithDrag { log_g, log_c })
-    }),
-};
+fn falling_with_drag() -> CellKind {
+    CellKind {
+        name: "falling_with_drag".into(),
+        scope: "falling_with_drag_ode_cell",
+        objects: Some(1),
+        coordinates: Coordinates::Position,
+        walls: false,
+        actions: false,
+        parameters: vec![PhysicalParameter::learned("g", "log_g", 1), PhysicalParameter::learned("c", "log_c", 0)]
+            .into(),
+        build: Build::Rust(|logs, _walls| {
+            let [log_g, log_c] = scalars(logs);
+            Box::new(FallingWithDrag { log_g, log_c })
+        }),
+        text: None,
+    }
+}
 
 #[derive(Debug)]
 struct FallingWithDrag {
@@ -96,8 +100,6 @@ fn film(system: &System, clips: usize, frames: usize, purpose: &str) -> Array5<u
 }
 
 fn main() -> Result<()> {
-    // Known by its name from now on: task files, saved configs and all programs' code can use it.
-    cells::register(&FALLING_WITH_DRAG)?;
     let system = System {
         side: 32,
         channels: 1,
@@ -105,7 +107,7 @@ fn main() -> Result<()> {
         input_steps: 4,
         pred_steps: 6,
         dt: 0.3,
-        cell: &FALLING_WITH_DRAG,
+        cell: Arc::new(falling_with_drag()),
         walls: Walls::new(32, 0.0),
         halved: false,
     };

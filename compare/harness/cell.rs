@@ -26,7 +26,7 @@ pub fn compare(case: &mut Case, task_name: &str) -> Result<()> {
     let rolled = [frames, shape[0], shape[1]];
     ensure!(weight.size() == rolled, "tensor in/pos_weight has shape {:?}, expected {rolled:?}", weight.size());
 
-    let parameters = parameters(case, task.system.cell)?;
+    let parameters = parameters(case, &task.system.cell)?;
     let cell = task.system.build_cell(&parameters.logs);
     let initial = State { pos: pos.shallow_clone(), vel: vel.shallow_clone() };
     let states = cell.roll_out(&initial, &Actions::none(), task.system.dt, frames as usize);
@@ -68,16 +68,16 @@ struct Parameters {
     /// What the cell is built with.
     logs: Vec<Tensor>,
     /// What the file has gradients to.
-    leaves: Vec<(&'static str, Tensor)>,
+    leaves: Vec<(String, Tensor)>,
 }
 
 fn parameters(case: &Case, kind: &CellKind) -> Result<Parameters> {
     let (mut logs, mut leaves) = (Vec::new(), Vec::new());
-    for parameter in kind.parameters {
+    for parameter in &*kind.parameters {
         let log = case.leaf(&format!("param/{}", parameter.variable), 0)?;
         // What the original holds fixed may lack a gradient.
         if parameter.fixed.is_none() || case.golden.has(&format!("grad/{}", parameter.variable)) {
-            leaves.push((parameter.variable, log.shallow_clone()));
+            leaves.push((parameter.variable.to_string(), log.shallow_clone()));
         }
         logs.push(log);
     }

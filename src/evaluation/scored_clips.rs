@@ -69,7 +69,7 @@ impl ScoredClips {
                 return Some(truth.clone());
             };
             let object = *order?.get(place - first)?;
-            Some(TrueParameter { name: cell.parameters[first + object].name.into(), ..truth.clone() })
+            Some(TrueParameter { name: cell.parameters[first + object].name.to_string(), ..truth.clone() })
         };
         self.truth = self.truth.iter().filter_map(numbered).collect();
         self.notes.extend(match order {
@@ -100,7 +100,7 @@ fn truth(path: &Path, task: &Task, states: Option<&States>) -> Vec<TrueParameter
         // clips follow the equation that they were made for.
         let follow = states.and_then(|states| states.truth.as_ref()).is_none_or(|values| !values.is_empty());
         let known = |parameter: &TrueParameter| {
-            let value = settings.scene.truth(task.system.cell, &parameter.name)?;
+            let value = settings.scene.truth(&task.system.cell, &parameter.name)?;
             Some(TrueParameter { value, ..parameter.clone() })
         };
         return if follow { task.truth.iter().filter_map(known).collect() } else { Vec::new() };

@@ -3,10 +3,13 @@
 //! Lengths are pixels, velocities pixels per time unit, masses 1 unless said; the pendulum's angle is in radians. All in
 //! f64. Original: `nn/datasets/generators.py`; paper: section 4.1 and appendix A.
 
+use std::sync::Arc;
+
 use anyhow::{Context, Result};
 use rand::Rng;
 use tch::Tensor;
 
+use crate::network::cells::text::SingleEquation;
 use crate::network::cells::{Build, CellKind, State, Walls};
 use crate::tasks::scene::{Begin, Motion};
 
@@ -44,7 +47,7 @@ impl SceneState {
 /// An equation that moves the objects, and where they begin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Law {
-    pub equation: &'static CellKind,
+    pub equation: Arc<CellKind>,
     /// The raw number of each of its parameters.
     pub raw: Vec<f64>,
     /// How much acts from outside at most, to either side.
@@ -55,10 +58,10 @@ pub struct Law {
 impl Law {
     /// The state of objects between these walls a time `h` later.
     fn substep(&self, state: &mut SceneState, walls: Walls, h: f64) {
-        match self.equation.build {
+        match &self.equation.build {
             Build::Text(equation) => {
                 let values = self.equation.parameters.iter().zip(&self.raw).map(|(it, raw)| it.bounds.value(*raw));
-                let mut equation = equation.single(&values.collect::<Vec<_>>(), walls);
+                let mut equation = SingleEquation::new(equation, &values.collect::<Vec<_>>(), walls);
                 equation.substep(&mut state.positions, &mut state.velocities, state.action, h);
             }
             Build::Rust(_) => self.substep_by_tensors(state, walls, h),

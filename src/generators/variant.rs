@@ -1,13 +1,13 @@
 //! What to generate: a task's scene with its numbers, some of them changed, and the file name that says so.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 
 use super::simulate::{Law, PENDULUM_MAX_SPEED, World};
 use crate::network::System;
-use crate::network::cells::text::{self, Integrator};
-use crate::network::cells::{PhysicalParameter, Walls};
+use crate::network::cells::{Integrator, PhysicalParameter, Walls};
 use crate::support::random::fnv1a;
 use crate::tasks::Task;
 use crate::tasks::looks::{BackgroundLook, Distractor};
@@ -176,7 +176,7 @@ impl Variant {
 
     /// The true or given value of a parameter of the task's equation.
     fn value(&self, parameter: &PhysicalParameter) -> f64 {
-        self.task.truth_of(parameter.name).or(parameter.fixed).unwrap_or(f64::NAN)
+        self.task.truth_of(&parameter.name).or(parameter.fixed).unwrap_or(f64::NAN)
     }
 
     /// The task's equation with its true parameters, if the objects move by it. A text is integrated by Runge and Kutta's
@@ -184,10 +184,10 @@ impl Variant {
     fn law(&self) -> Option<Law> {
         let Variant { task, scene, .. } = self;
         let raw = |parameter: &PhysicalParameter| parameter.bounds.raw(self.value(parameter));
-        let cell = task.system.cell;
-        let precise = text::integrated_by(cell, Integrator::Rk4).ok().flatten();
+        let cell = &task.system.cell;
+        let precise = cell.integrated_by(Integrator::Rk4).ok().flatten();
         (scene.motion == Motion::Equation {}).then(|| Law {
-            equation: precise.unwrap_or(cell),
+            equation: precise.map_or_else(|| cell.clone(), Arc::new),
             raw: cell.parameters.iter().map(raw).collect(),
             push: scene.push,
             begin: scene.begin.clone(),
@@ -197,9 +197,9 @@ impl Variant {
     /// Of the equation and the values of its parameters, if the objects move by it: the same where only the bounds and starts
     /// of a fit are others.
     pub fn equation_checksum(&self) -> Option<u64> {
-        let cell = self.task.system.cell;
+        let cell = &self.task.system.cell;
         let values: Vec<f64> = cell.parameters.iter().map(|parameter| self.value(parameter)).collect();
-        let checksum = || fnv1a(format!("{} {values:?}", text::accelerations(cell)).as_bytes());
+        let checksum = || fnv1a(format!("{} {values:?}", cell.accelerations()).as_bytes());
         (self.scene.motion == Motion::Equation {}).then(checksum)
     }
 

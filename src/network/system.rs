@@ -3,6 +3,7 @@
 //! Files, scenes, true parameters and learning rates are a [task](crate::tasks)'s.
 
 use std::fmt::{self, Formatter};
+use std::sync::Arc;
 
 use anyhow::{Result, ensure};
 use serde::de::value::MapAccessDeserializer;
@@ -11,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use super::blocks::side_multiple;
-use super::cells::text::{self, EquationTable};
-use super::cells::{self, Build, Cell, CellKind, Coordinates, MOST_OBJECTS, Walls};
+use super::cells::text::EquationTable;
+use super::cells::{Build, Cell, CellKind, Coordinates, Equations, MOST_OBJECTS, Walls};
 
 /// Smallest side of a frame, pixels: the window of the structural similarity is 11 x 11.
 const LEAST_SIDE: usize = 12;
@@ -35,7 +36,7 @@ pub struct System {
     /// Time between two frames, in the unit that the parameters are measured in.
     pub dt: f64,
     /// The differential equation.
-    pub cell: &'static CellKind,
+    pub cell: Arc<CellKind>,
     /// Where an object's centre turns, in equations that have walls.
     pub walls: Walls,
     /// Whether the networks are given each frame at half its side. Positions are in pixels of the whole frame.
@@ -96,7 +97,7 @@ impl System {
     /// A side that the U-Net cannot halve, or too small or too large; a number of channels or objects that cannot be; no
     /// frames to see or to predict; a time that is not positive; walls that leave no room.
     pub fn check(&self) -> Result<()> {
-        let &System { side, channels, objects, input_steps, pred_steps, dt, cell, walls, halved: _ } = self;
+        let &System { side, channels, objects, input_steps, pred_steps, dt, ref cell, walls, halved: _ } = self;
         let multiple = side_multiple(side);
         ensure!(
             (LEAST_SIDE..=LARGEST_SIDE).contains(&side) && side.is_multiple_of(multiple),
@@ -145,20 +146,20 @@ pub enum EquationEntry {
 
 impl EquationEntry {
     fn of(kind: &CellKind) -> Self {
-        match kind.build {
+        match &kind.build {
             Build::Text(equation) => EquationEntry::Text(equation.table().clone()),
-            Build::Rust(_) => EquationEntry::Name(kind.name.into()),
+            Build::Rust(_) => EquationEntry::Name(kind.name.to_string()),
         }
     }
 
-    /// The equation, for so many objects.
+    /// The equation, for so many objects; `known` are those that have names.
     ///
     /// # Errors
     /// An unknown name, a text that cannot be an equation.
-    pub fn kind(&self, objects: usize) -> Result<&'static CellKind> {
+    pub fn kind(&self, objects: usize, known: &Equations) -> Result<Arc<CellKind>> {
         match self {
-            EquationEntry::Name(name) => cells::find(name),
-            EquationEntry::Text(table) => text::kind(table, objects),
+            EquationEntry::Name(name) => known.find(name),
+            EquationEntry::Text(table) => CellKind::of_text(table, objects).map(Arc::new),
         }
     }
 }
@@ -206,20 +207,20 @@ pub struct SystemTable {
 
 impl From<&System> for SystemTable {
     fn from(system: &System) -> Self {
-        let &System { side, channels, objects, input_steps, pred_steps, dt, cell, walls, halved: _ } = system;
+        let &System { side, channels, objects, input_steps, pred_steps, dt, ref cell, walls, halved: _ } = system;
         let (equation, wall_margin) = (EquationEntry::of(cell), Some(walls.near));
         SystemTable { side, channels, objects, input_steps, pred_steps, dt, equation, wall_margin }
     }
 }
 
 impl SystemTable {
-    /// The system; `wall_margin` where the table has none.
+    /// The system; `wall_margin` where the table has none, `known` are the equations that have names.
     ///
     /// # Errors
     /// An unknown equation, a text that is none, or what [`System::check`] refuses.
-    pub fn system(&self, wall_margin: f64) -> Result<System> {
+    pub fn system(&self, wall_margin: f64, known: &Equations) -> Result<System> {
         let &SystemTable { side, channels, objects, input_steps, pred_steps, dt, .. } = self;
-        let cell = self.equation.kind(objects)?;
+        let cell = self.equation.kind(objects, known)?;
         let walls = Walls::new(side, self.wall_margin.unwrap_or(wall_margin));
         let system = System { side, channels, objects, input_steps, pred_steps, dt, cell, walls, halved: false };
         system.check()?;
@@ -234,7 +235,7 @@ mod tests {
 
     #[test]
     fn networks_see_positions_from_edge_to_edge_and_angles_as_they_are() {
-        let taken_in = |cell: &'static CellKind| {
+        let taken_in = |cell: &CellKind| {
             let system = System {
                 side: 64,
                 channels: 1,
@@ -242,7 +243,7 @@ mod tests {
                 input_steps: 4,
                 pred_steps: 6,
                 dt: 0.3,
-                cell,
+                cell: Arc::new(cell.clone()),
                 walls: Walls::new(64, 0.0),
                 halved: false,
             };

@@ -114,7 +114,7 @@ const KEYS: [&str; 16] = [
 pub fn check_parameters(parameters: &[PhysicalParameter]) -> Result<()> {
     for PhysicalParameter { name, .. } in parameters {
         ensure!(
-            !KEYS.contains(name),
+            !KEYS.contains(&&**name),
             "the files of a run have another number called {name}; give the parameter another name"
         );
     }

@@ -53,7 +53,7 @@ mod tests {
                 [side, objects, input, predicted]
             );
             assert_eq!(([task.train_frames, task.test_frames], system.channels), ([train, test], 3), "{name}");
-            assert_eq!((system.cell.name, system.dt), (equation, dt), "{name}");
+            assert_eq!((&*system.cell.name, system.dt), (equation, dt), "{name}");
             assert_eq!([task.base_lr, task.alpha], [base_lr, alpha], "{name}");
             for (symbol, value) in truth {
                 let fixed =

@@ -26,7 +26,7 @@ use toml::Table;
 use self::scene::{Motion, Scene};
 use self::video::Video;
 use crate::network::System;
-use crate::network::cells::{CellKind, PhysicalParameter};
+use crate::network::cells::{CellKind, Equations, PhysicalParameter};
 use crate::network::system::SystemTable;
 use crate::support::storage;
 
@@ -144,6 +144,14 @@ impl Task {
         toml::from_str::<TaskTable>(text)?.try_into()
     }
 
+    /// The same of a table, where these equations have names.
+    ///
+    /// # Errors
+    /// As for [`Self::from_toml`].
+    pub fn from_table(table: Table, known: &Equations) -> Result<Self> {
+        TaskTable::deserialize(table)?.task(known)
+    }
+
     /// A task around a system, with clips of these lengths, without scene or truth: what a program builds that brings its
     /// own data.
     ///
@@ -162,7 +170,7 @@ impl Task {
             training: PaperRates::default(),
             recipe: Table::new(),
         };
-        table.try_into()
+        table.task(&Equations::default().with(&system.cell)?)
     }
 
     /// One line for `--help`.
@@ -224,10 +232,21 @@ impl TryFrom<TaskTable> for Task {
     type Error = anyhow::Error;
 
     fn try_from(table: TaskTable) -> Result<Self> {
+        table.task(&Equations::default())
+    }
+}
+
+impl TaskTable {
+    /// The task, where these equations have names.
+    ///
+    /// # Errors
+    /// As for [`Task::from_toml`].
+    pub fn task(self, known: &Equations) -> Result<Task> {
+        let table = self;
         let of_task = || format!("task {:?}", table.name);
         check_name(&table.name)?;
         let wall_margin = table.scene.as_ref().map_or(0.0, Scene::wall_margin);
-        let system = table.system.system(wall_margin).context("system").with_context(of_task)?;
+        let system = table.system.system(wall_margin, known).context("system").with_context(of_task)?;
         if let Some(scene) = &table.scene {
             scene.check(&system).context("scene").with_context(of_task)?;
         }
@@ -256,9 +275,7 @@ impl TryFrom<TaskTable> for Task {
             table,
         })
     }
-}
 
-impl TaskTable {
     /// A dataset file, relative to the datasets folder.
     fn file(&self, named: &Option<String>, frames: usize, plain: &str) -> String {
         let folder = self.data.folder.as_ref().unwrap_or(&self.name);
@@ -270,10 +287,10 @@ impl TaskTable {
 
     fn true_parameters(&self, system: &System) -> Vec<TrueParameter> {
         let value = |symbol: &str| match &self.scene {
-            Some(scene) => scene.truth(system.cell, symbol).or(self.truth.get(symbol).copied()),
+            Some(scene) => scene.truth(&system.cell, symbol).or(self.truth.get(symbol).copied()),
             None => self.truth.get(symbol).copied(),
         };
-        let symbols = system.cell.parameters.iter().map(|parameter| parameter.name);
+        let symbols = system.cell.parameters.iter().map(|parameter| &*parameter.name);
         symbols.filter_map(|name| Some(TrueParameter { name: name.into(), value: value(name)? })).collect()
     }
 
@@ -301,12 +318,12 @@ impl TaskTable {
             ensure!(inside && !path.is_empty(), "data.{key} = {path:?}: must lie in the datasets folder");
         }
         for (symbol, value) in &self.truth {
-            let bounds = parameter(system.cell, "truth", symbol)?.bounds;
+            let bounds = parameter(&system.cell, "truth", symbol)?.bounds;
             // Errors are in per cent of the truth.
             ensure!(bounds.contain(*value) && *value != 0.0, "truth.{symbol} = {value}: must be {bounds}, and not 0");
         }
         for (symbol, percent) in &self.success.parameters {
-            parameter(system.cell, "success.parameters", symbol)?;
+            parameter(&system.cell, "success.parameters", symbol)?;
             ensure!(
                 percent.is_finite() && *percent > 0.0,
                 "success.parameters.{symbol} = {percent}: must be a positive number"
@@ -323,19 +340,19 @@ impl TaskTable {
             ensure!(changes.is_table(), "recipe.{recipe} = {changes}: must be a table of the recipe's sections");
         }
         if self.scene.as_ref().is_some_and(|scene| scene.motion == Motion::Equation {}) {
-            let known = |it: &&PhysicalParameter| self.truth.contains_key(it.name) || it.fixed.is_some();
+            let known = |it: &&PhysicalParameter| self.truth.contains_key(&*it.name) || it.fixed.is_some();
             let unknown = system.cell.parameters.iter().find(|parameter| !known(parameter));
             ensure!(
                 unknown.is_none(),
                 "truth: the scene's motion is the equation, so all its parameters must be known; {} is missing",
-                unknown.map_or("none", |parameter| parameter.name)
+                unknown.map_or("none", |parameter| &*parameter.name)
             );
         }
         if let Some(video) = &self.video {
             video.check(self.system.dt)?;
         }
         for symbol in self.truth.keys() {
-            let of_scene = self.scene.as_ref().and_then(|scene| scene.truth(system.cell, symbol));
+            let of_scene = self.scene.as_ref().and_then(|scene| scene.truth(&system.cell, symbol));
             ensure!(of_scene.is_none(), "truth.{symbol}: the scene says it already; leave it out here");
         }
         for (key, rate) in [("base_lr", self.training.base_lr), ("alpha", self.training.alpha)] {
@@ -348,7 +365,7 @@ impl TaskTable {
 /// The parameter of an equation that a section names.
 fn parameter<'a>(equation: &'a CellKind, section: &str, symbol: &str) -> Result<&'a PhysicalParameter> {
     equation.parameters.iter().find(|parameter| parameter.name == symbol).with_context(|| {
-        let symbols: Vec<_> = equation.parameters.iter().map(|parameter| parameter.name).collect();
+        let symbols: Vec<_> = equation.parameters.iter().map(|parameter| &*parameter.name).collect();
         format!("{section}.{symbol}: the equation {:?} has no such parameter; it has {symbols:?}", equation.name)
     })
 }

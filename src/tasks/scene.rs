@@ -178,7 +178,7 @@ impl Motion {
 
     /// Whether the objects move by this equation, so that its parameters are numbers of the motion.
     fn follows(self, equation: &CellKind) -> bool {
-        match (self, equation.name) {
+        match (self, &*equation.name) {
             (Self::Bouncing {}, "bouncing") | (Self::Spring { .. }, "damped_spring") => true,
             (Self::Spring { damping, .. }, "spring") => damping == 0.0,
             (Self::ThreeBodies { .. }, "gravity") => true,
@@ -348,7 +348,7 @@ impl Scene {
     /// # Errors
     /// A motion that is not about the system's objects or coordinates, or a look that cannot be drawn in its frames.
     pub fn check(&self, system: &System) -> Result<()> {
-        let &System { objects, channels, cell, .. } = system;
+        let &System { objects, channels, ref cell, .. } = system;
         if let Some(of_motion) = self.motion.objects() {
             ensure!(objects == of_motion, "this motion has {of_motion} objects, the system {objects}");
         }

@@ -17,12 +17,13 @@ use super::phase::Phase;
 use super::pretrain::Pretrain;
 use super::ranges::at_least_one;
 use crate::datasets::iterators::Clips;
+use crate::network::cells::Equations;
 use crate::network::dynamics::DynamicsKind;
 use crate::network::physics_models::ModelOptions;
 use crate::runs::{config_file, metrics};
 use crate::support::storage;
 use crate::support::toml_values::leaves;
-use crate::tasks::{self, Task};
+use crate::tasks::{self, Task, TaskTable};
 
 /// Version of the file's form. Files of before it have none, and name their task instead of holding it.
 const FORMAT: u32 = 1;
@@ -31,10 +32,10 @@ const MOST_REFINEMENT_STEPS: usize = 100;
 /// Frames that a batch may have of however few clips: they are drawn with repetition.
 const LEAST_FRAMES: usize = 1000;
 
-/// A complete run: what, how, where.
+/// A complete run: what, how, where. In a file its task is a [`TaskTable`], whose equation may have a name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Config {
+pub struct Config<T = Task> {
     /// Version of the file's form.
     #[serde(default)]
     pub format: u32,
@@ -49,7 +50,7 @@ pub struct Config {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub start: BTreeMap<String, f64>,
     /// The whole task, so that a run's folder stands alone.
-    pub task: Task,
+    pub task: T,
     pub data: Data,
     pub model: ModelOptions,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -111,13 +112,21 @@ impl Config {
     /// # Errors
     /// A file that is missing or is not a complete config, a value out of range, a newer form.
     pub fn read(path: &Path) -> Result<Config> {
+        Self::read_with(path, &Equations::default())
+    }
+
+    /// The same, where these equations have names.
+    ///
+    /// # Errors
+    /// As for [`Self::read`].
+    pub fn read_with(path: &Path, known: &Equations) -> Result<Config> {
         let read = || {
             let mut table = config_file::parse(&storage::read_to_string(path)?)?;
             // A run of an earlier version names its task.
             if let Some(Value::String(name)) = table.get("task") {
                 table.insert("task".into(), Value::Table(tasks::find(name)?.to_table()));
             }
-            let config: Config = Value::Table(table).try_into()?;
+            let config = Self::of_table(table, known)?;
             ensure!(
                 config.format <= FORMAT,
                 "it has form {}; this program knows forms up to {FORMAT}: use a newer one",
@@ -167,8 +176,31 @@ impl Config {
         Self::of_layers(layers::load_task(task, file, overrides)?)
     }
 
+    fn of_table(table: Table, known: &Equations) -> Result<Config> {
+        let read: Config<TaskTable> = Value::Table(table).try_into()?;
+        let Config { format, recipe, seed, device, threads, start, task, .. } = read;
+        let Config { data, model, discover, identify, pretrain, join, output, .. } = read;
+        let task = task.task(known).context("config: task")?;
+        Ok(Config {
+            format,
+            recipe,
+            seed,
+            device,
+            threads,
+            start,
+            task,
+            data,
+            model,
+            discover,
+            identify,
+            pretrain,
+            join,
+            output,
+        })
+    }
+
     fn of_layers(layers: ConfigLayers) -> Result<Config> {
-        let parsed = |table: Table| Value::Table(table).try_into::<Config>();
+        let parsed = |table: Table| Self::of_table(table, &layers.known);
         let config = parsed(layers.merged).with_context(|| {
             let wrong = layers.below.into_iter().find(|(_, table)| parsed(table.clone()).is_err());
             wrong.map_or("config, as the command line has it".to_string(), |(place, _)| place)
@@ -224,12 +256,12 @@ impl Config {
 
     /// The parameters, and those of them that are fixed or start elsewhere.
     fn check_parameters(&self) -> Result<()> {
-        let parameters = self.task.system.cell.parameters;
+        let parameters = &self.task.system.cell.parameters;
         metrics::check_parameters(parameters).with_context(|| format!("task {}", self.task.name))?;
-        let known: Vec<_> = parameters.iter().map(|p| p.name).collect();
+        let known: Vec<_> = parameters.iter().map(|p| &*p.name).collect();
         for (section, symbols) in [("start", &self.start), ("model.fixed", &self.model.fixed)] {
             for (symbol, value) in symbols {
-                let parameter = parameters.iter().find(|parameter| parameter.name == symbol);
+                let parameter = parameters.iter().find(|parameter| parameter.name == *symbol);
                 let parameter = parameter.with_context(|| {
                     format!(
                         "config: {section}.{symbol}: task {} has no such parameter; it has {known:?}",
@@ -243,7 +275,7 @@ impl Config {
                 );
             }
         }
-        for parameter in parameters.iter().filter(|p| self.start.contains_key(p.name)) {
+        for parameter in parameters.iter().filter(|p| self.start.contains_key(&*p.name)) {
             ensure!(
                 self.model.fixed_at(parameter).is_none(),
                 "config: start.{0}: {0} is not learned but fixed (model.fixed)",

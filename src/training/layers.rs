@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use toml::{Table, Value};
 
+use crate::network::cells::Equations;
 use crate::runs::config_file;
 use crate::support::storage;
 use crate::support::toml_values::quoted;
@@ -35,6 +36,8 @@ pub struct ConfigLayers {
     pub merged: Table,
     /// Where each layer below the command line comes from, and the table up to it: tells where a wrong value stands.
     pub below: Vec<(String, Table)>,
+    /// Those that the task can name.
+    pub known: Equations,
 }
 
 /// Recipe, task, file and command line; the task is the one that file or command line name.
@@ -46,7 +49,7 @@ pub fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> 
     let task = task_table(&file_layer, &command_line)?;
     let named = [overrides.task.as_deref(), file_layer.get("task").and_then(Value::as_str)];
     let folder = named.into_iter().flatten().next().and_then(folder_of).map(String::from);
-    merged(task, folder.as_deref(), file_layer, command_line, file)
+    merged((task, Equations::default()), folder.as_deref(), file_layer, command_line, file)
 }
 
 /// The same for a task that is at hand.
@@ -58,7 +61,8 @@ pub fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Resu
     check_task(task_name(&file_layer)?, Some(&task.name))?;
     let mut table = task.to_table();
     changes_of_task([&file_layer, &command_line]).for_each(|changes| merge(&mut table, changes.clone()));
-    merged(table, None, file_layer, command_line, file)
+    let known = Equations::default().with(&task.system.cell)?;
+    merged((table, known), None, file_layer, command_line, file)
 }
 
 /// The folder that a task's file lies in; none of the name of a built-in task.
@@ -119,9 +123,9 @@ fn task_table(file_layer: &Table, command_line: &Table) -> Result<Table> {
     Ok(task)
 }
 
-/// `folder` is where the task's file lies, if it is one.
+/// The task comes with the equations that it can name; `folder` is where its file lies, if it is one.
 fn merged(
-    task: Table,
+    (task, known): (Table, Equations),
     folder: Option<&str>,
     mut file_layer: Table,
     mut command_line: Table,
@@ -133,7 +137,7 @@ fn merged(
     let Some((_, recipe_text)) = RECIPES.iter().find(|(name, _)| *name == recipe) else {
         bail!("unknown recipe {recipe:?}; the recipes are {}", names.join(", "));
     };
-    let task: Task = Value::Table(task).try_into().context("config: task")?;
+    let task = Task::from_table(task, &known).context("config: task")?;
     if let Some(changed) = task.changed_recipes().find(|name| !names.contains(name)) {
         bail!("task {}: [recipe.{changed}]: unknown recipe; the recipes are {}", task.name, names.join(", "));
     }
@@ -149,7 +153,7 @@ fn merged(
     merge(&mut merged, file_layer);
     below.extend(file.map(|path| (format!("config {}", path.display()), merged.clone())));
     merge(&mut merged, command_line);
-    Ok(ConfigLayers { merged, below })
+    Ok(ConfigLayers { merged, below, known })
 }
 
 /// Cuts a recipe's horizons off at the length of the clips.

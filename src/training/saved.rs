@@ -6,6 +6,7 @@ use anyhow::{Result, ensure};
 use tch::Device;
 
 use super::config::Config;
+use crate::network::cells::Equations;
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{self, SavedWeights};
 use crate::runs::names::CONFIG;
@@ -16,9 +17,22 @@ use crate::runs::weights;
 /// # Errors
 /// A folder that holds no run or no such weights, or weights of another model.
 pub fn load_model(folder: &Path, which: SavedWeights, device: Device) -> Result<(Config, PhysicsNet)> {
+    load_model_with(folder, which, device, &Equations::default())
+}
+
+/// The same, where these equations have names.
+///
+/// # Errors
+/// As for [`load_model`].
+pub fn load_model_with(
+    folder: &Path,
+    which: SavedWeights,
+    device: Device,
+    known: &Equations,
+) -> Result<(Config, PhysicsNet)> {
     let path = folder.join(CONFIG);
     ensure!(path.exists(), "{} is not a run folder: there is no {CONFIG} in it", folder.display());
-    let config = Config::read(&path)?;
+    let config = Config::read_with(&path, known)?;
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
     weights::load(&checkpoint::find_weights(folder, which)?, &model)?;
     Ok((config, model))

@@ -45,7 +45,7 @@ impl<'a> Trainer<'a> {
     /// A parameter in `start` that the model lacks, or a value that it cannot have.
     pub fn new(config: &'a Config, model: &'a PhysicsNet, train: &'a Clips, valid: &'a Clips) -> Result<Self> {
         for (symbol, value) in &config.start {
-            let parameter = model.learned().find(|p| p.kind.name == symbol);
+            let parameter = model.learned().find(|p| p.kind.name == *symbol);
             let parameter = parameter.with_context(|| format!("start.{symbol}: the model learns no such parameter"))?;
             model.set_value(parameter, *value).with_context(|| format!("start.{symbol}"))?;
         }

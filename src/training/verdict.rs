@@ -193,7 +193,7 @@ fn intervals(model: &PhysicsNet, explanation: &Explanation) -> BTreeMap<String, 
             let raw = explanation.estimates.iter().map(|raw| raw[place]).chain([parameter.raw.double_value(&[])]);
             let (low, high) =
                 raw.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), raw| (low.min(raw), high.max(raw)));
-            let value = |raw: f64| model.true_value(parameter.kind, raw);
+            let value = |raw: f64| model.true_value(&parameter.kind, raw);
             let interval = Interval { low: value(low - 2.0 * deviation), high: value(high + 2.0 * deviation) };
             (parameter.kind.name.to_string(), interval)
         })

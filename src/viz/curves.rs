@@ -51,7 +51,7 @@ pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Resu
     };
     let any = chart::write(&folder.join("losses.png"), LOSSES_HEIGHT, vec![losses])?;
     ensure!(any, "{} holds no losses", path.display());
-    let parameter = |name: &'static str| {
+    let parameter = |name: &str| {
         let learned = points(&records, None, name);
         let truth = truth.iter().find(|truth| truth.name == name).map(|truth| truth.value);
         let stated = truth.map_or(String::new(), |truth| format!(" (true value {truth})"));
@@ -67,7 +67,7 @@ pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Resu
             legend: Some(SeriesLabelPosition::MiddleRight),
         })
     };
-    let parameters = task.system.cell.parameters.iter().filter_map(|p| parameter(p.name)).collect();
+    let parameters = task.system.cell.parameters.iter().filter_map(|p| parameter(&p.name)).collect();
     chart::write(&folder.join("parameters.png"), PARAMETER_HEIGHT, parameters)?;
     Ok(())
 }

@@ -318,9 +318,9 @@ fn roll_outs_in_plain_numbers_are_those_of_tensors() {
     assert!(tasks.len() >= 25, "only {} equations", tasks.len());
     let (batch, known, frames) = (7, 5, 9);
     for task in &tasks {
-        let (system, kind) = (&task.system, task.system.cell);
-        let values = kind.parameters.iter().map(|it| task.truth_of(it.name).or(it.fixed).unwrap_or(1.0));
-        let raw: Vec<_> = values.zip(kind.parameters).map(|(value, it)| scalar(it.bounds.raw(value))).collect();
+        let (system, kind) = (&task.system, &task.system.cell);
+        let values = kind.parameters.iter().map(|it| task.truth_of(&it.name).or(it.fixed).unwrap_or(1.0));
+        let raw: Vec<_> = values.zip(&*kind.parameters).map(|(value, it)| scalar(it.bounds.raw(value))).collect();
         let cell = system.build_cell(&raw);
         let mut in_plain = cell.plain_double().unwrap_or_else(|| panic!("{} has no plain form", task.name));
         let coordinates = kind.coordinates.per_object() * system.objects;

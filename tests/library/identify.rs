@@ -4,7 +4,7 @@ use crate::random::numbers;
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, generate_clips};
-use paig::network::cells::{Actions, State, text};
+use paig::network::cells::{Actions, CellKind, State};
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::tasks::{Task, find};
 use paig::training::identify::Identify;
@@ -279,7 +279,7 @@ fn a_fit_tells_which_parameters_do_not_show_apart() {
     let parameters: Vec<_> = task.system.cell.parameters.iter().collect();
     let both = fitted(&task, &seen, &Actions::none(), &[40.0, 1.2], &[true; 2]);
     let found = rank::indistinct(&both.curvature, &parameters).unwrap();
-    assert_eq!((found.names, found.shows), (vec!["g", "m"], vec!["g m^2".to_string()]));
+    assert_eq!((found.names, found.shows), (["g", "m"].map(String::from).to_vec(), vec!["g m^2".to_string()]));
     let task = find("damped_spring").unwrap();
     let seen = scattered_springs(&task, &[4.0, 6.0, 0.3], &[0.0; 4]);
     let parameters: Vec<_> = task.system.cell.parameters.iter().collect();
@@ -291,9 +291,9 @@ fn a_fit_tells_which_parameters_do_not_show_apart() {
 #[test]
 fn a_parameter_that_never_shows_has_no_bounds() {
     let text = "acceleration = \"vec(0, -k * max(p.y - 1000, 0))\"\nparameters.k.unit = [0, -2]";
-    let cell = text::kind(&toml::from_str(text).unwrap(), 2).unwrap();
+    let cell = CellKind::of_text(&toml::from_str(text).unwrap(), 2).unwrap();
     let mut task = find("spring_color").unwrap();
-    task.system.cell = cell;
+    task.system.cell = cell.clone().into();
     let still = (&[21.0, 16.0, 9.0, 16.0], 1.5);
     let seen = observed(&task, &[1.0], &Actions::none(), (still.0, still.1), (&[0.0; 4], 3.0), &[0.0; 4], NOISE);
     let fit = fitted(&task, &seen, &Actions::none(), &[1.0], &[true]);
@@ -355,9 +355,9 @@ fn a_wrong_force_is_no_shaking_camera() {
     assert!((k / 4.0 - 1.0).abs() < 0.006 && deviation < 2.5e-3, "k {k}, deviation {deviation}");
     // An attraction that falls with the distance, where the spring's grows.
     let text = "acceleration = \"others((q - p) * a / max(norm(p - q), 1)^2)\"\nparameters.a.unit = [2, -2]";
-    let cell = text::kind(&toml::from_str(text).unwrap(), 2).unwrap();
+    let cell = CellKind::of_text(&toml::from_str(text).unwrap(), 2).unwrap();
     let mut wrong = task.clone();
-    wrong.system.cell = cell;
+    wrong.system.cell = cell.into();
     let wrong = explained(&wrong, &springs, &[10.0]);
     assert!(!wrong.explains(), "the wrong force leaves {}", wrong.own_residual);
 }
@@ -369,7 +369,7 @@ fn a_missing_force_shows_in_whole_clips() {
     let task = find("falling").unwrap();
     let mut resisting = task.clone();
     let text = "acceleration = \"vec(0, g) - c * v\"\nparameters.c.unit = [0, -1]\nparameters.g.unit = [1, -2]";
-    resisting.system.cell = text::kind(&toml::from_str(text).unwrap(), 1).unwrap();
+    resisting.system.cell = CellKind::of_text(&toml::from_str(text).unwrap(), 1).unwrap().into();
     let falls = |task: &Task, parameters: &[f64]| {
         observed(task, parameters, &Actions::none(), (&[16.0; 2], 4.0), (&[0.0; 2], 3.0), &[0.0; 2], 0.05)
     };
@@ -396,7 +396,7 @@ fn a_wall_that_was_moved_away_is_looked_for_anew() {
     let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
     let raw = |values: &[(&str, f64)]| -> Vec<f64> {
         let of = |name: &str| values.iter().find(|(symbol, _)| *symbol == name).unwrap().1;
-        task.system.cell.parameters.iter().map(|kind| kind.bounds.raw(of(kind.name))).collect()
+        task.system.cell.parameters.iter().map(|kind| kind.bounds.raw(of(&kind.name))).collect()
     };
     let truth: Vec<_> = raw(&[("e", 0.8), ("floor", 25.0), ("g", 3.0)]).into_iter().map(Tensor::from).collect();
     let first = State {

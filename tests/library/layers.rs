@@ -154,6 +154,21 @@ fn no_files_import_from_each_other_in_a_circle() {
     }
 }
 
+/// Among the equations not even a folder's `mod.rs` stands in a circle: it passes on what its files hold, and they import from
+/// each other's files.
+#[test]
+fn no_file_of_the_equations_imports_from_the_folder_it_stands_in() {
+    let modules = modules("src");
+    let mut wrong = Vec::new();
+    for (module, code) in modules.iter().filter(|(module, _)| module.starts_with("network::cells::")) {
+        let paths = paths(module, code);
+        let targets = paths.iter().filter_map(|path| module_of(path, &modules));
+        let above = targets.filter(|target| module.starts_with(&format!("{target}::")));
+        wrong.extend(above.map(|target| format!("{module} imports from {target}")));
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
 /// The test sees what it should: known imports are found, of every form.
 #[test]
 fn imports_are_found() {

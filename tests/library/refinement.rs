@@ -1,7 +1,7 @@
 //! State refinement: exact positions give the exact state, whatever the estimate, through bounces as well.
 
 use crate::random::numbers;
-use paig::network::cells::{Actions, BOUNCING, Cell, CellKind, PENDULUM, SPRING, State, Walls, text};
+use paig::network::cells::{Actions, BOUNCING, Cell, CellKind, PENDULUM, SPRING, State, Walls};
 use paig::network::physics_models::refinement::refine;
 use rand::Rng;
 use tch::{Kind, Tensor};
@@ -128,8 +128,8 @@ fn a_driven_pendulum_is_found_from_its_angles() {
 #[test]
 fn a_start_that_leaves_the_numbers_is_not_taken() {
     let text = "acceleration = \"vec(0, 1.5) - c * norm(v) * v\"\nparameters.c.unit = [-1, 0]";
-    let kind = text::kind(&toml::from_str(text).unwrap(), 1).unwrap();
-    let cell = build(kind, &[Tensor::from(0.05f64.ln()).to_kind(Kind::Double)]);
+    let kind = CellKind::of_text(&toml::from_str(text).unwrap(), 1).unwrap();
+    let cell = build(&kind, &[Tensor::from(0.05f64.ln()).to_kind(Kind::Double)]);
     let seen = Tensor::from_slice(&[10.0, 8.0, 10.0, 10.0, 10.0, 12.0, 10.0, 26.0]).reshape([1, 4, 2]);
     let estimate = State { pos: seen.select(1, 3), vel: Tensor::from_slice(&[0.0, 6.0]).unsqueeze(0) };
     let refined = refine(cell.as_ref(), 0.3, &seen, &Actions::none(), estimate, 3);

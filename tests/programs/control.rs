@@ -229,10 +229,10 @@ fn equations_of_text_are_the_same_in_plain_numbers() {
     let mut compared = 0;
     for file in files.into_iter().flatten().map(|entry| entry.unwrap().path()) {
         let Ok(task) = Task::from_toml(&fs::read_to_string(&file).unwrap()) else { continue };
-        let (system, kind) = (&task.system, task.system.cell);
-        let raw = kind.parameters.iter().map(|it| task.truth_of(it.name).or(it.fixed).unwrap_or(1.0));
+        let (system, kind) = (&task.system, &task.system.cell);
+        let raw = kind.parameters.iter().map(|it| task.truth_of(&it.name).or(it.fixed).unwrap_or(1.0));
         let raw: Vec<_> =
-            raw.zip(kind.parameters).map(|(value, it)| Tensor::from(it.bounds.raw(value) as f32)).collect();
+            raw.zip(&*kind.parameters).map(|(value, it)| Tensor::from(it.bounds.raw(value) as f32)).collect();
         let cell = system.build_cell(&raw);
         let Some(plain) = cell.plain() else {
             assert!(system.objects > 1 || kind.tells_time(), "{} has no plain form", task.name);

@@ -50,7 +50,7 @@ fn times(dt: f64) -> Tensor {
 /// Raw numbers of all parameters at their truth or where they are fixed.
 fn true_raw(task: &Task) -> Vec<f64> {
     let raw = |parameter: &PhysicalParameter| {
-        let value = task.truth_of(parameter.name).or(parameter.fixed).unwrap();
+        let value = task.truth_of(&parameter.name).or(parameter.fixed).unwrap();
         parameter.bounds.raw(value)
     };
     task.system.cell.parameters.iter().map(raw).collect()
@@ -76,7 +76,7 @@ fn fitted(task: &Task, states: &[State], actions: &Actions) -> Fit {
     let coordinates = seen.size()[2] as usize;
     let noise = if task.system.cell.coordinates == Coordinates::Angle { ANGLE_NOISE } else { NOISE };
     let noise = normal("noise", FRAMES * coordinates).reshape([CLIPS, FRAMES as i64, coordinates as i64]) * noise;
-    let parameters = task.system.cell.parameters;
+    let parameters = &task.system.cell.parameters;
     let raw = parameters.iter().map(|p| p.fixed.or(p.start).map_or(0.0, |value| p.bounds.raw(value)));
     // Where a pendulum hangs and where its ball is seen beside its middle cannot be told apart.
     let start = Start {
@@ -146,18 +146,18 @@ fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
         }
         let held =
             |cell: &CellKind| if cell.tells_time() { times(task.system.dt) } else { normal("torque", FRAMES) * 1.2 };
-        let actions = Actions::new(task.system.cell.actions.then(|| held(task.system.cell)));
+        let actions = Actions::new(task.system.cell.actions.then(|| held(&task.system.cell)));
         let states = rolled_out(&task, first, &actions, FRAMES);
         let fit = fitted(&task, &states, &actions);
         let found: Vec<_> =
             task.system.cell.parameters.iter().zip(&fit.raw).map(|(p, raw)| (p, p.bounds.value(*raw))).collect();
         println!(
             "{name}: {:?}, residual {:.4}",
-            found.iter().map(|(p, value)| (p.name, value)).collect::<Vec<_>>(),
+            found.iter().map(|(p, value)| (&p.name, value)).collect::<Vec<_>>(),
             fit.residual
         );
         for (place, (parameter, value)) in found.iter().enumerate() {
-            let truth = task.truth_of(parameter.name).or(parameter.fixed).unwrap();
+            let truth = task.truth_of(&parameter.name).or(parameter.fixed).unwrap();
             // Within a few of its own standard deviations, and these are small.
             let off = (fit.raw[place] - parameter.bounds.raw(truth)).abs();
             assert!(

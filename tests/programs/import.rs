@@ -12,6 +12,7 @@ use image::codecs::gif::GifEncoder;
 use image::{Delay, Frame, Rgb, RgbImage, Rgba, RgbaImage};
 use paig::datasets::files::{ClipShape, DatasetFile, Split};
 use paig::datasets::film::FilmFile;
+use paig::network::cells::Equations;
 use paig::network::system::EquationEntry;
 use paig::tasks::equation_file::EquationFile;
 use paig::tasks::{self, Task};
@@ -753,7 +754,7 @@ fn an_equation_stands_alone_in_a_file() {
     fs::write(&file, text).unwrap();
     let read = EquationFile::read(&file).unwrap();
     assert_eq!(read.objects, None);
-    assert_eq!(read.equation.kind(1).unwrap().parameters[0].name, "k");
+    assert_eq!(read.equation.kind(1, &Equations::default()).unwrap().parameters[0].name, "k");
     fs::write(&file, text.replace("acceleration", "acelleration")).unwrap();
     assert_says(&format!("{:#}", EquationFile::read(&file).unwrap_err()), &["own.toml", "acelleration"]);
     fs::write(&file, "[system]\nside = 32\n").unwrap();

@@ -8,7 +8,8 @@ use crate::programs::{paig, run};
 use crate::project::project;
 use image::{Rgb, RgbImage};
 use paig::network::System;
-use paig::network::cells::{Actions, Build, Coordinates, FALLING, State, text};
+use paig::network::cells::text::SingleEquation;
+use paig::network::cells::{Actions, Build, CellKind, Coordinates, FALLING, State};
 use paig::support::random::{named_generator, normal};
 use paig::tasks::{Task, find};
 use paig_video::measure::bootstrap::bootstrap;
@@ -26,7 +27,7 @@ fn gallery(name: &str) -> Task {
 /// Raw numbers of all parameters at their truth.
 fn true_raw(task: &Task) -> Vec<f64> {
     let parameters = task.system.cell.parameters.iter();
-    parameters.map(|it| it.bounds.raw(task.truth_of(it.name).or(it.fixed).unwrap())).collect()
+    parameters.map(|it| it.bounds.raw(task.truth_of(&it.name).or(it.fixed).unwrap())).collect()
 }
 
 /// The equation in plain numbers moves as the one on tensors, whatever it is made of.
@@ -37,7 +38,7 @@ fn plain_numbers_and_tensors_move_alike() {
         let path = entry.unwrap().path();
         let task = gallery(path.file_stem().unwrap().to_str().unwrap());
         let system = &task.system;
-        let Build::Text(equation) = system.cell.build else { panic!("{path:?} is no text") };
+        let Build::Text(equation) = &system.cell.build else { panic!("{path:?} is no text") };
         let count = system.coordinates();
         let mut random = named_generator(5, &task.name);
         let angle = system.cell.coordinates == Coordinates::Angle;
@@ -48,7 +49,7 @@ fn plain_numbers_and_tensors_move_alike() {
             [scattered(if angle { 0.5 } else { 16.0 }, if angle { 0.3 } else { 5.0 }), scattered(0.0, 2.0)].concat();
         let raw = true_raw(&task);
         let values: Vec<f64> = system.cell.parameters.iter().zip(&raw).map(|(it, raw)| it.bounds.value(*raw)).collect();
-        let plain = equation.single(&values, system.walls).roll_out(&first, 0.0, system.dt, 6);
+        let plain = SingleEquation::new(equation, &values, system.walls).roll_out(&first, 0.0, system.dt, 6);
         let tensors: Vec<_> = raw.iter().map(|raw| Tensor::from(*raw)).collect();
         let state = State::from_joined(&Tensor::from_slice(&first).unsqueeze(0));
         let rolled = system.build_cell(&tensors).roll_out(&state, &Actions::none(), system.dt, 5);
@@ -145,9 +146,10 @@ fn a_long_motion_is_followed_between_the_frames() {
     let swing = "acceleration = \"-k * p - b * v\"\nparameters.k.unit = [0, -2]\nparameters.b.unit = [0, -1]";
     let (k, b, frames, dt) = (27.0_f64, 0.12_f64, 300, 1.0 / 30.0);
     let falling = find("falling").unwrap().system;
-    let one = |cell| System { objects: 1, cell, ..falling.clone() };
-    let fall = Dynamics::new(one(&FALLING), dt).unwrap().positions(&[12.0_f64.ln()], &[3.0, 4.0, 1.0, -2.0], 0, frames);
-    let text = text::kind(&toml::from_str(swing).unwrap(), 1).unwrap();
+    let one = |cell: CellKind| System { objects: 1, cell: cell.into(), ..falling.clone() };
+    let fall =
+        Dynamics::new(one(FALLING.clone()), dt).unwrap().positions(&[12.0_f64.ln()], &[3.0, 4.0, 1.0, -2.0], 0, frames);
+    let text = CellKind::of_text(&toml::from_str(swing).unwrap(), 1).unwrap();
     let swinging = Dynamics::new(one(text), dt).unwrap();
     let swing = swinging.positions(&[b.ln(), k.ln()], &[10.0, 0.0, 0.0, 0.0], 0, frames);
     let frequency = (k - b * b / 4.0).sqrt();

@@ -41,8 +41,8 @@ pub(super) fn criterion(task: &Task) -> Option<&Success> {
 fn keeps(limits: &Success, run: &Run, summary: &Summary) -> Option<bool> {
     let learned = run.config.task.system.cell.parameters.iter().filter(|parameter| run.config.learns(parameter));
     let errors = learned.filter_map(|parameter| {
-        let limit = *limits.parameters.get(parameter.name)?;
-        let Some(learned) = summary.parameters.get(parameter.name) else { return Some(false) };
+        let limit = *limits.parameters.get(&*parameter.name)?;
+        let Some(learned) = summary.parameters.get(&*parameter.name) else { return Some(false) };
         learned.error_percent().map(|error| error.abs() <= limit)
     });
     let losses = &summary.test.scores.losses;
@@ -68,13 +68,13 @@ pub(super) fn lost_objects(task: &Task, summary: &Summary) -> bool {
 pub(super) fn reaches_paper(run: &Run) -> bool {
     let task = &run.config.task;
     let error = |name: &str| Some((name.into(), published().parameter(&task.name, name)?.error_percent().abs()));
-    let parameters = task.system.cell.parameters.iter().filter_map(|parameter| error(parameter.name)).collect();
+    let parameters = task.system.cell.parameters.iter().filter_map(|parameter| error(&parameter.name)).collect();
     let losses = protocol().yardstick(&task.name).cloned().unwrap_or_default();
     let limits = Success { parameters, losses, note: None };
     run.summary.as_ref().is_some_and(|summary| {
         let learned = task.system.cell.parameters.iter().filter(|parameter| run.config.learns(parameter));
-        let mut limited = learned.filter(|parameter| limits.parameters.contains_key(parameter.name));
-        let all_known = limited.all(|parameter| summary.error_percent(parameter.name).is_some())
+        let mut limited = learned.filter(|parameter| limits.parameters.contains_key(&*parameter.name));
+        let all_known = limited.all(|parameter| summary.error_percent(&parameter.name).is_some())
             && limits.losses.keys().all(|loss| summary.test.scores.losses.of(*loss).is_some());
         all_known && keeps(&limits, run, summary) == Some(true)
     })

@@ -111,13 +111,13 @@ impl Group {
     }
 
     /// The learned parameters.
-    pub(super) fn learned(&self) -> impl Iterator<Item = &'static PhysicalParameter> {
+    pub(super) fn learned(&self) -> impl Iterator<Item = &PhysicalParameter> {
         self.task.system.cell.parameters.iter().filter(|parameter| self.runs[0].config.learns(parameter))
     }
 
     /// The truth that the runs' summaries state; none where they state several, since they number the objects otherwise.
     pub(super) fn truth(&self, parameter: &PhysicalParameter) -> Option<f64> {
-        let mut stated = self.finished().filter_map(|(_, summary)| summary.parameters.get(parameter.name)?.truth);
+        let mut stated = self.finished().filter_map(|(_, summary)| summary.parameters.get(&*parameter.name)?.truth);
         let first = stated.next()?;
         stated.all(|other| other == first).then_some(first)
     }
@@ -133,7 +133,7 @@ impl Group {
     }
 
     pub(super) fn value(&self, parameter: &PhysicalParameter) -> Option<Spread> {
-        self.spread(|summary| Some(summary.parameters.get(parameter.name)?.learned))
+        self.spread(|summary| Some(summary.parameters.get(&*parameter.name)?.learned))
     }
 
     pub(super) fn losses(&self) -> [(Loss, Option<Spread>); 3] {

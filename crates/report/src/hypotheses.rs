@@ -74,7 +74,7 @@ static HYPOTHESES: LazyLock<Hypotheses> =
     LazyLock::new(|| toml::from_str(include_str!("../../../reports/hypotheses.toml")).expect("a test reads this file"));
 
 /// Places of a group with the cause and of its control, and the parameter they are compared by, if there is one.
-type Comparison = (usize, usize, Option<&'static PhysicalParameter>);
+type Comparison<'a> = (usize, usize, Option<&'a PhysicalParameter>);
 
 /// What the groups say to each hypothesis to which they say anything: its table, and of each comparison what it is on and
 /// the verdict. `views`: of the groups.
@@ -86,7 +86,7 @@ pub(super) fn findings(groups: &[Group], views: &[Value]) -> Result<Vec<Value>> 
             let task = &groups[changed].task;
             let of = |place: usize| context! { parameter => view::parameter(&groups[place], parameter), ..views[place].clone() };
             let numbers = context! {
-                symbol => parameter.map(|parameter| parameter.name),
+                symbol => parameter.map(|parameter| &*parameter.name),
                 expected => parameter.map(|parameter| 1.0 / original_unit(task, parameter)),
                 paper => view::paper(task, parameter),
                 changed => of(changed),
@@ -113,7 +113,7 @@ pub(super) fn findings(groups: &[Group], views: &[Value]) -> Result<Vec<Value>> 
 impl Hypothesis {
     /// All groups that have the cause, each with its control: the one of the same recipe with the same other changes, or
     /// else the recipe as it is.
-    fn comparisons(&self, groups: &[Group]) -> Vec<Comparison> {
+    fn comparisons<'a>(&self, groups: &'a [Group]) -> Vec<Comparison<'a>> {
         let ran = |group: &Group| group.finished().next().is_some();
         let mut comparisons = Vec::new();
         for (place, changed) in groups.iter().enumerate().filter(|(_, group)| ran(group)) {

@@ -37,12 +37,12 @@ pub(super) fn losses(group: &Group) -> Vec<Chart> {
 pub(super) fn parameters(group: &Group) -> Vec<Chart> {
     let chart = |parameter: &PhysicalParameter| {
         let finished = group.finished().next().is_some();
-        let truth = if finished { group.truth(parameter) } else { group.task.truth_of(parameter.name) };
+        let truth = if finished { group.truth(parameter) } else { group.task.truth_of(&parameter.name) };
         let stated = truth.map_or(String::new(), |truth| format!(" (true value {truth})"));
         Chart {
             title: format!("{}: {}, every seed{stated}", group.task.name, parameter.name),
             level: truth.map(|truth| ("true value", GREEN, truth)),
-            ..courses(group, None, parameter.name)
+            ..courses(group, None, &parameter.name)
         }
     };
     group.task.system.cell.parameters.iter().map(chart).collect()

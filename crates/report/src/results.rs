@@ -39,7 +39,7 @@ struct TaskResults {
     finished: usize,
     /// Null for a task without a criterion, or where nothing can be held against it.
     succeeded: Option<usize>,
-    parameters: BTreeMap<&'static str, ParameterResults>,
+    parameters: BTreeMap<String, ParameterResults>,
     losses: BTreeMap<Loss, Spread>,
     /// Pixels (angles: radians), velocities per time unit.
     state_errors: BTreeMap<&'static str, Spread>,
@@ -66,9 +66,9 @@ impl Results {
 
 impl TaskResults {
     fn of(group: &Group) -> Self {
-        let parameter = |parameter: &'static PhysicalParameter| {
+        let parameter = |parameter: &PhysicalParameter| {
             let learned = group.value(parameter)?;
-            Some((parameter.name, ParameterResults { truth: group.truth(parameter), learned }))
+            Some((parameter.name.to_string(), ParameterResults { truth: group.truth(parameter), learned }))
         };
         TaskResults {
             task: group.task.name.clone(),

@@ -37,8 +37,8 @@ impl TimeToAnswer {
         let (summary, course) = (run.summary.as_ref()?, run.course_of_its_weights()?);
         let within = |percent: f64| {
             let reached = group.learned().map(|parameter| {
-                let truth = summary.parameters.get(parameter.name)?.truth?;
-                course.seconds_within(parameter.name, truth, percent)
+                let truth = summary.parameters.get(&*parameter.name)?.truth?;
+                course.seconds_within(&parameter.name, truth, percent)
             });
             reached.collect::<Option<Vec<f64>>>()?.into_iter().reduce(f64::max)
         };

@@ -29,8 +29,8 @@ pub(super) fn value(data: impl Serialize) -> Value {
 pub(super) fn of_task(task: &Task, groups: &[Group], views: &[Value]) -> Value {
     let parameter = |parameter: &PhysicalParameter| {
         context! {
-            symbol => parameter.name,
-            truth => task.truth_of(parameter.name),
+            symbol => &*parameter.name,
+            truth => task.truth_of(&parameter.name),
             paper => paper(task, Some(parameter)),
         }
     };
@@ -98,13 +98,13 @@ fn answer(group: &Group) -> Value {
 
 /// A parameter that a group learned; all none without one, and shares of a truth that is 0.
 pub(super) fn parameter(group: &Group, parameter: Option<&PhysicalParameter>) -> Value {
-    let error = |summary: &Summary| summary.error_percent(parameter?.name);
-    let ratio = group.spread(|summary| summary.parameters.get(parameter?.name)?.ratio());
+    let error = |summary: &Summary| summary.error_percent(&parameter?.name);
+    let ratio = group.spread(|summary| summary.parameters.get(&*parameter?.name)?.ratio());
     let learned = parameter.and_then(|parameter| group.value(parameter));
     let truth = parameter.and_then(|parameter| group.truth(parameter));
     let unit = parameter.and_then(|parameter| group.own_unit(parameter));
     context! {
-        symbol => parameter.map(|parameter| parameter.name),
+        symbol => parameter.map(|parameter| &*parameter.name),
         truth => truth,
         learned => value(learned),
         // In per cent of the truth: with the sign, without, and of the median.
@@ -126,7 +126,7 @@ fn errors(summary: &Summary) -> BTreeMap<&str, f64> {
 
 /// What the paper learned; all none where it reports nothing.
 pub(super) fn paper(task: &Task, parameter: Option<&PhysicalParameter>) -> Value {
-    let paper = parameter.and_then(|parameter| published().parameter(&task.name, parameter.name));
+    let paper = parameter.and_then(|parameter| published().parameter(&task.name, &parameter.name));
     context! {
         learned => paper.map(|paper| paper.learned),
         ratio => paper.map(|paper| paper.learned / paper.truth),
@@ -168,11 +168,11 @@ fn of_run(group: &Group, run: &Run) -> Value {
 /// How a parameter moved: its value at the start, half-way and at the last record; and whether it ended nearer to its truth
 /// than it started (below 0), as far from it (0) or further.
 fn movement(run: &Run, parameter: &PhysicalParameter) -> Option<Value> {
-    let course = run.known_course()?.start_middle_end(parameter.name)?;
-    let stated = run.summary.as_ref().and_then(|summary| summary.parameters.get(parameter.name));
-    let truth = stated.map_or(run.config.task.truth_of(parameter.name), |stated| stated.truth);
+    let course = run.known_course()?.start_middle_end(&parameter.name)?;
+    let stated = run.summary.as_ref().and_then(|summary| summary.parameters.get(&*parameter.name));
+    let truth = stated.map_or(run.config.task.truth_of(&parameter.name), |stated| stated.truth);
     let away = |truth: f64| (course[2] - truth).abs().total_cmp(&(course[0] - truth).abs()) as i8;
-    Some(context! { symbol => parameter.name, course => value(course), truth => truth, away => truth.map(away) })
+    Some(context! { symbol => &*parameter.name, course => value(course), truth => truth, away => truth.map(away) })
 }
 
 /// How far starts from other parameters lead from the same seeds of the recipe as it is: from different objects to the
@@ -183,9 +183,9 @@ fn pairs(groups: &[Group]) -> Value {
     let same_seed = |run: &Run| of(Role::Plain).find(|(other, _)| seeds(other) == seeds(run));
     let pairs: Vec<_> = of(Role::Start).filter_map(|(run, start)| Some((start, same_seed(run)?.1))).collect();
     let farthest = groups[0].learned().filter_map(|parameter| {
-        let learned = |summary: &Summary| Some(summary.parameters.get(parameter.name)?.learned);
+        let learned = |summary: &Summary| Some(summary.parameters.get(&*parameter.name)?.learned);
         let apart = pairs.iter().filter_map(|(start, same)| Some((learned(start)? - learned(same)?).abs()));
-        apart.reduce(f64::max).map(|by| context! { symbol => parameter.name, by => by })
+        apart.reduce(f64::max).map(|by| context! { symbol => &*parameter.name, by => by })
     });
     context! { count => pairs.len(), farthest => farthest.collect::<Vec<_>>() }
 }

@@ -3,22 +3,32 @@
 //! Original: `bouncing_ode_cell`. The position moves first; then velocities flip and positions reflect, in the
 //! original's order (both walls for the velocity, then both for the position).
 
+use std::borrow::Cow;
+
 use tch::Tensor;
 
-use super::{Build, Cell, CellKind, Coordinates, State, Walls, scalars};
+use super::cell::{Cell, scalars};
+use super::kind::{Build, CellKind};
+use super::state::{Coordinates, State, Walls};
 
 pub static BOUNCING: CellKind = CellKind {
-    name: "bouncing",
+    name: Cow::Borrowed("bouncing"),
     scope: "bouncing_ode_cell",
     objects: None,
     coordinates: Coordinates::Position,
     walls: true,
     actions: false,
-    parameters: &[],
+    parameters: Cow::Borrowed(&[]),
     build: Build::Rust(|logs, walls| {
         let [] = scalars(logs);
         Box::new(Bouncing { walls })
     }),
+    text: Some(
+        r#"
+acceleration = "vec(0, 0)"
+walls = true
+"#,
+    ),
 };
 
 #[derive(Debug)]

@@ -2,42 +2,61 @@
 //!
 //! The systems of the original's grayscale datasets; its release has no cell for them.
 
+use std::borrow::Cow;
+
 use tch::Tensor;
 
+use super::cell::{Cell, scalars};
 use super::impact::turned_back;
+use super::integrands::euler;
+use super::kind::{Build, CellKind};
+use super::parameter::PhysicalParameter;
 use super::plain::{Euler, Law, PlainCell};
-use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
+use super::state::{Coordinates, State, Walls};
 
 const PARAMETERS: &[PhysicalParameter] = &[PhysicalParameter::learned("g", "log_g", 1).with_time(-2)];
 
 /// Free fall.
 pub static FALLING: CellKind = CellKind {
-    name: "falling",
+    name: Cow::Borrowed("falling"),
     scope: "falling_ode_cell",
     objects: None,
     coordinates: Coordinates::Position,
     walls: false,
     actions: false,
-    parameters: PARAMETERS,
+    parameters: Cow::Borrowed(PARAMETERS),
     build: Build::Rust(|logs, _walls| {
         let [log_g] = scalars(logs);
         Box::new(Falling { log_g, walls: None })
     }),
+    text: Some(
+        r#"
+acceleration = "vec(0, g)"
+parameters.g.unit = [1, -2]
+"#,
+    ),
 };
 
 /// The same, bouncing off all four walls without loss.
 pub static FALLING_BOUNCING: CellKind = CellKind {
-    name: "falling_bouncing",
+    name: Cow::Borrowed("falling_bouncing"),
     scope: "falling_bouncing_ode_cell",
     objects: None,
     coordinates: Coordinates::Position,
     walls: true,
     actions: false,
-    parameters: PARAMETERS,
+    parameters: Cow::Borrowed(PARAMETERS),
     build: Build::Rust(|logs, walls| {
         let [log_g] = scalars(logs);
         Box::new(Falling { log_g, walls: Some(walls) })
     }),
+    text: Some(
+        r#"
+acceleration = "vec(0, g)"
+walls = true
+parameters.g.unit = [1, -2]
+"#,
+    ),
 };
 
 #[derive(Debug)]
@@ -50,15 +69,11 @@ impl Cell for Falling {
     fn substep(&self, state: &State, _action: Option<&Tensor>, h: f64) -> State {
         // (0, 1) for each object: y points down.
         let down = Tensor::arange(state.vel.size()[1], (state.vel.kind(), state.vel.device())).remainder(2.0);
-        let vel = &state.vel + self.log_g.exp() * down * h;
-        let pos = &state.pos + &vel * h;
-        let [pos, vel] = match self.walls {
-            Some(walls) => {
-                let [near, far] = walls.tensors((pos.kind(), pos.device()));
-                turned_back([&state.pos, &state.vel], [pos, vel], [&near, &far], None)
-            }
-            None => [pos, vel],
-        };
+        let moved = euler(state, &(self.log_g.exp() * down), h);
+        let Some(walls) = self.walls else { return moved };
+        let [near, far] = walls.tensors((moved.pos.kind(), moved.pos.device()));
+        let before = [&state.pos, &state.vel];
+        let [pos, vel] = turned_back(before, [&moved.pos, &moved.vel], [&near, &far], None);
         State { pos, vel }
     }
 

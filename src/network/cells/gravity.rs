@@ -3,27 +3,42 @@
 //! For each pair `F = g m^2 / n^2` along d, n = |d|. Only g m^2 enters, so one of the two must be fixed: m at 1 as in the
 //! original, or g, for the second column of the paper's table 1. Original: `gravity_ode_cell`; paper: section 4.1.
 
+use std::borrow::Cow;
+
 use tch::Tensor;
 
+use super::cell::{Cell, scalars};
+use super::integrands::euler;
+use super::kind::{Build, CellKind};
+use super::parameter::PhysicalParameter;
 use super::plain::{Euler, Law, PlainCell, columns, columns_mut};
-use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
+use super::state::{Coordinates, State};
+
+const PARAMETERS: &[PhysicalParameter] = &[
+    PhysicalParameter::learned("g", "log_g", 3).with_time(-2),
+    // A rescaling of the coordinates is all g's.
+    PhysicalParameter::learned("m", "log_m", 0).with_time(0).fixed_at(1.0),
+];
 
 pub static GRAVITY: CellKind = CellKind {
-    name: "gravity",
+    name: Cow::Borrowed("gravity"),
     scope: "gravity_ode_cell",
     objects: Some(3),
     coordinates: Coordinates::Position,
     walls: false,
     actions: false,
-    parameters: &[
-        PhysicalParameter::learned("g", "log_g", 3).with_time(-2),
-        // A rescaling of the coordinates is all g's.
-        PhysicalParameter::learned("m", "log_m", 0).with_time(0).fixed_at(1.0),
-    ],
+    parameters: Cow::Borrowed(PARAMETERS),
     build: Build::Rust(|logs, _walls| {
         let [log_g, log_m] = scalars(logs);
         Box::new(Gravity { log_g, log_m })
     }),
+    text: Some(
+        r#"
+acceleration = "others(-g * m^2 * (p - q) / min(max(norm(p - q), 1), 170)^3)"
+parameters.g.unit = [3, -2]
+parameters.m = { unit = [0, 0], fixed = 1.0 }
+"#,
+    ),
 };
 
 /// Bounds of the squared distance under the root, and of the distance in the force, pixels.
@@ -50,10 +65,9 @@ impl Cell for Gravity {
         let f01 = attraction(p0.shallow_clone(), p1.shallow_clone());
         let f12 = attraction(p1, p2.shallow_clone());
         let f20 = attraction(p2, p0);
-        let pull = Tensor::cat(&[&f01 - &f20, &f12 - &f01, f20 - f12], 1);
+        let pull = Tensor::cat(&[&f20 - &f01, &f01 - &f12, f12 - f20], 1);
         let strength = self.log_g.exp() * (&self.log_m * 2.0).exp();
-        let vel = &state.vel - strength * pull * h;
-        State { pos: &state.pos + &vel * h, vel }
+        euler(state, &(strength * pull), h)
     }
 
     fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {

@@ -1,29 +1,136 @@
-//! What a wall does to a ball that a force moves.
+//! What a wall does to a ball that a force moves, once for single numbers and for tensors.
 
+use num_traits::Float;
 use tch::Tensor;
 
+/// What an impact is computed with.
+pub(super) trait Impact: Sized {
+    /// Whether something is so, for each number.
+    type Mask;
+
+    fn minus(&self, other: &Self) -> Self;
+    fn times(&self, other: &Self) -> Self;
+    fn over(&self, other: &Self) -> Self;
+    fn between(&self, least: &Self, most: &Self) -> Self;
+    /// Between 0 and 1.
+    fn as_share(&self) -> Self;
+    /// Not beyond one of the two.
+    fn is_within(&self, least: &Self, most: &Self) -> Self::Mask;
+    fn is_zero(&self) -> Self::Mask;
+    /// 1 where the mask is set.
+    fn one_where(&self, mask: &Self::Mask) -> Self;
+    /// `other` where the mask is not set.
+    fn or_else(&self, mask: &Self::Mask, other: &Self) -> Self;
+}
+
 /// Positions and velocities after the walls have turned back what has passed them, each with the share `left` of its speed
-/// (none for all of it). `before` is where the substep began; all of one shape, with which the walls go together.
+/// (none for all of it). `before` is where the substep began; tensors are of one shape, with which the walls go together.
 ///
 /// What the force gave after the impact counts on the way back. Otherwise a path would jump by twice what a substep gives as
 /// its impact moves from one substep to the next, and the ball would gain energy at every wall: no fit stands still on such
 /// a cost, and what it finds is biased.
-pub(super) fn turned_back(
-    before: [&Tensor; 2],
-    [pos, vel]: [Tensor; 2],
-    [near, far]: [&Tensor; 2],
-    left: Option<&Tensor>,
-) -> [Tensor; 2] {
-    let outside = pos.gt_tensor(far).logical_or(&pos.lt_tensor(near));
-    let wall = pos.clamp_tensor(Some(near), Some(far));
-    let way = pos.ones_like().where_self(&outside.logical_not(), &(&pos - before[0]));
+pub(super) fn turned_back<I: Impact>(
+    before: [&I; 2],
+    [pos, vel]: [&I; 2],
+    [near, far]: [&I; 2],
+    left: Option<&I>,
+) -> [I; 2] {
+    let inside = pos.is_within(near, far);
+    let wall = pos.between(near, far);
+    let way = pos.minus(before[0]).one_where(&inside);
     // A ball that stands behind the wall has had its impact before.
-    let way = way.ones_like().where_self(&way.eq(0.0), &way);
-    let since = ((&pos - &wall) / way).clamp(0.0, 1.0);
-    let gained = (&vel - before[1]) * since;
-    let part = |x: Tensor| left.map_or_else(|| x.shallow_clone(), |left| &x * left);
-    let back = &gained - part(&vel - &gained);
-    let vel = back.where_self(&outside, &vel);
-    let pos = &wall - part(&pos - &wall);
-    [pos, vel]
+    let way = way.one_where(&way.is_zero());
+    let since = pos.minus(&wall).over(&way).as_share();
+    let gained = vel.minus(before[1]).times(&since);
+    let part = |of: I| match left {
+        Some(left) => of.times(left),
+        None => of,
+    };
+    let back = gained.minus(&part(vel.minus(&gained)));
+    let vel = vel.or_else(&inside, &back);
+    [wall.minus(&part(pos.minus(&wall))), vel]
+}
+
+impl Impact for Tensor {
+    type Mask = Tensor;
+
+    fn minus(&self, other: &Tensor) -> Tensor {
+        self - other
+    }
+
+    fn times(&self, other: &Tensor) -> Tensor {
+        self * other
+    }
+
+    fn over(&self, other: &Tensor) -> Tensor {
+        self / other
+    }
+
+    fn between(&self, least: &Tensor, most: &Tensor) -> Tensor {
+        self.clamp_tensor(Some(least), Some(most))
+    }
+
+    fn as_share(&self) -> Tensor {
+        self.clamp(0.0, 1.0)
+    }
+
+    fn is_within(&self, least: &Tensor, most: &Tensor) -> Tensor {
+        self.gt_tensor(most).logical_or(&self.lt_tensor(least)).logical_not()
+    }
+
+    fn is_zero(&self) -> Tensor {
+        self.eq(0.0)
+    }
+
+    fn one_where(&self, mask: &Tensor) -> Tensor {
+        self.ones_like().where_self(mask, self)
+    }
+
+    fn or_else(&self, mask: &Tensor, other: &Tensor) -> Tensor {
+        self.where_self(mask, other)
+    }
+}
+
+/// A single number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Single<F>(pub F);
+
+impl<F: Float> Impact for Single<F> {
+    type Mask = bool;
+
+    fn minus(&self, other: &Self) -> Self {
+        Single(self.0 - other.0)
+    }
+
+    fn times(&self, other: &Self) -> Self {
+        Single(self.0 * other.0)
+    }
+
+    fn over(&self, other: &Self) -> Self {
+        Single(self.0 / other.0)
+    }
+
+    fn between(&self, least: &Self, most: &Self) -> Self {
+        Single(self.0.max(least.0).min(most.0))
+    }
+
+    fn as_share(&self) -> Self {
+        Single(self.0.max(F::zero()).min(F::one()))
+    }
+
+    fn is_within(&self, least: &Self, most: &Self) -> bool {
+        self.0 <= most.0 && self.0 >= least.0
+    }
+
+    fn is_zero(&self) -> bool {
+        self.0.is_zero()
+    }
+
+    fn one_where(&self, mask: &bool) -> Self {
+        if *mask { Single(F::one()) } else { *self }
+    }
+
+    fn or_else(&self, mask: &bool, other: &Self) -> Self {
+        if *mask { *self } else { *other }
+    }
 }

@@ -3,6 +3,7 @@
 //! What is learned, fitted and saved is that number, the *raw* value; everything that turns it into the parameter's value
 //! or back does so here. A positive parameter is learned as its logarithm.
 
+use std::borrow::Cow;
 use std::fmt::{self, Display, Formatter};
 
 use tch::Tensor;
@@ -66,9 +67,9 @@ impl Display for Bounds {
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhysicalParameter {
     /// Symbol of the paper, the key under `parameters` in `summary.json`.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Name of its raw number in the cell's scope, `log_` and the symbol.
-    pub variable: &'static str,
+    pub variable: Cow<'static, str>,
     /// Power of a length in its unit: what a rescaling of the coordinates does to it.
     pub length_power: i32,
     /// Power of a time in its unit; none where the unit is not known.
@@ -86,8 +87,8 @@ impl PhysicalParameter {
     /// A positive one that is learned.
     pub const fn learned(name: &'static str, variable: &'static str, length_power: i32) -> Self {
         PhysicalParameter {
-            name,
-            variable,
+            name: Cow::Borrowed(name),
+            variable: Cow::Borrowed(variable),
             length_power,
             time_power: None,
             fixed: None,
@@ -97,13 +98,15 @@ impl PhysicalParameter {
     }
 
     /// The same with the power of a time in its unit, so that it can be given in seconds.
-    pub const fn with_time(self, power: i32) -> Self {
-        PhysicalParameter { time_power: Some(power), ..self }
+    pub const fn with_time(mut self, power: i32) -> Self {
+        self.time_power = Some(power);
+        self
     }
 
     /// The same, fixed at a value unless the config says otherwise.
-    pub const fn fixed_at(self, value: f64) -> Self {
-        PhysicalParameter { fixed: Some(value), ..self }
+    pub const fn fixed_at(mut self, value: f64) -> Self {
+        self.fixed = Some(value);
+        self
     }
 }
 

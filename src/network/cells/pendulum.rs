@@ -4,24 +4,42 @@
 //! g is gravity (lengths in rods), a the actuation coefficient. Paper: section 4.3 (vision-based control); the authors'
 //! code for it was never released. Positions and velocities are angles, `[batch, 1]`.
 
+use std::borrow::Cow;
+
 use tch::Tensor;
 
+use super::cell::{Cell, scalars};
+use super::integrands::{OnNumber, euler};
+use super::integrator::{Integrator, SUBSTEPS};
+use super::kind::{Build, CellKind};
+use super::parameter::PhysicalParameter;
 use super::plain::{Euler, Law, PlainCell};
-use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, SUBSTEPS, State, scalars};
+use super::state::{Coordinates, State};
 use crate::support::fast_math::sine;
 
+const PARAMETERS: &[PhysicalParameter] =
+    &[PhysicalParameter::learned("g", "log_g", 0), PhysicalParameter::learned("a", "log_a", 0)];
+
 pub static PENDULUM: CellKind = CellKind {
-    name: "pendulum",
+    name: Cow::Borrowed("pendulum"),
     scope: "pendulum_ode_cell",
     objects: Some(1),
     coordinates: Coordinates::Angle,
     walls: false,
     actions: true,
-    parameters: &[PhysicalParameter::learned("g", "log_g", 0), PhysicalParameter::learned("a", "log_a", 0)],
+    parameters: Cow::Borrowed(PARAMETERS),
     build: Build::Rust(|logs, _walls| {
         let [log_g, log_a] = scalars(logs);
         Box::new(Pendulum { log_g, log_a })
     }),
+    text: Some(
+        r#"
+state = "angle"
+acceleration = "1.5 * g * sin(p) + 3 * a * u"
+parameters.a = {}
+parameters.g.unit = [0, -2]
+"#,
+    ),
 };
 
 #[derive(Debug)]
@@ -37,8 +55,7 @@ impl Cell for Pendulum {
             Some(torque) => gravity + self.log_a.exp() * torque * 3.0,
             None => gravity,
         };
-        let vel = &state.vel + acceleration * h;
-        State { pos: &state.pos + &vel * h, vel }
+        euler(state, &acceleration, h)
     }
 
     fn plain(&self) -> Option<Box<dyn PlainCell>> {
@@ -85,8 +102,9 @@ impl PlainCell for PlainPendulum {
         let h = dt / self.substeps as f32;
         for _ in 0..self.substeps {
             for ((angle, rate), action) in angles.iter_mut().zip(&mut *rates).zip(action) {
-                let faster = *rate + (self.gravity * sine(*angle) + self.torque * action) * h;
-                *angle += faster * h;
+                let mut rod = OnNumber(|angle: f32, _| self.gravity * sine(angle) + self.torque * action);
+                let [moved, faster] = Integrator::Euler.step(&mut rod, [*angle, *rate], h);
+                *angle = moved;
                 *rate = faster.clamp(-self.largest_rate, self.largest_rate);
             }
         }

@@ -5,7 +5,9 @@ use std::fmt::Debug;
 
 use tch::Tensor;
 
-use super::{Actions, SUBSTEPS};
+use super::actions::Actions;
+use super::integrands::{OnRows, Row};
+use super::integrator::{Integrator, SUBSTEPS};
 
 /// An equation with its parameters that moves a batch of states on.
 ///
@@ -56,26 +58,24 @@ pub trait Law: Debug {
 #[derive(Debug)]
 pub struct Euler<L> {
     law: L,
-    accelerations: Vec<f64>,
+    /// Rows for what is computed on the way.
+    spare: Vec<Vec<f64>>,
 }
 
 impl<L: Law> Euler<L> {
     pub fn new(law: L) -> Self {
-        Euler { law, accelerations: Vec::new() }
+        Euler { law, spare: Vec::new() }
     }
 }
 
 impl<L: Law> PlainCell<f64> for Euler<L> {
     fn step(&mut self, positions: &mut [f64], velocities: &mut [f64], action: &[f64], dt: f64) {
-        let h = dt / SUBSTEPS as f64;
-        self.accelerations.resize(positions.len(), 0.0);
+        let Euler { law, spare } = self;
         for _ in 0..SUBSTEPS {
-            self.law.accelerate(positions, velocities, action, &mut self.accelerations);
-            let moved = positions.iter_mut().zip(&mut *velocities).zip(&self.accelerations);
-            for ((position, velocity), acceleration) in moved {
-                *velocity += acceleration * h;
-                *position += *velocity * h;
-            }
+            let accelerate =
+                |pos: &[f64], vel: &[f64], _: f64, into: &mut [f64]| law.accelerate(pos, vel, action, into);
+            let state = [Row::Lent(&mut *positions), Row::Lent(&mut *velocities)];
+            Integrator::Euler.step(&mut OnRows { accelerate, spare: &mut *spare }, state, dt / SUBSTEPS as f64);
         }
     }
 }

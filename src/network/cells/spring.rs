@@ -3,26 +3,41 @@
 //! With d = p0 - p1 and n = |d|, `F = k (n - 2 l) d / n`, `v0' = -F`, `v1' = F`; l is half the rest length.
 //! Original: `spring_ode_cell`; paper: section 4.1.
 
+use std::borrow::Cow;
+
 use tch::Tensor;
 
+use super::cell::{Cell, scalars};
+use super::integrands::euler;
+use super::kind::{Build, CellKind};
+use super::parameter::PhysicalParameter;
 use super::plain::{Euler, Law, PlainCell, columns, columns_mut};
-use super::{Build, Cell, CellKind, Coordinates, PhysicalParameter, State, scalars};
+use super::state::{Coordinates, State};
+
+const PARAMETERS: &[PhysicalParameter] = &[
+    PhysicalParameter::learned("k", "log_k", 0).with_time(-2),
+    PhysicalParameter::learned("l", "log_l", 1).with_time(0),
+];
 
 pub static SPRING: CellKind = CellKind {
-    name: "spring",
+    name: Cow::Borrowed("spring"),
     scope: "spring_ode_cell",
     objects: Some(2),
     coordinates: Coordinates::Position,
     walls: false,
     actions: false,
-    parameters: &[
-        PhysicalParameter::learned("k", "log_k", 0).with_time(-2),
-        PhysicalParameter::learned("l", "log_l", 1).with_time(0),
-    ],
+    parameters: Cow::Borrowed(PARAMETERS),
     build: Build::Rust(|logs, _walls| {
         let [log_k, log_l] = scalars(logs);
         Box::new(Spring { log_k, log_l })
     }),
+    text: Some(
+        r#"
+acceleration = "others(-k * (norm(p - q) - 2*l) * (p - q) / (norm(p - q) + 1e-4))"
+parameters.k.unit = [0, -2]
+parameters.l.unit = [1, 0]
+"#,
+    ),
 };
 
 /// Keeps the direction finite when the bodies meet.
@@ -54,8 +69,7 @@ impl Spring {
 
 impl Cell for Spring {
     fn substep(&self, state: &State, _action: Option<&Tensor>, h: f64) -> State {
-        let vel = &state.vel + self.acceleration(state) * h;
-        State { pos: &state.pos + &vel * h, vel }
+        euler(state, &self.acceleration(state), h)
     }
 
     fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {

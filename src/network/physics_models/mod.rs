@@ -136,11 +136,11 @@ impl PhysicsNet {
         grouped(VariableGroup::Dynamics);
         let scope = &root / system.cell.scope;
         let length = options.length_per_unit(system);
-        let parameter = |kind: &'static PhysicalParameter| {
+        let parameter = |kind: &PhysicalParameter| {
             let raw = |value: f64| raw_within(kind, value / length.powi(kind.length_power));
             let fixed = |usual_start: f64| {
                 let raw = Tensor::from(usual_start as f32).to_device(device);
-                Parameter { kind, raw, usual_start, learned: false }
+                Parameter { kind: kind.clone(), raw, usual_start, learned: false }
             };
             if let Some(value) = options.fixed_at(kind) {
                 return Ok(fixed(raw(value)?));
@@ -149,15 +149,15 @@ impl PhysicsNet {
             if black_box.is_some() {
                 return Ok(fixed(usual_start));
             }
-            let raw = scope.var(kind.variable, &[], Init::Const(usual_start));
-            Ok(Parameter { kind, raw, usual_start, learned: true })
+            let raw = scope.var(&kind.variable, &[], Init::Const(usual_start));
+            Ok(Parameter { kind: kind.clone(), raw, usual_start, learned: true })
         };
         let parameters = system.cell.parameters.iter().map(parameter).collect::<Result<Vec<_>>>()?;
         grouped(VariableGroup::Physics);
         let raw: Vec<_> = parameters.iter().map(|parameter| parameter.raw.shallow_clone()).collect();
         let mut cell = system.build_cell(&raw);
         if device != Device::Cpu && options.kernels == Kernels::Own {
-            cell = Box::new(OnGpu::new(system.cell, system.walls, raw, cell));
+            cell = Box::new(OnGpu::new(&system.cell, system.walls, raw, cell));
         }
         initial_values::glorot_uniform(&variables, seed);
         if device != Device::Cpu {

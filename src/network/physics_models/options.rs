@@ -83,7 +83,7 @@ impl ModelOptions {
 
     /// The value at which a parameter is fixed; none if it is learned.
     pub fn fixed_at(&self, parameter: &PhysicalParameter) -> Option<f64> {
-        if self.fixed.is_empty() { parameter.fixed } else { self.fixed.get(parameter.name).copied() }
+        if self.fixed.is_empty() { parameter.fixed } else { self.fixed.get(&*parameter.name).copied() }
     }
 
     /// True pixels for one unit of position: (S-1)/S in the original's decoder, 1 with `exact_shift`.

@@ -9,7 +9,7 @@ use crate::network::cells::PhysicalParameter;
 /// A parameter of a model's equation.
 #[derive(Debug)]
 pub struct Parameter {
-    pub kind: &'static PhysicalParameter,
+    pub kind: PhysicalParameter,
     /// The number without bounds that stands for the value, a scalar: the logarithm of a positive one. Lengths are in the
     /// model's unit of position.
     pub raw: Tensor,
@@ -50,7 +50,7 @@ impl PhysicsNet {
     /// # Errors
     /// A value that is not within the parameter's bounds.
     pub fn set_value(&self, parameter: &Parameter, value: f64) -> Result<()> {
-        self.set_raw(parameter, raw_within(parameter.kind, value / self.true_unit(parameter.kind))?);
+        self.set_raw(parameter, raw_within(&parameter.kind, value / self.true_unit(&parameter.kind))?);
         Ok(())
     }
 
@@ -60,8 +60,8 @@ impl PhysicsNet {
     }
 
     /// The learned parameters as `(symbol, value)`, lengths in true pixels whatever the decoder's scale.
-    pub fn parameter_values(&self) -> Vec<(&'static str, f64)> {
-        self.learned().map(|p| (p.kind.name, self.true_value(p.kind, p.raw.double_value(&[])))).collect()
+    pub fn parameter_values(&self) -> Vec<(&str, f64)> {
+        self.learned().map(|p| (&*p.kind.name, self.true_value(&p.kind, p.raw.double_value(&[])))).collect()
     }
 
     /// What one model unit of a parameter is in true pixels.

@@ -96,7 +96,7 @@ impl Explanation {
     pub fn indistinct(&self, model: &PhysicsNet) -> Option<Indistinct> {
         let places: Vec<i64> =
             (0..).zip(&model.parameters).filter(|(_, it)| it.learned).map(|(place, _)| place).collect();
-        let kinds: Vec<_> = model.learned().map(|parameter| parameter.kind).collect();
+        let kinds: Vec<_> = model.learned().map(|parameter| &parameter.kind).collect();
         let places = Tensor::from_slice(&places);
         rank::indistinct(&self.fit.curvature.index_select(0, &places).index_select(1, &places), &kinds)
     }

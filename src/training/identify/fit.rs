@@ -220,7 +220,7 @@ impl Problem<'_> {
     /// Positions of the roll-outs, `[clips * copies, horizon * coordinates]`.
     fn roll_out(&self, raw: &Tensor, states: &Tensor, actions: &Actions) -> Tensor {
         let raw: Vec<_> = (0..raw.size()[0]).map(|i| raw.get(i)).collect();
-        let System { cell: kind, dt, .. } = *self.system;
+        let System { cell: ref kind, dt, .. } = *self.system;
         let cell = self.system.build_cell(&raw);
         if let Some(mut cell) = cell.plain_double() {
             return plain::roll_out(cell.as_mut(), states, actions, kind.tells_time(), dt, self.horizon);

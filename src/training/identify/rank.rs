@@ -17,7 +17,7 @@ const EXPONENT_PARTS: f64 = 100.0;
 /// Parameters that a fit cannot tell apart.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Indistinct {
-    pub names: Vec<&'static str>,
+    pub names: Vec<String>,
     /// What shows of them, as far as it is a product of powers.
     pub shows: Vec<String>,
 }
@@ -60,9 +60,9 @@ pub fn indistinct(curvature: &Tensor, parameters: &[&PhysicalParameter]) -> Opti
     let reference = reference.filter(|_| logarithms && part.len() > 1);
     let shows = reference.map_or_else(Vec::new, |(reference, its_share)| {
         let others = part.iter().filter(|(parameter, _)| parameter.name != reference.name);
-        others.map(|(parameter, share)| product(parameter.name, reference.name, -share / its_share)).collect()
+        others.map(|(parameter, share)| product(&parameter.name, &reference.name, -share / its_share)).collect()
     });
-    Some(Indistinct { names: part.iter().map(|(parameter, _)| parameter.name).collect(), shows })
+    Some(Indistinct { names: part.iter().map(|(parameter, _)| parameter.name.to_string()).collect(), shows })
 }
 
 /// One parameter times a power of another, for people to read.

@@ -137,11 +137,11 @@ impl OfTask<'_> {
     /// A file that cannot be written.
     pub fn parameters(&self, path: &Path) -> Result<bool> {
         let mut charts = Vec::new();
-        for parameter in self.task.system.cell.parameters {
+        for parameter in &*self.task.system.cell.parameters {
             for (own_objects, which) in [(false, "begun with found objects"), (true, "with objects of its own")] {
-                let lines = self.courses(parameter.name, |entry| entry.own_objects == own_objects);
+                let lines = self.courses(&parameter.name, |entry| entry.own_objects == own_objects);
                 let title = format!("{}: {} of every run {which}", self.task.name, parameter.name);
-                let level = self.task.truth_of(parameter.name).map(|truth| ("true value", GREEN, truth));
+                let level = self.task.truth_of(&parameter.name).map(|truth| ("true value", GREEN, truth));
                 charts.push(Chart { level, ..over_steps(title, "value", lines) });
             }
         }

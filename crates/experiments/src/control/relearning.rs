@@ -33,7 +33,7 @@ impl Relearning {
     /// # Errors
     /// A name that is no parameter of the model, or of one that is not learned; too few frames.
     pub fn check(&self, model: &PhysicsNet) -> Result<()> {
-        let learned: Vec<&str> = model.learned().map(|parameter| parameter.kind.name).collect();
+        let learned: Vec<&str> = model.learned().map(|parameter| &*parameter.kind.name).collect();
         for name in &self.names {
             anyhow::ensure!(
                 learned.contains(&name.as_str()),
@@ -70,12 +70,12 @@ impl Relearning {
         };
         let named = |name: &str| self.names.iter().any(|given| given == name);
         let all = Start::of(model);
-        let learned = model.parameters.iter().map(|parameter| named(parameter.kind.name)).collect();
+        let learned = model.parameters.iter().map(|parameter| named(&parameter.kind.name)).collect();
         let start = Start { learned, free_offsets: false, ..all };
         let actions = Actions::new(Some(Tensor::from_slice(&actions[..frames - 1]).unsqueeze(0)));
         let trust = Trust { mask: Some(mask), ..Trust::default() };
         let fit = fit(&config, &model.system, positions, &actions, &start, &trust)?;
-        for (parameter, log) in model.parameters.iter().zip(&fit.raw).filter(|(it, _)| named(it.kind.name)) {
+        for (parameter, log) in model.parameters.iter().zip(&fit.raw).filter(|(it, _)| named(&it.kind.name)) {
             let value = log.is_finite().then_some(*log);
             model.set_raw(parameter, value.with_context(|| format!("the fit of {} failed", parameter.kind.name))?);
         }

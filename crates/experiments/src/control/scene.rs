@@ -62,7 +62,7 @@ impl SceneEnvironment {
     /// looks different from frame to frame, or in which no start off the walls is drawn (with one seed: others hardly differ).
     pub fn new(task: &Task, rules: Rules) -> Result<Self> {
         let variant = Variant::new(task, 0)?;
-        let cell = task.system.cell;
+        let cell = &task.system.cell;
         ensure!(
             variant.scene.motion == (Motion::Equation {})
                 && cell.can_be_driven()
@@ -88,9 +88,9 @@ impl SceneEnvironment {
     /// # Errors
     /// A task whose parameters are not known.
     pub fn true_model(task: &Task) -> Result<Box<dyn Model>> {
-        let kind = task.system.cell;
+        let kind = &task.system.cell;
         let raw = kind.parameters.iter().map(|parameter| {
-            let value = task.truth_of(parameter.name).or(parameter.fixed);
+            let value = task.truth_of(&parameter.name).or(parameter.fixed);
             let value = value.with_context(|| format!("task {}: {} is not known", task.name, parameter.name))?;
             Ok(Tensor::from(parameter.bounds.raw(value) as f32))
         });

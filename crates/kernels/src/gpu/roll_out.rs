@@ -4,7 +4,7 @@
 //! hundred times as long as the arithmetic. Here it is one launch, and its gradient another.
 
 use std::ffi::{c_int, c_void};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use tch::{Device, Kind, Tensor};
 
@@ -275,7 +275,7 @@ impl Held {
 /// # Panics
 /// Tensors of other sizes, no clip, no frame.
 pub fn roll_out(
-    scalars: &'static Scalars,
+    scalars: &Arc<Scalars>,
     initial: &Tensor,
     parameters: &Tensor,
     held: Option<&Tensor>,
@@ -307,8 +307,9 @@ pub fn roll_out(
     if !records {
         return states;
     }
+    let scalars = scalars.clone();
     autograd::attach(states, &inputs, move |gradient| {
-        backward(scalars, &gradient.contiguous(), &parameters, held.as_ref(), &history)
+        backward(&scalars, &gradient.contiguous(), &parameters, held.as_ref(), &history)
     })
 }
 
@@ -368,7 +369,7 @@ mod tests {
     use super::*;
 
     /// One coordinate, accelerated by what an operation gives of the position, the velocity and a parameter.
-    fn equation(operation: Operation, padding: usize) -> &'static Scalars {
+    fn equation(operation: Operation, padding: usize) -> Arc<Scalars> {
         let limit = STATE + 3;
         let slots = match operation {
             AtMost | AtLeast => [STATE, limit, limit],
@@ -386,7 +387,7 @@ mod tests {
             vec![Instruction { operation, slots, learns }, move_on(STATE + 1, first), move_on(STATE, first + 1)];
         moving.extend(vec![Instruction { operation: Negative, slots: [HELD; 3], learns: [false; 3] }; padding]);
         let (substeps, dt) = (2, 0.2);
-        Box::leak(Box::new(Scalars::new(Listing {
+        Arc::new(Scalars::new(Listing {
             coordinates: 1,
             parameters: 1,
             numbers: vec![0.5, (dt / substeps as f64) as f32],
@@ -397,7 +398,7 @@ mod tests {
             tells_time: false,
             substeps,
             dt,
-        })))
+        }))
     }
 
     /// The operation on tensors.
@@ -482,7 +483,7 @@ mod tests {
         let Some(device) = test_device() else { return };
         for operation in ALL {
             let found =
-                results(device, |initial, parameter| roll_out(equation(operation, 0), initial, parameter, None, 3));
+                results(device, |initial, parameter| roll_out(&equation(operation, 0), initial, parameter, None, 3));
             let expected = results(device, |initial, parameter| {
                 let h = 0.1;
                 let [mut pos, mut vel] = [initial.narrow(1, 0, 1), initial.narrow(1, 1, 1)];
@@ -508,7 +509,7 @@ mod tests {
         let Some(device) = test_device() else { return };
         let roll = |padding| {
             let equation = equation(Times, padding);
-            results(device, |initial, parameter| roll_out(equation, initial, parameter, None, 3))
+            results(device, |initial, parameter| roll_out(&equation, initial, parameter, None, 3))
         };
         for (long, short) in roll(2000).iter().zip(&roll(0)) {
             assert_eq!(long, short);
@@ -522,8 +523,8 @@ mod tests {
         let equation = equation(Times, 0);
         let initial = Tensor::rand([70, 2], (Kind::Float, device));
         let parameter = Tensor::from_slice(&[0.7f32]).to_device(device).set_requires_grad(true);
-        let taught = roll_out(equation, &initial, &parameter, None, 4);
-        let alone = tch::no_grad(|| roll_out(equation, &initial, &parameter, None, 4));
+        let taught = roll_out(&equation, &initial, &parameter, None, 4);
+        let alone = tch::no_grad(|| roll_out(&equation, &initial, &parameter, None, 4));
         assert!(taught.requires_grad() && !alone.requires_grad());
         assert_eq!(taught.detach(), alone);
     }

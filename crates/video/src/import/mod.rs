@@ -32,6 +32,7 @@ use self::request::Request;
 use self::time_base::Kept;
 use paig::datasets::film::FILM;
 use paig::network::System;
+use paig::network::cells::Equations;
 use paig::network::system::SystemTable;
 use paig::runs::metrics;
 use paig::support::atomic;
@@ -173,7 +174,7 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
 /// Refuses a system that cannot be before a video is opened.
 fn check_system(request: &Request) -> Result<System> {
     let kind = request.kind()?;
-    metrics::check_parameters(kind.parameters).context("the equation")?;
+    metrics::check_parameters(&kind.parameters).context("the equation")?;
     let table = SystemTable {
         side: request.side,
         channels: request.channels(),
@@ -184,7 +185,7 @@ fn check_system(request: &Request) -> Result<System> {
         equation: request.equation.clone(),
         wall_margin: None,
     };
-    table.system(0.0)
+    table.system(0.0, &Equations::default())
 }
 
 /// How long clips are and how they overlap.

@@ -2,12 +2,13 @@
 
 use std::fs;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 
 use super::crop::CropChoice;
 use super::time_base::Part;
-use paig::network::cells::CellKind;
+use paig::network::cells::{CellKind, Equations};
 use paig::network::system::EquationEntry;
 use paig::tasks;
 
@@ -86,8 +87,8 @@ impl Request {
     }
 
     /// The equation that the objects obey.
-    pub(super) fn kind(&self) -> Result<&'static CellKind> {
-        self.equation.kind(self.objects.unwrap_or(1))
+    pub(super) fn kind(&self) -> Result<Arc<CellKind>> {
+        self.equation.kind(self.objects.unwrap_or(1), &Equations::default())
     }
 
     /// Fewest frames of a clip: what the encoder sees and what is predicted.

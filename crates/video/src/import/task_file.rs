@@ -6,7 +6,7 @@ use toml::Table;
 
 use super::hold_out::Cut;
 use super::request::Request;
-use paig::network::cells;
+use paig::network::cells::Equations;
 use paig::network::cells::text::EquationTable;
 use paig::network::system::EquationEntry;
 use paig::support::significant::significant;
@@ -33,7 +33,7 @@ struct Record<'a> {
 /// What a task refuses: see [`Task::from_toml`].
 pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Video) -> Result<String> {
     let kind = request.kind()?;
-    let equations = cells::kinds().iter().map(|kind| kind.name).collect::<Vec<_>>().join(", ");
+    let equations = Equations::default().names();
     let unit = match video.time_unit.as_str() {
         "s" => "seconds between two frames: parameters are in seconds",
         "ms" => "milliseconds between two frames: parameters are in milliseconds",

@@ -207,8 +207,8 @@ mod tests {
     fn what_does_not_show_is_told() {
         let task = Task::from_toml(include_str!("../../../../configs/gallery/bounce_on_a_floor.toml")).unwrap();
         let dynamics = Dynamics::new(task.system.clone(), 0.1).unwrap();
-        let parameters = task.system.cell.parameters;
-        let raw: Vec<f64> = parameters.iter().map(|it| it.bounds.raw(task.truth_of(it.name).unwrap())).collect();
+        let parameters = &task.system.cell.parameters;
+        let raw: Vec<f64> = parameters.iter().map(|it| it.bounds.raw(task.truth_of(&it.name).unwrap())).collect();
         let positions = dynamics.positions(&raw, &[16.0, 5.0, 1.0, 0.0], 0, 24);
         let mut random = named_generator(1, "noise");
         let seen = positions.iter().map(|x| x + 0.05 * normal(&mut random)).collect();

@@ -80,7 +80,7 @@ pub const KINDS: [Kind; 4] = [
 /// How often the interval of one parameter held the truth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Held {
-    pub parameter: &'static str,
+    pub parameter: String,
     pub held: usize,
     pub sets: usize,
 }
@@ -92,11 +92,12 @@ impl Kind {
     /// A task file that cannot be read.
     pub fn coverage(&self, sets: usize, seed: u64) -> Result<Vec<Held>> {
         let task = Task::from_toml(self.task)?;
-        let parameters = task.system.cell.parameters;
+        let parameters = &task.system.cell.parameters;
         let dynamics = Dynamics::new(task.system.clone(), task.system.dt)?;
         let truth: Vec<f64> =
-            parameters.iter().map(|it| it.bounds.raw(task.truth_of(it.name).unwrap_or(f64::NAN))).collect();
-        let mut held: Vec<_> = parameters.iter().map(|it| Held { parameter: it.name, held: 0, sets }).collect();
+            parameters.iter().map(|it| it.bounds.raw(task.truth_of(&it.name).unwrap_or(f64::NAN))).collect();
+        let mut held: Vec<_> =
+            parameters.iter().map(|it| Held { parameter: it.name.to_string(), held: 0, sets }).collect();
         let mut random = named_generator(seed, self.name);
         let learned = vec![true; parameters.len()];
         for set in 0..sets {
@@ -110,7 +111,7 @@ impl Kind {
             let Ok(uncertainty) = uncertainty else { continue };
             for (place, held) in held.iter_mut().enumerate() {
                 let draws = uncertainty.draws.iter().map(|draw| draw.raw[place]).collect();
-                let interval = Quantity::new(held.parameter, explained.fitted.raw[place], draws);
+                let interval = Quantity::new(&held.parameter, explained.fitted.raw[place], draws);
                 let within = |(low, high)| (low..=high).contains(&truth[place]);
                 held.held += usize::from(interval.low.zip(interval.high).is_some_and(within));
             }

@@ -1,13 +1,14 @@
 //! Roll-outs of an equation over a whole video, one state at a time.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use anyhow::Result;
 use tch::{Kind, Tensor};
 
 use paig::network::System;
-use paig::network::cells::text::{self, EquationTable, Integrator, WallTable, written};
-use paig::network::cells::{Actions, Build, CellKind, Coordinates, State};
+use paig::network::cells::text::{Equation, EquationTable, SingleEquation, WallTable};
+use paig::network::cells::{Actions, Coordinates, Integrator, State};
 
 /// An equation, ready to be rolled out from frame to frame of a film.
 #[derive(Debug, Clone)]
@@ -16,7 +17,7 @@ pub struct Dynamics {
     /// Time between two frames of the film, in the unit of the system's `dt`.
     pub(super) dt: f64,
     /// The equation as text, by the method of Runge and Kutta; none of one that has no text.
-    exact: Option<&'static CellKind>,
+    exact: Option<Arc<Equation>>,
 }
 
 impl Dynamics {
@@ -26,12 +27,8 @@ impl Dynamics {
     /// # Errors
     /// None that the equation itself did not have.
     pub fn new(system: System, dt: f64) -> Result<Self> {
-        let table = match system.cell.build {
-            Build::Text(equation) => Some(equation.table().clone()),
-            Build::Rust(_) => written(system.cell),
-        };
-        let exact = table.map(|table| text::kind(&finely(table), system.objects)).transpose()?;
-        Ok(Dynamics { system, dt, exact })
+        let exact = system.cell.table().map(|table| Equation::read(&finely(table), system.objects)).transpose()?;
+        Ok(Dynamics { system, dt, exact: exact.map(Arc::new) })
     }
 
     /// Numbers in the positions of all objects.
@@ -47,14 +44,17 @@ impl Dynamics {
     /// States of `frames` frames, each positions and then velocities, the initial one first: it is that of the frame
     /// `begin`. `raw` are the raw numbers of all parameters. Nothing acts from outside.
     pub fn roll_out(&self, raw: &[f64], initial: &[f64], begin: usize, frames: usize) -> Vec<f64> {
-        let Some(CellKind { build: Build::Text(equation), parameters, .. }) = self.exact else {
-            return self.by_tensors(raw, initial, frames);
-        };
+        let Some(equation) = &self.exact else { return self.by_tensors(raw, initial, frames) };
         // A text's parameters are sorted by name.
         let own = self.system.cell.parameters.iter();
-        let named: BTreeMap<_, _> = own.map(|parameter| parameter.name).zip(self.values(raw)).collect();
-        let values: Vec<f64> = parameters.iter().map(|parameter| named[parameter.name]).collect();
-        equation.single(&values, self.system.walls).roll_out(initial, begin as f64 * self.dt, self.dt, frames)
+        let named: BTreeMap<_, _> = own.map(|parameter| &*parameter.name).zip(self.values(raw)).collect();
+        let values: Vec<f64> = equation.parameters().iter().map(|parameter| named[&*parameter.name]).collect();
+        SingleEquation::new(equation, &values, self.system.walls).roll_out(
+            initial,
+            begin as f64 * self.dt,
+            self.dt,
+            frames,
+        )
     }
 
     fn by_tensors(&self, raw: &[f64], initial: &[f64], frames: usize) -> Vec<f64> {
@@ -99,7 +99,7 @@ impl Dynamics {
 
     /// What a raw number stands for: a parameter, or what is seen beside the state.
     pub(super) fn name(&self, place: usize) -> String {
-        let parameters = self.system.cell.parameters;
+        let parameters = &self.system.cell.parameters;
         let Some(beside) = place.checked_sub(parameters.len()) else { return parameters[place].name.to_string() };
         let axis = ["x", "y"][beside % 2];
         match self.system.objects {
@@ -110,11 +110,8 @@ impl Dynamics {
 
     /// Whether something turns the objects back: the frame's edges, or walls that the equation names.
     pub(super) fn has_walls(&self) -> bool {
-        let cell = self.exact.unwrap_or(self.system.cell);
-        match cell.build {
-            Build::Text(equation) => equation.table().walls != WallTable::default(),
-            Build::Rust(_) => cell.walls,
-        }
+        let exact = self.exact.as_ref();
+        exact.map_or(self.system.cell.walls, |equation| equation.table().walls != WallTable::default())
     }
 
     /// The positions alone, frame by frame.

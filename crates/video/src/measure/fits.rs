@@ -1,6 +1,8 @@
 //! The fits to what was seen: by which measure of the positions, with what is seen beside the state or without, to a colour
 //! tracker's positions, and of other equations.
 
+use std::sync::Arc;
+
 use anyhow::{Context, Result, ensure};
 
 use super::Named;
@@ -40,7 +42,7 @@ impl Subject<'_> {
     /// The fit to that measure of the positions that the equation explains better; whether it is the encoder's.
     pub(super) fn best_of_sights(
         &self,
-        cell: &'static CellKind,
+        cell: &Arc<CellKind>,
         sights: &[Sight],
     ) -> Result<(Vec<Track>, bool, Explained)> {
         let (dynamics, starts) = (self.dynamics(cell)?, self.starts(cell));

@@ -30,6 +30,7 @@ pub mod tracker;
 mod trust;
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -41,7 +42,7 @@ use self::results::Measurement;
 use self::scale::Scale;
 use self::source::Passed;
 use self::subject::Subject;
-use paig::network::cells::CellKind;
+use paig::network::cells::{CellKind, Equations};
 use paig::runs::checkpoint::{SavedWeights, clips_of};
 use paig::runs::summary::Summary;
 use paig::support::atomic;
@@ -54,12 +55,15 @@ use paig::training::saved::load_model;
 struct Named {
     /// For people: the file it stands in.
     name: String,
-    cell: &'static CellKind,
+    cell: Arc<CellKind>,
 }
 
 impl Named {
     fn of(file: &EquationFile, objects: usize) -> Result<Self> {
-        let cell = file.equation.kind(objects).with_context(|| format!("equation file {}", file.name))?;
+        let cell = file
+            .equation
+            .kind(objects, &Equations::default())
+            .with_context(|| format!("equation file {}", file.name))?;
         Ok(Named { name: file.name.clone(), cell })
     }
 }
@@ -116,10 +120,10 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     subject.find_lost_frames(&sights);
     let subject = subject;
     let named = |file: &EquationFile| Named::of(file, model.system.objects);
-    let own = Named { name: "the run's own".into(), cell: model.system.cell };
+    let own = Named { name: "the run's own".into(), cell: model.system.cell.clone() };
     let main = request.equation.as_ref().map(named).transpose()?.unwrap_or(own);
     let against = request.against.iter().map(named).collect::<Result<Vec<_>>>()?;
-    let (tracks, by_encoder, explained) = subject.best_of_sights(main.cell, &sights)?;
+    let (tracks, by_encoder, explained) = subject.best_of_sights(&main.cell, &sights)?;
     let uncertainty = bootstrap(&explained.dynamics, &tracks, &explained.learned, &explained.fitted, config.seed)?;
 
     let passes = subject.passes()?;

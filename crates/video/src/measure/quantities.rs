@@ -36,7 +36,7 @@ impl Subject<'_> {
             let draws = of_shown(uncertainty, place);
             let draws =
                 draws.map(|draw| value(&draw.raw) * powers.map_or(1.0, |powers| self.scale.drawn(powers, draw)));
-            Quantity::new(parameter.name, factor * in_frames, draws.collect())
+            Quantity::new(&parameter.name, factor * in_frames, draws.collect())
                 .in_unit(powers.map_or("?".into(), |powers| self.scale.unit(powers)))
                 .in_frames(in_frames)
                 .of_tracker(tracker.map(|fit| factor * value(&fit.fitted.raw)))

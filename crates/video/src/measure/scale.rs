@@ -84,7 +84,7 @@ impl Scale {
     pub fn unsaid<'a>(&self, learned: impl Iterator<Item = &'a PhysicalParameter>) -> Option<String> {
         let said = self.metres.is_some() && self.video.scale_percent > 0.0 || self.video.time_percent > 0.0;
         let unknown = learned.filter(|parameter| said && Self::powers(parameter).is_none());
-        let names: Vec<_> = unknown.map(|parameter| parameter.name).collect();
+        let names: Vec<_> = unknown.map(|parameter| &*parameter.name).collect();
         let text = || {
             format!(
                 "the equation does not say the unit of {}: the interval holds nothing of what is said of scale and time",

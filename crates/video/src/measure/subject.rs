@@ -1,5 +1,7 @@
 //! What is measured: a run, the videos of its task, and what fits to them begin with.
 
+use std::sync::Arc;
+
 use anyhow::{Context, Result, ensure};
 use tch::Device;
 
@@ -120,8 +122,8 @@ impl<'a> Subject<'a> {
         positions.enumerate().map(track).collect()
     }
 
-    pub(super) fn dynamics(&self, cell: &'static CellKind) -> Result<Dynamics> {
-        let system = System { cell, ..self.model.system.clone() };
+    pub(super) fn dynamics(&self, cell: &Arc<CellKind>) -> Result<Dynamics> {
+        let system = System { cell: cell.clone(), ..self.model.system.clone() };
         system.check()?;
         ensure!(
             cell.coordinates == self.model.system.cell.coordinates,
@@ -147,10 +149,11 @@ impl<'a> Subject<'a> {
             cell.parameters.iter().map(|kind| kind.fixed.or(kind.start).map_or(0.0, |value| kind.bounds.raw(value)));
         let own: Vec<f64> = own.collect();
         // What another equation gives as fixed stays as it is given there.
-        let taken_over =
-            |kind: &PhysicalParameter| of_run(kind.name).filter(|_| kind.fixed.is_none() || model.system.cell == cell);
+        let taken_over = |kind: &PhysicalParameter| {
+            of_run(&kind.name).filter(|_| kind.fixed.is_none() || *model.system.cell == *cell)
+        };
         let learned_there = cell.parameters.iter().zip(&own).map(|(kind, own)| match taken_over(kind) {
-            Some(it) => Some(kind.bounds.raw(model.true_value(it.kind, it.raw.double_value(&[]))))
+            Some(it) => Some(kind.bounds.raw(model.true_value(&it.kind, it.raw.double_value(&[]))))
                 .filter(|raw| raw.is_finite())
                 .unwrap_or(*own),
             None => *own,
@@ -159,8 +162,8 @@ impl<'a> Subject<'a> {
         let learned: Vec<bool> = cell
             .parameters
             .iter()
-            .map(|kind| match of_run(kind.name) {
-                Some(it) if model.system.cell == cell => it.learned,
+            .map(|kind| match of_run(&kind.name) {
+                Some(it) if *model.system.cell == *cell => it.learned,
                 _ => kind.fixed.is_none(),
             })
             .collect();

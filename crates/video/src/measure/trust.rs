@@ -135,7 +135,7 @@ fn of_unknowns(explained: &Explained, uncertainty: &Uncertainty) -> Vec<String> 
     });
     let indistinct = rank::indistinct(&curvature, &kinds);
     // Those that go with what is seen beside the state, or with the first state, the parameters alone do not show.
-    let named = |name: &String| indistinct.iter().any(|it| it.names.contains(&name.as_str()));
+    let named = |name: &String| indistinct.iter().any(|it| it.names.contains(name));
     let together = uncertainty.shown.iter().enumerate().filter(|(_, shown)| **shown == Shown::OnlyWithOthers);
     let together: Vec<_> = together.map(|(place, _)| explained.dynamics.name(place)).collect();
     let of_others = (!together.iter().all(named)).then(|| {
@@ -155,7 +155,7 @@ mod tests {
     use crate::measure::explain::explain;
     use crate::measure::fit::Start;
     use paig::network::System;
-    use paig::network::cells::text;
+    use paig::network::cells::CellKind;
     use paig::support::random::{named_generator, normal};
 
     /// A fall through what resists, with these raw numbers and more beside the state: which of them have an interval, and what is
@@ -164,7 +164,7 @@ mod tests {
         let parameters: String =
             ["c", "g", "m"][..raw.len()].iter().map(|name| format!("\nparameters.{name} = {{}}")).collect();
         let equation = format!("acceleration = \"{acceleration}\"{parameters}");
-        let cell = text::kind(&toml::from_str(&equation).unwrap(), 1).unwrap();
+        let cell = CellKind::of_text(&toml::from_str(&equation).unwrap(), 1).unwrap().into();
         let system = paig::tasks::builtin("falling").unwrap().system;
         let dynamics = Dynamics::new(System { objects: 1, cell, ..system }, 0.3).unwrap();
         let mut random = named_generator(1, "noise");

@@ -9,7 +9,7 @@ use super::operation::{Binary, FUNCTIONS, Function, Unary};
 use super::parameters::{Parameters, of_object};
 use super::parse::{Expression, Operator, Term};
 use super::units::Unit;
-use crate::network::cells::Coordinates;
+use crate::network::cells::state::Coordinates;
 
 /// The least norm that [`Function::Direction`] divides by: the direction of nothing is 0.
 const LEAST_NORM: f64 = 1e-6;

@@ -1,23 +1,27 @@
 //! Integration of an equation that stands as text.
 
+use std::sync::Arc;
+
 use tch::Tensor;
 
-use super::Equation;
+use super::equation::Equation;
 use super::evaluate::{Constants, Instant};
 use super::plain::PlainText;
-use super::table::Integrator;
 use super::walls::{LEAST_RESTITUTION, TextWalls};
+use crate::network::cells::actions::Actions;
+use crate::network::cells::cell::Cell;
 use crate::network::cells::impact::turned_back;
+use crate::network::cells::integrands::OnTensors;
 use crate::network::cells::plain::PlainCell;
-use crate::network::cells::{Actions, Cell, State, Walls};
+use crate::network::cells::state::{State, Walls};
 
 /// An equation with its parameters.
 #[derive(Debug)]
-pub(super) struct TextCell {
-    pub equation: &'static Equation,
+pub struct TextCell {
+    equation: Arc<Equation>,
     /// Scalars, in the order of the equation's parameters.
-    pub raw: Vec<Tensor>,
-    pub walls: Walls,
+    raw: Vec<Tensor>,
+    walls: Walls,
 }
 
 /// A roll-out under way.
@@ -42,6 +46,11 @@ struct Grid {
 }
 
 impl TextCell {
+    /// The cell with these raw parameters (scalars, one for each).
+    pub fn new(equation: &Arc<Equation>, raw: &[Tensor], walls: Walls) -> Self {
+        TextCell { equation: equation.clone(), raw: raw.iter().map(Tensor::shallow_clone).collect(), walls }
+    }
+
     fn begin(&self, state: &State) -> Run<'_> {
         let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
         let parameters: Vec<_> = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.values(raw).reshape([1])).collect();
@@ -94,13 +103,13 @@ impl Cell for TextCell {
         }
         let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
         let values = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[])) as f32);
-        Some(Box::new(PlainText::new(self.equation, values.collect(), self.walls)))
+        Some(Box::new(PlainText::new(&self.equation, values.collect(), self.walls)))
     }
 
     fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {
         let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
         let values = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[])));
-        Some(Box::new(PlainText::new(self.equation, values.collect(), self.walls)))
+        Some(Box::new(PlainText::new(&self.equation, values.collect(), self.walls)))
     }
 }
 
@@ -121,45 +130,18 @@ impl Run<'_> {
         let held = held.map(|held| held.unsqueeze(-1));
         // Backwards a frame begins at its end.
         let begin = if h < 0.0 { -(substeps as f64) * h } else { 0.0 };
+        let Equation { table, program, .. } = &*self.cell.equation;
         for substep in 0..substeps {
-            let moved = self.moved(&grid, held.as_ref(), begin + substep as f64 * h, h);
-            grid = self.turned_back(&grid, moved, h);
+            let begin = begin + substep as f64 * h;
+            let mut accelerated = OnTensors(|pos: &Tensor, vel: &Tensor, since: f64| {
+                let at = Instant { pos, vel, held: held.as_ref(), since: begin + since };
+                program.acceleration(&self.constants, &at)
+            });
+            let now = [&grid.pos, &grid.vel].map(Tensor::shallow_clone);
+            let [pos, vel] = table.integrator.step(&mut accelerated, now, h);
+            grid = self.turned_back(&grid, Grid { pos, vel }, h);
         }
         grid
-    }
-
-    /// A step of `h`; `begin` is the time since the frame.
-    fn moved(&self, Grid { pos, vel }: &Grid, held: Option<&Tensor>, begin: f64, h: f64) -> Grid {
-        let acceleration = |pos: &Tensor, vel: &Tensor, by: f64| {
-            let at = Instant { pos, vel, held, since: begin + by };
-            self.cell.equation.program.acceleration(&self.constants, &at)
-        };
-        match self.cell.equation.table.integrator {
-            Integrator::Euler => {
-                let vel = vel + acceleration(pos, vel, 0.0) * h;
-                Grid { pos: pos + &vel * h, vel }
-            }
-            Integrator::Verlet => {
-                let first = acceleration(pos, vel, 0.0);
-                let full = vel + &first * h;
-                let pos = pos + vel * h + &first * (0.5 * h * h);
-                let second = acceleration(&pos, &full, h);
-                Grid { vel: vel + (first + second) * (0.5 * h), pos }
-            }
-            Integrator::Rk4 => {
-                let slope = |dp: &Tensor, dv: &Tensor, by: f64| {
-                    let (pos, vel) = (pos + dp * by, vel + dv * by);
-                    let acceleration = acceleration(&pos, &vel, by);
-                    (vel, acceleration)
-                };
-                let (p1, v1) = (vel.shallow_clone(), acceleration(pos, vel, 0.0));
-                let (p2, v2) = slope(&p1, &v1, 0.5 * h);
-                let (p3, v3) = slope(&p2, &v2, 0.5 * h);
-                let (p4, v4) = slope(&p3, &v3, h);
-                let mean = |a: Tensor, b: Tensor, c: Tensor, d: Tensor| (a + (b + c) * 2.0 + d) * (h / 6.0);
-                Grid { pos: pos + mean(p1, p2, p3, p4), vel: vel + mean(v1, v2, v3, v4) }
-            }
-        }
     }
 
     /// The state after the walls have turned back what has passed them, each with what is left of its speed.
@@ -167,7 +149,7 @@ impl Run<'_> {
         let Some(Barrier { places: [near, far], left }) = &self.barrier else { return after };
         let gained = |left: &Tensor| left.clamp_min(LEAST_RESTITUTION).reciprocal();
         let left = left.as_ref().map(|left| if h < 0.0 { gained(left) } else { left.shallow_clone() });
-        let [pos, vel] = turned_back([&before.pos, &before.vel], [after.pos, after.vel], [near, far], left.as_ref());
+        let [pos, vel] = turned_back([&before.pos, &before.vel], [&after.pos, &after.vel], [near, far], left.as_ref());
         Grid { pos, vel }
     }
 }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use super::operation::FUNCTIONS;
 use super::table::ParameterTable;
 use super::units::Unit;
-use crate::network::cells::{Bounds, PhysicalParameter};
+use crate::network::cells::parameter::{Bounds, PhysicalParameter};
 
 /// Most parameters, those of each object counted apart.
 const MOST: usize = 64;
@@ -79,18 +79,18 @@ impl Parameters {
         self.all.iter().position(|declared| declared.name == name)
     }
 
-    /// As the network knows them. They stay in memory for good, as an equation does.
-    pub(super) fn physical(&self) -> &'static [PhysicalParameter] {
+    /// As the network knows them.
+    pub(super) fn physical(&self) -> Vec<PhysicalParameter> {
         let physical = self.all.iter().map(|declared| PhysicalParameter {
-            name: declared.name.clone().leak(),
-            variable: format!("log_{}", declared.name).leak(),
+            name: declared.name.clone().into(),
+            variable: format!("log_{}", declared.name).into(),
             length_power: declared.length_power,
             time_power: declared.time_power,
             fixed: declared.fixed,
             bounds: declared.bounds,
             start: declared.start,
         });
-        physical.collect::<Vec<_>>().leak()
+        physical.collect()
     }
 }
 

@@ -1,36 +1,39 @@
 //! Integration of an equation in plain numbers: many states at a time for planning, or one for long roll-outs, where a tensor
 //! of a few numbers costs a hundred times the arithmetic.
 
-use super::Equation;
+use std::sync::Arc;
+
 use super::columns::{Columns, Moment, Number};
-use super::table::Integrator;
+use super::equation::Equation;
 use super::walls::LEAST_RESTITUTION;
-use crate::network::cells::Walls;
+use crate::network::cells::impact::{Single, turned_back};
+use crate::network::cells::integrands::{OnRows, Row};
 use crate::network::cells::plain::PlainCell;
+use crate::network::cells::state::Walls;
 
 /// An equation with the values (not the raw numbers) of its parameters. States stand side by side, positions and velocities
 /// `[coordinates * objects, batch]` each.
 #[derive(Debug)]
 pub(super) struct PlainText<F> {
-    equation: &'static Equation,
+    equation: Arc<Equation>,
     columns: Columns<F>,
     /// Where balls turn back, near and far on each axis, and what is left of their speed; none without walls.
     walls: Option<([[F; 2]; 2], F)>,
-    /// Columns of the integration's stages: position, velocity, acceleration, sums.
-    stages: [Vec<F>; 5],
+    /// Rows for what is computed on the way.
+    spare: Vec<Vec<F>>,
     /// Positions and velocities where a substep begins, for the walls.
     before: [Vec<F>; 2],
 }
 
 impl<F: Number> PlainText<F> {
-    pub(super) fn new(equation: &'static Equation, parameters: Vec<F>, walls: Walls) -> Self {
+    pub(super) fn new(equation: &Arc<Equation>, parameters: Vec<F>, walls: Walls) -> Self {
         let value = |place: usize| parameters[place].to_f64().unwrap_or(f64::NAN);
         let walls = equation
             .walls
             .as_ref()
             .map(|standing| (standing.places(walls, value).map(|axes| axes.map(F::of)), F::of(standing.left(value))));
         let columns = Columns::new(&equation.program, equation.table.state.per_object(), parameters);
-        PlainText { equation, columns, walls, stages: Default::default(), before: Default::default() }
+        PlainText { equation: equation.clone(), columns, walls, spare: Vec::new(), before: Default::default() }
     }
 
     /// All states a time `dt` later, one frame. `held` is what the dataset holds for the frame, `[batch]`.
@@ -46,7 +49,6 @@ impl<F: Number> PlainText<F> {
     fn substep(&mut self, pos: &mut [F], vel: &mut [F], at: (&[F], F), h: F) {
         let batch = at.0.len();
         self.columns.make_room(batch);
-        self.stages.iter_mut().for_each(|stage| stage.resize(pos.len(), F::zero()));
         let Some((places, left)) = self.walls else { return self.integrate(pos, vel, at, h) };
         // Back in time a wall gives what it took.
         let left = if h < F::zero() { left.max(F::of(LEAST_RESTITUTION)).recip() } else { left };
@@ -58,83 +60,36 @@ impl<F: Number> PlainText<F> {
         self.turn_back(pos, vel, places, left, batch);
     }
 
-    fn integrate(&mut self, pos: &mut [F], vel: &mut [F], at: (&[F], F), h: F) {
-        let half = F::of(0.5);
-        match self.equation.table.integrator {
-            Integrator::Euler => {
-                self.accelerate(pos, vel, at, 0);
-                add(vel, &self.stages[0], h);
-                add(pos, vel, h);
+    /// `begin` is the time since the frame.
+    fn integrate(&mut self, pos: &mut [F], vel: &mut [F], (held, begin): (&[F], F), h: F) {
+        let PlainText { equation, columns, spare, .. } = self;
+        let Equation { table, program, .. } = &**equation;
+        let (places, coordinates) = (&program.accelerations, table.state.per_object());
+        let accelerate = |pos: &[F], vel: &[F], since: F, into: &mut [F]| {
+            columns.compute_moving(&Moment { pos, vel, held, since: begin + since });
+            for (number, into) in into.chunks_exact_mut(held.len()).enumerate() {
+                let (object, coordinate) = (number / coordinates, number % coordinates);
+                // One for all objects, or one of each.
+                let place = if places.len() == 1 { places[0] } else { places[object] };
+                into.copy_from_slice(columns.column(place, object, coordinate));
             }
-            Integrator::Verlet => {
-                self.accelerate(pos, vel, at, 0);
-                let [first, mut full] = [0, 1].map(|stage| std::mem::take(&mut self.stages[stage]));
-                add(pos, vel, h);
-                add(pos, &first, half * h * h);
-                full.copy_from_slice(vel);
-                add(&mut full, &first, h);
-                self.accelerate(pos, &full, (at.0, at.1 + h), 2);
-                add(vel, &first, half * h);
-                add(vel, &self.stages[2], half * h);
-                (self.stages[0], self.stages[1]) = (first, full);
-            }
-            Integrator::Rk4 => self.runge_kutta(pos, vel, at, h),
-        }
+        };
+        table.integrator.step(&mut OnRows { accelerate, spare }, [Row::Lent(pos), Row::Lent(vel)], h);
     }
 
-    fn runge_kutta(&mut self, pos: &mut [F], vel: &mut [F], (held, begin): (&[F], F), h: F) {
-        let [mut p, mut v, mut sum_p, mut sum_v] = [1, 2, 3, 4].map(|stage| std::mem::take(&mut self.stages[stage]));
-        p.copy_from_slice(pos);
-        v.copy_from_slice(vel);
-        sum_p.fill(F::zero());
-        sum_v.fill(F::zero());
-        let mut since = begin;
-        for (weight, reach) in [(1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0)] {
-            self.accelerate(&p, &v, (held, since), 0);
-            add(&mut sum_p, &v, F::of(weight));
-            add(&mut sum_v, &self.stages[0], F::of(weight));
-            // The next slope is where this one leads to.
-            let reach = F::of(reach) * h;
-            p.copy_from_slice(pos);
-            add(&mut p, &v, reach);
-            v.copy_from_slice(vel);
-            add(&mut v, &self.stages[0], reach);
-            since = begin + reach;
-        }
-        let sixth = h / F::of(6.0);
-        add(pos, &sum_p, sixth);
-        add(vel, &sum_v, sixth);
-        (self.stages[1], self.stages[2], self.stages[3], self.stages[4]) = (p, v, sum_p, sum_v);
-    }
-
-    /// Writes the accelerations in a state into a stage; `held` at the frame, and the time since then.
-    fn accelerate(&mut self, pos: &[F], vel: &[F], (held, since): (&[F], F), stage: usize) {
-        self.columns.compute_moving(&Moment { pos, vel, held, since });
-        let (places, coordinates) = (&self.equation.program.accelerations, self.equation.table.state.per_object());
-        for (number, into) in self.stages[stage].chunks_exact_mut(held.len()).enumerate() {
-            let (object, coordinate) = (number / coordinates, number % coordinates);
-            // One for all objects, or one of each.
-            let place = if places.len() == 1 { places[0] } else { places[object] };
-            into.copy_from_slice(self.columns.column(place, object, coordinate));
-        }
-    }
-
-    /// Turns back what has passed a wall, with what is `left` of its speed; what the force gave after the impact counts on
-    /// the way back. Coordinates stand one after the other, each for all states of the `batch`.
+    /// Turns back what has passed a wall, with what is `left` of its speed. Coordinates stand one after the other, each for all
+    /// states of the `batch`.
     fn turn_back(&self, pos: &mut [F], vel: &mut [F], [near, far]: [[F; 2]; 2], left: F, batch: usize) {
         let before = self.before[0].iter().zip(&self.before[1]);
         for (place, ((x, v), (from, speed))) in pos.iter_mut().zip(vel).zip(before).enumerate() {
             let axis = place / batch % 2;
             let (near, far) = (near[axis], far[axis]);
-            let wall = if *x > far { far } else { near };
-            if *x <= far && *x >= near {
-                continue;
+            if *x > far || *x < near || x.is_nan() {
+                let [before, now] = [[from, speed], [&*x, &*v]].map(|state| state.map(|number| Single(*number)));
+                let walls = [Single(near), Single(far)];
+                let turned = turned_back(before.each_ref(), now.each_ref(), walls.each_ref(), Some(&Single(left)));
+                [*x, *v] = turned.map(|number| number.0);
             }
-            let (beyond, way) = (*x - wall, *x - *from);
-            let since = if way == F::zero() { beyond } else { beyond / way };
-            let gained = (*v - *speed) * since.max(F::zero()).min(F::one());
-            *v = gained - (*v - gained) * left;
-            *x = wall - beyond * left;
         }
     }
 }
@@ -151,7 +106,7 @@ pub struct SingleEquation(PlainText<f64>);
 
 impl SingleEquation {
     /// The equation with these values (not the raw numbers) of its parameters.
-    pub(super) fn new(equation: &'static Equation, parameters: &[f64], walls: Walls) -> Self {
+    pub fn new(equation: &Arc<Equation>, parameters: &[f64], walls: Walls) -> Self {
         SingleEquation(PlainText::new(equation, parameters.to_vec(), walls))
     }
 
@@ -175,9 +130,4 @@ impl SingleEquation {
         }
         states
     }
-}
-
-/// `to += by * times`.
-fn add<F: Number>(to: &mut [F], by: &[F], times: F) {
-    to.iter_mut().zip(by).for_each(|(to, by)| *to = *to + times * *by);
 }

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::network::cells::{Coordinates, SUBSTEPS};
+use crate::network::cells::integrator::{Integrator, SUBSTEPS};
+use crate::network::cells::state::Coordinates;
 
 /// An equation: accelerations as text, the parameters they name, how they are integrated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -46,19 +47,6 @@ fn substeps() -> usize {
 pub enum Accelerations {
     ForAll(String),
     ForEach(Vec<String>),
-}
-
-/// How the state moves on by a time h.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Integrator {
-    /// Semi-implicit: the velocity first, then the position with the new velocity. Of the first order; the original's.
-    #[default]
-    Euler,
-    /// Velocity Verlet, of the second order; where a force depends on the velocity, that of the end is extrapolated.
-    Verlet,
-    /// The classical method of Runge and Kutta, of the fourth order.
-    Rk4,
 }
 
 /// A number beside the accelerations.

@@ -6,7 +6,7 @@ use tch::{Kind, Tensor};
 use super::parameters::Parameters;
 use super::table::{EquationTable, Given, WallTable};
 use super::units::Unit;
-use crate::network::cells::{Coordinates, Walls};
+use crate::network::cells::state::{Coordinates, Walls};
 
 /// The least restitution that is taken back when time runs backwards: a ball that lost all its speed has no past.
 pub(super) const LEAST_RESTITUTION: f64 = 0.1;

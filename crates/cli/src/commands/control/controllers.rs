@@ -44,7 +44,7 @@ impl Arguments {
         );
         let set = |name: &str, value: f64| -> Result<()> {
             let parameter = model.parameters.iter().find(|parameter| parameter.kind.name == name);
-            let cell = model.system.cell.name;
+            let cell = &model.system.cell.name;
             model.set_value(parameter.with_context(|| format!("equation {cell} has no parameter {name}"))?, value)
         };
         if let (Who::TrueEquation, Some(pendulum)) = (who, setting.pendulum) {

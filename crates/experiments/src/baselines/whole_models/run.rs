@@ -63,7 +63,7 @@ impl WholeRun {
 
 /// Whether a task's frames show a driven pendulum.
 pub fn has_worths(task: &Task) -> bool {
-    let cell = task.system.cell;
+    let cell = &task.system.cell;
     cell.can_be_driven() && cell.coordinates == Coordinates::Angle && task.system.objects == 1
 }
 

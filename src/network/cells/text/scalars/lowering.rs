@@ -1,12 +1,12 @@
 //! The operations of an equation's graph, taken apart into single numbers.
 
-use super::super::Equation;
+use super::super::equation::Equation;
 use super::super::graph::{self, Given};
 use super::super::operation::{Binary, Unary};
-use super::super::table::Integrator;
 use super::super::walls::{TextWalls, Value};
 use super::numbers::{Numbers, Signed, Source};
-use crate::network::cells::Walls;
+use crate::network::cells::integrator::Integrand;
+use crate::network::cells::state::Walls;
 use paig_kernels::gpu::roll_out::{Barrier, Operation};
 
 /// Longest list: one thread goes through it, so a longer one is left to libtorch.
@@ -62,86 +62,13 @@ impl Lowering<'_> {
         let coordinates = self.coordinates();
         let state: Vec<_> = (0..2 * coordinates).map(|place| self.numbers.put(Source::State(place))).collect();
         let (pos, vel) = state.split_at(coordinates);
-        let [moved_pos, moved_vel] = match self.equation.table.integrator {
-            Integrator::Euler => {
-                let acceleration = self.accelerations(pos, vel, 0.0)?;
-                let faster = self.numbers.along(vel, &acceleration, h);
-                [self.numbers.along(pos, &faster, h), faster]
-            }
-            Integrator::Verlet => {
-                let first = self.accelerations(pos, vel, 0.0)?;
-                let full = self.numbers.along(vel, &first, h);
-                let pos = self.numbers.along(pos, vel, h);
-                let pos = self.numbers.along(&pos, &first, 0.5 * h * h);
-                let second = self.accelerations(&pos, &full, h)?;
-                let both: Vec<_> = first.iter().zip(&second).map(|(a, b)| self.numbers.plus(*a, *b)).collect();
-                let vel = self.numbers.along(vel, &both, 0.5 * h);
-                [pos, vel]
-            }
-            Integrator::Rk4 => {
-                let mut slopes = vec![[vel.to_vec(), self.accelerations(pos, vel, 0.0)?]];
-                for (last, by) in [0.5 * h, 0.5 * h, h].into_iter().enumerate() {
-                    let [faster, accelerated] = &slopes[last];
-                    let (pos, vel) = (self.numbers.along(pos, faster, by), self.numbers.along(vel, accelerated, by));
-                    let acceleration = self.accelerations(&pos, &vel, by)?;
-                    slopes.push([vel, acceleration]);
-                }
-                [(pos, 0), (vel, 1)].map(|(from, half)| {
-                    let of = |stage: usize, place: usize| slopes[stage][half][place];
-                    let sums = (0..coordinates).map(|place| {
-                        let inner = self.numbers.plus(of(1, place), of(2, place));
-                        let two = self.numbers.number(2.0);
-                        let twice = self.numbers.times(inner, two);
-                        let sum = self.numbers.plus(of(0, place), twice);
-                        self.numbers.plus(sum, of(3, place))
-                    });
-                    let sums: Vec<_> = sums.collect();
-                    self.numbers.along(from, &sums, h / 6.0)
-                })
-            }
-        };
-        Some([moved_pos, moved_vel].concat())
+        let moved = self.equation.table.integrator.step(self, [pos.to_vec(), vel.to_vec()], h).concat();
+        (self.numbers.count() <= MOST_OPERATIONS).then_some(moved)
     }
 
     /// Of all objects.
     pub fn coordinates(&self) -> usize {
         self.equation.program.objects * self.equation.table.state.per_object()
-    }
-
-    /// The accelerations in a state, a time `by` after the beginning of the substep.
-    fn accelerations(&mut self, pos: &[Signed], vel: &[Signed], by: f64) -> Option<Vec<Signed>> {
-        let (held, mut time) = (self.numbers.put(Source::Held), self.numbers.put(Source::Since));
-        if by != 0.0 {
-            let by = self.numbers.number(by);
-            time = self.numbers.plus(time, by);
-        }
-        let moment = Moment { pos, vel, time: self.numbers.plus(held, time) };
-        let equation = self.equation;
-        let program = &equation.program;
-        let mut grids = Vec::with_capacity(program.graph.nodes.len());
-        for node in &program.graph.nodes {
-            let grid = match node.operation {
-                graph::Operation::Number(bits) => Grid::one(self.numbers.number(f64::from_bits(bits))),
-                graph::Operation::Given(given) => self.given(given, &moment),
-                graph::Operation::Unary(operation, of) => self.unary(operation, &grids[of]),
-                graph::Operation::Binary(operation, a, b) => {
-                    let numbers = [a, b].map(|place| program.graph.nodes[place].number());
-                    self.binary(operation, [&grids[a], &grids[b]], numbers)
-                }
-            };
-            grids.push(grid);
-            if self.numbers.count() > MOST_OPERATIONS {
-                return None;
-            }
-        }
-        let parts = self.equation.table.state.per_object();
-        let acceleration = |number: usize| {
-            let object = number / parts;
-            // One for all objects, or one of each.
-            let place = if program.accelerations.len() == 1 { 0 } else { object };
-            grids[program.accelerations[place]].at([object, 0, number % parts])
-        };
-        Some((0..self.coordinates()).map(acceleration).collect())
     }
 
     fn given(&mut self, given: Given, moment: &Moment) -> Grid {
@@ -289,5 +216,63 @@ impl Lowering<'_> {
         };
         let left = place(standing.restitution.unwrap_or(Value::Number(1.0)));
         Barrier { near, far, left }
+    }
+}
+
+impl Integrand for Lowering<'_> {
+    type Values = Vec<Signed>;
+    type Scalar = f64;
+
+    /// Of a list that is too long already they are left out.
+    fn acceleration(&mut self, pos: &Vec<Signed>, vel: &Vec<Signed>, since: f64) -> Vec<Signed> {
+        let (held, mut time) = (self.numbers.put(Source::Held), self.numbers.put(Source::Since));
+        if since != 0.0 {
+            let since = self.numbers.number(since);
+            time = self.numbers.plus(time, since);
+        }
+        let moment = Moment { pos, vel, time: self.numbers.plus(held, time) };
+        let equation = self.equation;
+        let program = &equation.program;
+        let mut grids = Vec::with_capacity(program.graph.nodes.len());
+        for node in &program.graph.nodes {
+            let grid = match node.operation {
+                graph::Operation::Number(bits) => Grid::one(self.numbers.number(f64::from_bits(bits))),
+                graph::Operation::Given(given) => self.given(given, &moment),
+                graph::Operation::Unary(operation, of) => self.unary(operation, &grids[of]),
+                graph::Operation::Binary(operation, a, b) => {
+                    let numbers = [a, b].map(|place| program.graph.nodes[place].number());
+                    self.binary(operation, [&grids[a], &grids[b]], numbers)
+                }
+            };
+            grids.push(grid);
+            if self.numbers.count() > MOST_OPERATIONS {
+                return pos.clone();
+            }
+        }
+        let parts = self.equation.table.state.per_object();
+        let acceleration = |number: usize| {
+            let object = number / parts;
+            // One for all objects, or one of each.
+            let place = if program.accelerations.len() == 1 { 0 } else { object };
+            grids[program.accelerations[place]].at([object, 0, number % parts])
+        };
+        (0..self.coordinates()).map(acceleration).collect()
+    }
+
+    fn along(&mut self, from: Vec<Signed>, rate: &Vec<Signed>, h: f64) -> Vec<Signed> {
+        self.numbers.along(&from, rate, h)
+    }
+
+    fn plus(&mut self, a: Vec<Signed>, b: &Vec<Signed>) -> Vec<Signed> {
+        a.iter().zip(b).map(|(a, b)| self.numbers.plus(*a, *b)).collect()
+    }
+
+    fn twice(&mut self, values: Vec<Signed>) -> Vec<Signed> {
+        let two = self.numbers.number(2.0);
+        values.iter().map(|value| self.numbers.times(*value, two)).collect()
+    }
+
+    fn copy(&mut self, values: &Vec<Signed>) -> Vec<Signed> {
+        values.clone()
     }
 }

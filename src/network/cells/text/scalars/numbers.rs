@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 use std::ops::Neg;
 
-use crate::network::cells::Bounds;
+use crate::network::cells::parameter::Bounds;
 use paig_kernels::gpu::roll_out::{Barrier, HELD, Instruction, Listing, Operation, SINCE, STATE};
 
 /// A single number: where it comes from.

@@ -1,0 +1,157 @@
+//! Numbers that methods of integration are applied to: tensors of a batch, rows of states side by side, one number.
+
+use std::ops::{Deref, DerefMut};
+
+use num_traits::Float;
+use tch::Tensor;
+
+use super::integrator::{Integrand, Integrator};
+use super::state::State;
+
+/// Accelerations of a batch as a tensor, with gradients: of positions, velocities and the time since the step began.
+#[derive(Debug)]
+pub(super) struct OnTensors<A>(pub A);
+
+impl<A: FnMut(&Tensor, &Tensor, f64) -> Tensor> Integrand for OnTensors<A> {
+    type Values = Tensor;
+    type Scalar = f64;
+
+    fn acceleration(&mut self, pos: &Tensor, vel: &Tensor, since: f64) -> Tensor {
+        (self.0)(pos, vel, since)
+    }
+
+    fn along(&mut self, from: Tensor, rate: &Tensor, h: f64) -> Tensor {
+        from + rate * h
+    }
+
+    fn plus(&mut self, a: Tensor, b: &Tensor) -> Tensor {
+        a + b
+    }
+
+    fn twice(&mut self, values: Tensor) -> Tensor {
+        values * 2.0
+    }
+
+    fn copy(&mut self, values: &Tensor) -> Tensor {
+        values.shallow_clone()
+    }
+}
+
+/// The state a step of Euler's method later, with this acceleration in `state`, `[batch, coordinates]`.
+pub(super) fn euler(state: &State, acceleration: &Tensor, h: f64) -> State {
+    let mut accelerated = OnTensors(|_: &Tensor, _: &Tensor, _| acceleration.shallow_clone());
+    let [pos, vel] =
+        Integrator::Euler.step(&mut accelerated, [state.pos.shallow_clone(), state.vel.shallow_clone()], h);
+    State { pos, vel }
+}
+
+/// A row of plain numbers: the caller's, which is written over, or one for what is computed on the way.
+#[derive(Debug)]
+pub(super) enum Row<'a, F> {
+    Lent(&'a mut [F]),
+    Own(Vec<F>),
+}
+
+impl<F> Deref for Row<'_, F> {
+    type Target = [F];
+
+    fn deref(&self) -> &[F] {
+        match self {
+            Row::Lent(row) => row,
+            Row::Own(row) => row,
+        }
+    }
+}
+
+impl<F> DerefMut for Row<'_, F> {
+    fn deref_mut(&mut self) -> &mut [F] {
+        match self {
+            Row::Lent(row) => row,
+            Row::Own(row) => row,
+        }
+    }
+}
+
+/// States side by side in plain numbers, `[coordinates, batch]`. `accelerate` writes the accelerations of positions and
+/// velocities at a time since the step began.
+#[derive(Debug)]
+pub(super) struct OnRows<'a, F, A> {
+    pub accelerate: A,
+    /// Rows to be written over.
+    pub spare: &'a mut Vec<Vec<F>>,
+}
+
+impl<F: Float, A> OnRows<'_, F, A> {
+    fn row(&mut self, length: usize) -> Vec<F> {
+        let mut row = self.spare.pop().unwrap_or_default();
+        row.resize(length, F::zero());
+        row
+    }
+}
+
+impl<'a, F: Float, A: FnMut(&[F], &[F], F, &mut [F])> Integrand for OnRows<'a, F, A> {
+    type Values = Row<'a, F>;
+    type Scalar = F;
+
+    fn acceleration(&mut self, pos: &Row<'a, F>, vel: &Row<'a, F>, since: F) -> Row<'a, F> {
+        let mut into = self.row(pos.len());
+        (self.accelerate)(pos, vel, since, &mut into);
+        Row::Own(into)
+    }
+
+    fn along(&mut self, mut from: Row<'a, F>, rate: &Row<'a, F>, h: F) -> Row<'a, F> {
+        from.iter_mut().zip(rate.iter()).for_each(|(from, rate)| *from = *from + *rate * h);
+        from
+    }
+
+    fn plus(&mut self, mut a: Row<'a, F>, b: &Row<'a, F>) -> Row<'a, F> {
+        a.iter_mut().zip(b.iter()).for_each(|(a, b)| *a = *a + *b);
+        a
+    }
+
+    fn twice(&mut self, mut values: Row<'a, F>) -> Row<'a, F> {
+        values.iter_mut().for_each(|value| *value = *value + *value);
+        values
+    }
+
+    fn copy(&mut self, values: &Row<'a, F>) -> Row<'a, F> {
+        let mut copy = self.row(values.len());
+        copy.copy_from_slice(values);
+        Row::Own(copy)
+    }
+
+    fn release(&mut self, values: Row<'a, F>) {
+        if let Row::Own(row) = values {
+            self.spare.push(row);
+        }
+    }
+}
+
+/// One coordinate of one state in single precision: the acceleration of its position and velocity.
+#[derive(Debug)]
+pub(super) struct OnNumber<A>(pub A);
+
+impl<A: FnMut(f32, f32) -> f32> Integrand for OnNumber<A> {
+    type Values = f32;
+    type Scalar = f32;
+
+    fn acceleration(&mut self, pos: &f32, vel: &f32, _since: f32) -> f32 {
+        (self.0)(*pos, *vel)
+    }
+
+    fn along(&mut self, from: f32, rate: &f32, h: f32) -> f32 {
+        from + rate * h
+    }
+
+    fn plus(&mut self, a: f32, b: &f32) -> f32 {
+        a + b
+    }
+
+    fn twice(&mut self, value: f32) -> f32 {
+        value + value
+    }
+
+    fn copy(&mut self, value: &f32) -> f32 {
+        *value
+    }
+}

@@ -172,7 +172,16 @@ impl Prepared {
         let results = scored(&model, test)?;
         observer.observe(&Event::Ended(Stage::Scoring))?;
         observer.observe(&Event::Scored { model: &model, results: &results })?;
-        let summary = summarize(config, &model, data, &results, verdict, &state, *threads, program)?;
+        let summary = summarize(
+            config,
+            &model,
+            [data.train.len(), data.valid.len()],
+            &results,
+            verdict,
+            &state,
+            *threads,
+            program,
+        )?;
         summary.write(folder.path())?;
         observer.observe(&Event::Begun(Stage::Pictures))?;
         viz::write_artifacts(folder.path(), &model, &results.clips.clips, config.output.examples)?;

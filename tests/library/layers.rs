@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 const LAYERS: [(&str, &[&str]); 3] = [
     ("src", &["support", "network", "tasks", "datasets", "generators", "runs", "evaluation", "training", "viz", "run"]),
     ("crates/video/src", &["import", "measure", "run"]),
-    ("crates/experiments/src", &["sweep", "stress", "control", "baselines"]),
+    ("crates/experiments/src", &["sweep", "stress", "baselines", "control", "comparison"]),
 ];
 /// Libraries that never print, and programs' code, which does.
 const SILENT: [&str; 5] =

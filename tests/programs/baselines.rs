@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use crate::programs::{baseline, paig};
+use crate::project::project;
 use crate::random::numbers;
 use paig::network::cells::Actions;
 use paig::tasks;
@@ -70,13 +71,13 @@ fn every_weight_of_a_whole_model_learns() {
 
 #[test]
 fn the_list_is_sound_and_says_what_is_wrong() {
-    let list = Comparison::read(Path::new("configs/baselines.toml")).unwrap();
+    let list = Comparison::read(&project("configs/baselines.toml")).unwrap();
     assert_eq!(list.tasks.len(), 5);
     assert!(list.model("interaction_network").is_ok());
     assert!(format!("{:#}", list.model("alchemy").unwrap_err()).contains("physics, physics_unrefined, lstm"));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("list.toml");
-    let text = fs::read_to_string("configs/baselines.toml").unwrap();
+    let text = fs::read_to_string(project("configs/baselines.toml")).unwrap();
     for (change, complaint) in [
         (("name = \"gru\"", "name = \"lstm\""), "lstm stands there twice"),
         (("name = \"gru\"", "name = \"objects\""), "model objects: runs that find objects"),

@@ -1,6 +1,5 @@
 //! The sweep: several runs at a time, one of which fails, then again.
 
-#[expect(dead_code, reason = "tests of single runs need more of it")]
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};

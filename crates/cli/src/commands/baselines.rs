@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use paig_experiments::baselines::comparison::{Comparing, ComparisonEvent, Ended, Watch};
 use paig_experiments::baselines::earlier::Earlier;
 use paig_experiments::baselines::list::Comparison;
 use paig_experiments::baselines::plan::Places;
+use paig_experiments::comparison::{Comparing, ComparisonEvent, Ended, Watch};
 use paig_experiments::sweep;
 use paig_terminal::arguments::parse_seeds;
 use paig_terminal::generate_display::Display;

@@ -14,7 +14,7 @@ use paig_terminal::ending::begin_work;
 use paig_terminal::interrupt;
 use paig_terminal::say;
 
-/// Trains tasks x seeds as processes of run_physics, a few at a time.
+/// Trains tasks x seeds as processes of `paig train`, a few at a time.
 ///
 /// A run goes to OUT/TASK/RECIPE/seed=N (or OUT/TASK/RECIPE-NAME/seed=N), what it prints to output.log there. Given
 /// again, the same command skips what has finished (a file DONE marks it) and goes on with what was cut off. A run

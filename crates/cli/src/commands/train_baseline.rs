@@ -10,8 +10,8 @@ use paig::tasks;
 use paig::training::base::Outcome;
 use paig::training::layers::usual_data_folder;
 use paig_experiments::baselines::whole_models::config::{WholeConfig, WholeModel};
-use paig_experiments::baselines::whole_models::run::WholeRun;
 use paig_experiments::baselines::whole_models::scores::WholeScores;
+use paig_experiments::comparison::whole_run::WholeRun;
 use paig_terminal::ending::begin_work;
 use paig_terminal::{environment, interrupt, say};
 
@@ -124,7 +124,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
 
 #[cfg(test)]
 mod tests {
-    use paig_experiments::baselines::whole_models::run::has_worths;
+    use paig_experiments::comparison::whole_run::has_worths;
 
     use super::*;
 

@@ -180,7 +180,8 @@ mod tests {
     #[test]
     fn a_run_without_results_counts_as_one_that_did_not_succeed() {
         let folder = tempfile::tempdir().unwrap();
-        let list = StressList::read(Path::new("configs/stress.toml")).unwrap();
+        let list =
+            StressList::read(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/stress.toml"))).unwrap();
         let scene = &list.scenes[0];
         // As a run leaves it that is killed while its data are read.
         let place = folder.path().join("data=1").join(&scene.task.name).join("fast/seed=1");

@@ -22,9 +22,11 @@ use paig_experiments::control::vision::Vision;
 impl Arguments {
     /// The run's latent model.
     pub(super) fn planet(&self, setting: &Setting) -> Result<Planet> {
-        let run = self.run.as_ref().context("the planner latent needs the run folder of a `planet`")?;
+        let run =
+            self.run.as_ref().context("the planner latent needs the run folder of `paig train-baseline planet`")?;
         let config = config::read(run)?.filter(|config| config.model == WholeModel::Planet);
-        let config = config.with_context(|| format!("{} is not the run of a `planet`", run.display()))?;
+        let config =
+            config.with_context(|| format!("{} is not the run of `paig train-baseline planet`", run.display()))?;
         let upright = matches!(&setting.rules.reward, Reward::Goal(goal) if goal.place == [0.0] && goal.swing == 0.0);
         let world = setting.world()?.format();
         world.check(&setting.task.system)?;

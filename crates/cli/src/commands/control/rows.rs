@@ -89,7 +89,11 @@ mod tests {
             arguments.unusual(&arguments.setting().unwrap(), Who::Zero)
         };
         assert_eq!(
-            unusual("control --task configs/control/puck.toml --goal 22,16.5 --steps 7"),
+            unusual(concat!(
+                "control --task ",
+                env!("CARGO_MANIFEST_DIR"),
+                "/../../configs/control/puck.toml --goal 22,16.5 --steps 7"
+            )),
             "goal at y 16.5; 7 steps"
         );
         assert_eq!(unusual("control --steps 50 --goal 20"), "");

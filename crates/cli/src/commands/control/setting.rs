@@ -135,7 +135,7 @@ impl Arguments {
         let run = self.run.as_ref().context("this needs a run folder, for the model that sees")?;
         ensure!(
             !matches!(config::read(run), Ok(Some(_))),
-            "{} is the run of a whole other model; that of a `planet` goes with --planner latent, without --goal-image",
+            "{} is the run of a whole other model; that of `paig train-baseline planet` goes with --planner latent, without --goal-image",
             run.display()
         );
         let (config, model) = load_model(run, SavedWeights::Last, Device::Cpu)?;
@@ -161,7 +161,8 @@ mod tests {
     fn setting_of([from, to]: [&str; 2], options: &[&str]) -> Result<Setting> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("task.toml");
-        let text = fs::read_to_string("configs/tasks/pendulum.toml")?.replace("name = \"pendulum\"", "name = \"mine\"");
+        let text = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/tasks/pendulum.toml"))?
+            .replace("name = \"pendulum\"", "name = \"mine\"");
         assert!(text.contains(from), "{from}");
         fs::write(&file, text.replace(from, to))?;
         let words = ["control", "--task", file.to_str().unwrap()].into_iter().chain(options.iter().copied());

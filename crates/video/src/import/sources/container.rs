@@ -283,7 +283,7 @@ mod tests {
 
     #[test]
     fn pixels_that_are_not_square_are_refused() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/numbered.mp4");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/numbered.mp4");
         let bytes = std::fs::read(path).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let read = |bytes: &[u8]| {

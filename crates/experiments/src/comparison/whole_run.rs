@@ -13,8 +13,8 @@ use paig::tasks::{self, Task};
 use paig::training::base::Outcome;
 use tch::{Device, Tensor};
 
-use super::config::WholeConfig;
-use super::training::{self, WholeData};
+use crate::baselines::whole_models::config::WholeConfig;
+use crate::baselines::whole_models::training::{self, WholeData};
 use crate::control::reward::{Goal, Reward};
 use crate::control::state::ControlState;
 

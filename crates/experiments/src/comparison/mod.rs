@@ -1,5 +1,7 @@
 //! The paper's comparison, from its list to its report.
 
+pub mod whole_run;
+
 use std::collections::BTreeSet;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
@@ -13,12 +15,12 @@ use paig::runs::metrics::Record;
 use paig::support::device;
 use tch::Device;
 
-use super::earlier::Earlier;
-use super::list::{Comparison, Entry};
-use super::page::Report;
-use super::plan::{self, Places, Training};
-use super::results::{Row, Searched, searched};
-use super::whole_models::run::WholeRun;
+use self::whole_run::WholeRun;
+use crate::baselines::earlier::Earlier;
+use crate::baselines::list::{Comparison, Entry};
+use crate::baselines::page::Report;
+use crate::baselines::plan::{self, Places, Training};
+use crate::baselines::results::{Row, Searched, searched};
 use crate::sweep::{self, Job, SweepEvent};
 
 /// What happens in a comparison.

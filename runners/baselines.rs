@@ -75,6 +75,9 @@ struct Arguments {
     /// Only write the report of the trainings that are there
     #[arg(long)]
     report_only: bool,
+    /// Draw no figures: a report that is small enough to be kept in a repository
+    #[arg(long)]
+    no_pictures: bool,
 }
 
 fn main() -> ExitCode {
@@ -109,7 +112,7 @@ impl Arguments {
             let (models, tasks) = (comparing.models(&self.model)?, comparing.tasks(&self.task)?);
             code = comparing.train_all(&models, &tasks, &seeds, !self.no_search, self.efficiency)?;
         }
-        comparing.report(&reported, &self.out)?;
+        comparing.report(&reported, &self.out, !self.no_pictures)?;
         Ok(code)
     }
 }

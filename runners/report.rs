@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 use paig::cli::ending::exit_code;
-use paig::report;
+use paig::report::{self, Pictures};
 use paig::say;
 
 /// Writes a report of all runs in and under the given folders: report.md, report.html (one file, with its pictures),
@@ -23,6 +23,9 @@ struct Arguments {
     /// Folder of the report; what an earlier report left there is replaced
     #[arg(long, default_value = "report")]
     out: PathBuf,
+    /// Draw no pictures: a report that is small enough to be kept in a repository
+    #[arg(long)]
+    no_pictures: bool,
 }
 
 fn main() -> ExitCode {
@@ -30,7 +33,8 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<ExitCode> {
-    let found = report::write(&arguments.runs, &arguments.out)?;
+    let pictures = if arguments.no_pictures { Pictures::LeftOut } else { Pictures::Shown };
+    let found = report::write(&arguments.runs, &arguments.out, pictures)?;
     let report::RunCounts { finished, unfinished, unreadable } = found;
     say!("{finished} finished, {unfinished} unfinished, {unreadable} unreadable runs");
     say!("{}", arguments.out.join("report.html").display());

@@ -27,6 +27,7 @@ use paig::import::crop::CropChoice;
 use paig::import::import;
 use paig::import::request::Request;
 use paig::network::physics_models::PhysicsNet;
+use paig::report::Pictures;
 use paig::runs::checkpoint::{SavedWeights, Store, find_weights};
 use paig::runs::convert::convert;
 use paig::runs::folder::RunFolder;
@@ -302,10 +303,10 @@ fn a_report_is_the_old_or_the_new_at_the_latest_after_the_next() {
         stride(5),
         || {
             let folder = temporary();
-            report::write(&runs, &folder.path().join("report")).unwrap();
+            report::write(&runs, &folder.path().join("report"), Pictures::Shown).unwrap();
             folder
         },
-        |folder| report::write(&runs, &folder.path().join("report")).map(drop),
+        |folder| report::write(&runs, &folder.path().join("report"), Pictures::Shown).map(drop),
         |folder, fault, at| {
             let out = folder.path().join("report");
             // A run that could not be read is said to be so. Otherwise its records, from which a report is made again when
@@ -313,7 +314,7 @@ fn a_report_is_the_old_or_the_new_at_the_latest_after_the_next() {
             let records = ["records", ".new/records"].map(|name| out.join(name).join("spring_color"));
             let said = || fs::read_to_string(out.join("report.md")).unwrap().contains("cannot be read");
             assert!(records.iter().any(|place| place.exists()) || said(), "{fault:?} at {at}: the records are gone");
-            report::write(&runs, &out).unwrap_or_else(|error| panic!("{fault:?} at {at}: {error:#}"));
+            report::write(&runs, &out, Pictures::Shown).unwrap_or_else(|error| panic!("{fault:?} at {at}: {error:#}"));
             for name in ["report.md", "report.html", "results.json", "records", "pictures"] {
                 assert!(out.join(name).exists(), "{fault:?} at {at}: {name} is missing");
             }

@@ -61,10 +61,10 @@ data: build
 STRESS_SEEDS ?= 4-8,10,11
 
 stress: build
-	$(PAIG) stress --data-seeds $(STRESS_SEEDS) --jobs $(JOBS) --out reports/stress
+	$(PAIG) stress --data-seeds $(STRESS_SEEDS) --jobs $(JOBS) --no-pictures --out reports/stress
 
 baselines: build
-	$(PAIG) baselines --jobs $(JOBS) --efficiency --out reports/baselines
+	$(PAIG) baselines --jobs $(JOBS) --efficiency --no-pictures --out reports/baselines
 
 # Two tasks and two scenes of the stress suite; what is left out or changed, each alone.
 ABLATED := spring_color 3bp_color configs/stress/spring_noise_10.toml configs/stress/spring_same_colour.toml
@@ -87,7 +87,7 @@ ablations: build
 	for task in $(ABLATED); do set -- "$$@" --task $$task; done; \
 	$(PAIG) sweep "$$@" --seeds $(ABLATION_SEEDS) --data data/ablations \
 		--out runs/ablations --jobs $(JOBS) --threads-per-run 1 || [ $$? -eq 1 ]
-	$(PAIG) report runs/ablations --out reports/ablations
+	$(PAIG) report runs/ablations --no-pictures --out reports/ablations
 
 # Of the float on water no clips can be generated: it sinks with the water from the first frame on.
 GALLERY := $(filter-out %/torricelli.toml,$(wildcard configs/gallery/*.toml))
@@ -100,7 +100,7 @@ gallery: build
 	for task in $(GALLERY); do set -- "$$@" --task $$task; done; \
 	$(PAIG) sweep "$$@" --seeds $(GALLERY_SEEDS) --data data/gallery \
 		--out runs/gallery --jobs $(JOBS) --threads-per-run 1 || [ $$? -eq 1 ]
-	$(PAIG) report runs/gallery --out reports/gallery
+	$(PAIG) report runs/gallery --no-pictures --out reports/gallery
 
 # Each part leaves what it printed in target/torture; the last one makes the report of all. What fails stops no other part.
 KILLS ?= 300

@@ -1,5 +1,5 @@
 //! What every other folder may use: the best assignment, files that appear whole or not at all, command lines, the device,
-//! memory, random numbers, significant digits, medians, fast arithmetic, processor time, the values of TOML files.
+//! JSON in lines, memory, random numbers, significant digits, medians, fast arithmetic, processor time, the values of TOML files.
 
 pub mod assignment;
 pub mod atomic;
@@ -7,6 +7,7 @@ pub mod command_line;
 pub mod device;
 pub mod exit_codes;
 pub mod fast_math;
+pub mod json_lines;
 pub mod least_squares;
 pub mod memory;
 pub mod random;

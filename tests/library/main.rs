@@ -16,6 +16,7 @@ mod objects;
 mod pendulum_data;
 mod recentre;
 mod refinement;
+mod repository;
 mod second_look;
 mod ssim;
 mod subtract_background;

@@ -201,6 +201,17 @@ fn a_small_comparison_runs_to_its_report() {
         let read = |of: &Path| fs::read(of.join(file)).unwrap();
         assert!(read(&report) == read(&folder.path().join("copy")), "{file}");
     }
+    // A report without figures holds all that a later one draws them of.
+    let plain = compare(&["--add", "kept", "--report-only", "--no-pictures", "--out", "plain"]);
+    assert!(plain.status.success(), "{}", text(&plain));
+    let page = fs::read_to_string(folder.path().join("plain/report.md")).unwrap();
+    assert!(!page.contains("![") && page.contains("draws them"), "{page}");
+    let drawn = compare(&["--add", "plain", "--report-only", "--out", "drawn"]);
+    assert!(drawn.status.success(), "{}", text(&drawn));
+    for file in ["report.md", "results.json", "pictures/spring_color-gallery.png"] {
+        let read = |of: &Path| fs::read(of.join(file)).unwrap();
+        assert!(read(&report) == read(&folder.path().join("drawn")), "{file}");
+    }
     // A row of a whole model with other steps than the list's is none of it, nor one of other clips.
     let text_of_list = fs::read_to_string(&list).unwrap();
     fs::write(&list, text_of_list.replace("steps = { spring_color = 3 }", "steps = { spring_color = 2 }")).unwrap();

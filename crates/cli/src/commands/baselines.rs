@@ -78,6 +78,9 @@ pub struct Arguments {
     /// Only write the report of the trainings that are there
     #[arg(long)]
     report_only: bool,
+    /// Draw no figures: a report that is small enough to be kept in a repository
+    #[arg(long)]
+    no_pictures: bool,
 }
 
 impl Arguments {
@@ -118,7 +121,7 @@ impl Arguments {
                 }
             };
         }
-        let count = comparing.report(&reported, &self.out)?;
+        let count = comparing.report(&reported, &self.out, !self.no_pictures)?;
         say!("{count} trainings; {}", self.out.join("report.md").display());
         Ok(code)
     }

@@ -55,6 +55,9 @@ pub struct Arguments {
     /// Only write the report of the runs that are there
     #[arg(long)]
     report_only: bool,
+    /// Draw no pictures: a report that is small enough to be kept in a repository
+    #[arg(long)]
+    no_pictures: bool,
 }
 
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
@@ -115,7 +118,7 @@ fn report(arguments: &Arguments, list: &StressList, data_seeds: &[u64]) -> Resul
     outcomes.sort_by_key(|outcome| (place(outcome), outcome.data_seed, outcome.seed));
     ensure!(!outcomes.is_empty(), "{} holds no run of the suite", arguments.runs.display());
     let succeeded = outcomes.iter().filter(|outcome| outcome.succeeded).count();
-    stress::write(&arguments.out, list, &outcomes, &pictured)?;
+    stress::write(&arguments.out, list, &outcomes, (!arguments.no_pictures).then_some(&pictured))?;
     say!("{succeeded} of {} runs succeeded; {}", outcomes.len(), arguments.out.join("report.md").display());
     Ok(())
 }

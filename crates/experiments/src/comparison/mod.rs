@@ -233,11 +233,11 @@ impl Comparing {
         Ok(!ended.failed.is_empty())
     }
 
-    /// Writes the report of all trainings with these seeds that are there. Returns how many there are.
+    /// Writes the report of all trainings with these seeds that are there, with or without figures. Returns how many there are.
     ///
     /// # Errors
     /// None that has finished, a folder that cannot be written.
-    pub fn report(&self, seeds: &[u64], out: &Path) -> Result<usize> {
+    pub fn report(&self, seeds: &[u64], out: &Path, pictures: bool) -> Result<usize> {
         let models = self.models(&[])?;
         let mut trainings = self.trainings(&models, &self.list.tasks, seeds, self.clips)?;
         for &clips in self.list.efficiency.train.iter().filter(|clips| **clips != self.clips) {
@@ -256,7 +256,7 @@ impl Comparing {
         ensure!(!rows.is_empty(), "{} holds no finished training of the comparison", self.places.runs.display());
         let searched = self.searched()?;
         let count = rows.len();
-        Report { list: &self.list, seeds, rows, searched, clips: self.clips }.write(out)?;
+        Report { list: &self.list, seeds, rows, searched, clips: self.clips, pictures }.write(out)?;
         Ok(count)
     }
 }

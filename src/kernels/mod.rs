@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 mod adam;
 mod autograd;
+mod capability;
 mod convolution;
 mod cuda;
 mod dense;
@@ -36,11 +37,13 @@ mod subnormals;
 mod tensors;
 mod threads;
 mod unet;
+mod vector_path;
 mod weight_gradient;
 mod winograd;
 
 pub use adam::AdamStep;
 pub use autograd::forget_gradient;
+pub use capability::libtorch_capability;
 pub use cuda::{Repeated, allow_tf32, own_stream};
 pub use lanes::Instructions;
 pub use sprites::Scene;
@@ -51,6 +54,7 @@ pub use tensors::{
 };
 pub use threads::{KernelsAlone, in_parallel};
 pub use unet::Shape;
+pub use vector_path::vector_path;
 
 /// What computes what this module can.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -1,5 +1,6 @@
 # make demo      set up, build what it needs, generate the spring data, train, score
-# make test      set up, run the tests, check format, lints and docs
+# make test      set up, run the tests, check format, lints and docs; the last line counts passed and failed tests
+# make test-vector-paths  the short tests of the kernels' portable and AVX2 paths alone (part of make test)
 # make lint      check format, lints and docs alone
 # make build     build paig and the runners, into target/release
 # make data      generate the spring data alone
@@ -35,7 +36,7 @@ JOBS ?= 2
 # Stands where the references' Python environment is complete.
 COMPARE_READY := compare/.venv/installed
 
-.PHONY: demo test lint libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
+.PHONY: demo test test-vector-paths lint libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
 
 demo: libtorch
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -43,8 +44,10 @@ demo: libtorch
 
 # Lints come last: those that a newer compiler brings hide no test.
 test: libtorch
-	$(CARGO) test --release --workspace
-	$(MAKE) lint
+	@CARGO="$(CARGO)" MAKE="$(MAKE)" setup/test.sh all
+
+test-vector-paths: libtorch
+	@CARGO="$(CARGO)" setup/test.sh paths
 
 lint: libtorch
 	$(CARGO) fmt --check

@@ -11,6 +11,7 @@ mod dynamics;
 mod equation_text;
 mod generators;
 mod identify;
+mod kernel_extremes;
 mod layers;
 mod objects;
 mod pendulum_data;

@@ -241,7 +241,10 @@ fn a_report_without_pictures_has_the_same_numbers_and_leaves_no_picture() {
     let mut command = paig("report");
     assert!(command.arg(&runs).arg("--no-pictures").arg("--out").arg(&out).output().unwrap().status.success());
     let plain = fs::read_to_string(out.join("report.md")).unwrap();
-    assert!(!plain.contains("![") && plain.contains(&format!("`paig report {}` draws them", runs.display())), "{plain}");
+    assert!(
+        !plain.contains("![") && plain.contains(&format!("`paig report {}` draws them", runs.display())),
+        "{plain}"
+    );
     assert_eq!(read(&out.join("results.json")), results);
     assert!(!picture.exists() && fs::read_dir(out.join("pictures")).unwrap().next().is_none());
     // All words and numbers are there, in their order.

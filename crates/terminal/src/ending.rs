@@ -15,7 +15,7 @@ use nix::errno::Errno;
 
 use super::interrupt;
 use super::progress::{ensure_written, write_error_line};
-use paig_kernels::flush_subnormals;
+use paig_kernels::{flush_subnormals, vector_path};
 
 /// The input is sound and the work has begun.
 static AT_WORK: AtomicBool = AtomicBool::new(false);
@@ -39,7 +39,8 @@ pub fn exit_code(program: impl FnOnce() -> Result<ExitCode>) -> ExitCode {
     flush_subnormals();
     panic::set_hook(Box::new(note));
     one_line_on_abort();
-    match panic::catch_unwind(AssertUnwindSafe(program)) {
+    let checked = || vector_path().as_ref().map_err(Error::msg).and_then(|_| program());
+    match panic::catch_unwind(AssertUnwindSafe(checked)) {
         Ok(Ok(code)) => match ensure_written() {
             Err(error) if !(interrupt::asked() && is_hung_up(&error)) => failed(&error),
             _ => code,

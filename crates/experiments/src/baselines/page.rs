@@ -73,7 +73,9 @@ impl Report<'_> {
             self.clips
         );
         if !self.pictures {
-            page.push_str("The figures are left out: `paig baselines --report-only --add` with this folder draws them.\n\n");
+            page.push_str(
+                "The figures are left out: `paig baselines --report-only --add` with this folder draws them.\n\n",
+            );
         }
         self.sizes(&mut page);
         self.search(&mut page);

@@ -36,7 +36,7 @@ JOBS ?= 2
 # Stands where the references' Python environment is complete.
 COMPARE_READY := compare/.venv/installed
 
-.PHONY: demo test test-vector-paths lint libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
+.PHONY: demo test test-vector-paths lint format clippy documentation libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
 
 demo: libtorch
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -49,9 +49,15 @@ test: libtorch
 test-vector-paths: libtorch
 	@CARGO="$(CARGO)" setup/test.sh paths
 
-lint: libtorch
+lint: format clippy documentation
+
+format:
 	$(CARGO) fmt --check
+
+clippy: libtorch
 	$(CARGO) clippy --release --workspace --all-targets -- -D warnings
+
+documentation: libtorch
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --workspace --no-deps --document-private-items
 
 build: libtorch

@@ -43,7 +43,7 @@ case ${1:-all} in
     all)
         step tests "$cargo" test --release --workspace --no-fail-fast
         paths
-        step lints "${MAKE:-make}" lint
+        step lints "${MAKE:-make}" --keep-going lint
         ;;
     paths) paths ;;
     *)

@@ -127,6 +127,7 @@ const BETWEEN: Duration = Duration::from_millis(20);
 /// A folder that another program uses, or that cannot be written.
 pub fn lock(path: &Path) -> Result<File> {
     let place = path.join(LOCK);
+    ensure!(!atomic::is_stream(&place), "{} is a pipe or a device; a run locks a file there", place.display());
     let lock = OpenOptions::new().create(true).append(true).open(&place);
     let lock = lock.with_context(|| format!("cannot open {}", place.display()))?;
     for _ in 0..ATTEMPTS {

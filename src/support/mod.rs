@@ -10,6 +10,7 @@ pub mod fast_math;
 pub mod json_lines;
 pub mod least_squares;
 pub mod memory;
+pub mod picture_file;
 pub mod random;
 pub mod significant;
 pub mod statistics;

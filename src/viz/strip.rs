@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use tch::{Kind, Tensor};
 
 use super::canvas::{Canvas, pictures};
+use crate::support::picture_file;
 
 /// Writes frames `[frames, C, S, S]` in \[0, 1\] side by side, each of their pixels one pixel of 8 bits.
 ///
@@ -26,7 +27,7 @@ pub fn write_strip(path: &Path, frames: &Tensor) -> Result<()> {
 /// # Errors
 /// A file that is no picture, or whose sides say that it holds another number of frames.
 pub fn read_strip(path: &Path, frames: usize) -> Result<Tensor> {
-    let picture = image::open(path).with_context(|| format!("cannot read {}", path.display()))?.to_rgb8();
+    let picture = picture_file::read(path)?.to_rgb8();
     let (width, side) = picture.dimensions();
     ensure!(
         u64::from(width) == u64::from(side) * frames as u64,

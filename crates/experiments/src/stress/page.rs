@@ -5,15 +5,15 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use image::ImageFormat;
 use image::imageops::FilterType;
-use image::{ImageFormat, ImageReader};
 
 use super::list::StressList;
 use super::matrix::Outcome;
 use paig::network::physics_models::losses::Loss;
 use paig::runs::run::Run;
 use paig::support::storage::storage;
-use paig::support::{atomic, json_lines};
+use paig::support::{atomic, json_lines, picture_file};
 
 /// The report's files.
 const RESULTS: &str = "results.json";
@@ -49,8 +49,7 @@ fn picture(from: &Path, to: &Path) -> Result<()> {
     if !from.exists() {
         return Ok(());
     }
-    let read = || Ok::<_, anyhow::Error>(ImageReader::open(from)?.decode()?);
-    let example = read().with_context(|| format!("cannot read {}", from.display()))?;
+    let example = picture_file::read(from)?;
     let (width, height) = (example.width(), example.height());
     let shown = example.crop_imm(0, 0, (f64::from(width) * SHOWN) as u32, height);
     let size = |length: u32| ((f64::from(length) * SCALE) as u32).max(1);

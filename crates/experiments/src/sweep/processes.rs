@@ -16,7 +16,7 @@ use paig::runs::folder::RunFolder;
 use paig::runs::names::{DONE, OUTPUT};
 use paig::support::atomic;
 use paig::support::exit_codes::SIGNALLED;
-use paig::support::storage::storage;
+use paig::support::storage::{self, storage};
 
 /// The program that trains.
 const PROGRAM: &str = "paig";
@@ -195,12 +195,13 @@ fn spawn(program: &Path, job: &Job, stage: Stage) -> Result<Option<Child>> {
 fn open_output(folder: &Path) -> Result<File> {
     storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let path = folder.join(OUTPUT);
+    ensure!(!atomic::is_stream(&path), "{} is a pipe or a device", path.display());
     OpenOptions::new().create(true).append(true).open(&path).with_context(|| format!("cannot open {}", path.display()))
 }
 
 /// Why a run failed: the last error in what it printed, else its last line.
 fn reason(path: &Path, from: u64) -> std::io::Result<String> {
-    let mut file = File::open(path)?;
+    let mut file = storage::open(path)?;
     file.seek(SeekFrom::Start(from))?;
     let mut printed = Vec::new();
     file.take(MOST_PRINTED).read_to_end(&mut printed)?;
@@ -240,8 +241,8 @@ pub fn forget_failure(folder: &Path) -> Result<()> {
 /// # Errors
 /// A file that cannot be read.
 pub fn last_line(path: &Path) -> std::io::Result<String> {
-    let mut file = File::open(path)?;
-    let length = file.metadata()?.len();
+    let mut file = storage::open(path)?;
+    let length = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
     let mut tail = Vec::new();
     file.read_to_end(&mut tail)?;

@@ -27,7 +27,12 @@ const SCALE: f64 = 0.4;
 ///
 /// # Errors
 /// A folder that cannot be written.
-pub fn write(out: &Path, list: &StressList, outcomes: &[Outcome], pictured: &BTreeMap<String, Run>) -> Result<()> {
+pub(super) fn write(
+    out: &Path,
+    list: &StressList,
+    outcomes: &[Outcome],
+    pictured: &BTreeMap<String, Run>,
+) -> Result<()> {
     let pictures = out.join(PICTURES);
     storage().create_folder(&pictures).with_context(|| format!("cannot create {}", pictures.display()))?;
     for (scene, run) in pictured {

@@ -11,8 +11,7 @@ use paig_experiments::baselines::earlier::Earlier;
 use paig_experiments::baselines::list::Comparison;
 use paig_experiments::baselines::plan::Places;
 use paig_experiments::comparison::{Comparing, ComparisonEvent, Ended, Watch};
-use paig_experiments::sweep;
-use paig_terminal::arguments::parse_seeds;
+use paig_experiments::sweep::{self, parse_seeds};
 use paig_terminal::generate_display::Display;
 use paig_terminal::{environment, interrupt, say};
 

@@ -27,7 +27,7 @@ const SCALE: f64 = 0.4;
 ///
 /// # Errors
 /// A folder that cannot be written.
-pub fn write(
+pub(super) fn write(
     out: &Path,
     list: &StressList,
     outcomes: &[Outcome],

@@ -1,36 +1,36 @@
-//! What is played, by the arguments.
+//! The world of an experiment and its rules.
 
 use anyhow::{Context, Result, bail, ensure};
 use tch::Device;
 
-use super::Arguments;
+use super::Experiment;
+use crate::baselines::whole_models::config;
+use crate::control::environment::{Environment, FrameFormat, Rules};
+use crate::control::faults::{Faults, Faulty};
+use crate::control::model::Model;
+use crate::control::pendulum::{self, PendulumEnvironment, PendulumSettings};
+use crate::control::reward::{Goal, Reward};
+use crate::control::scene::SceneEnvironment;
+use crate::control::vision::Vision;
 use paig::network::cells::Coordinates;
 use paig::network::physics_models::PhysicsNet;
 use paig::runs::checkpoint::SavedWeights;
 use paig::tasks::scene::Motion;
 use paig::tasks::{self, Task};
 use paig::training::saved::load_model;
-use paig_experiments::baselines::whole_models::config;
-use paig_experiments::control::environment::{Environment, FrameFormat, Rules};
-use paig_experiments::control::faults::{Faults, Faulty};
-use paig_experiments::control::model::Model;
-use paig_experiments::control::pendulum::{self, PendulumEnvironment, PendulumSettings};
-use paig_experiments::control::reward::{Goal, Reward};
-use paig_experiments::control::scene::SceneEnvironment;
-use paig_experiments::control::vision::Vision;
 
-/// What is played: a world and its rules.
-pub(super) struct Setting {
+/// A world and its rules.
+pub(super) struct Scenario {
     pub(super) task: Task,
     /// None of a task whose objects move in the plane.
     pub(super) pendulum: Option<PendulumSettings>,
     pub(super) rules: Rules,
-    /// Steps of an episode where the arguments say nothing else.
+    /// Steps of an episode where none are given.
     pub(super) usual_steps: usize,
     pub(super) faults: Faults,
 }
 
-impl Setting {
+impl Scenario {
     pub(super) fn world(&self) -> Result<Box<dyn Environment>> {
         let rules = self.rules.clone();
         let world: Box<dyn Environment> = match self.pendulum {
@@ -48,8 +48,8 @@ impl Setting {
     }
 }
 
-impl Arguments {
-    pub(super) fn setting(&self) -> Result<Setting> {
+impl Experiment {
+    pub(super) fn scenario(&self) -> Result<Scenario> {
         let task = match &self.run {
             Some(run) => match config::read(run)? {
                 Some(whole) => tasks::find(&whole.task)?,
@@ -82,7 +82,7 @@ impl Arguments {
         let usual_steps = rules.steps;
         let steps = self.steps.unwrap_or(usual_steps);
         ensure!(steps >= rules.hold, "--steps must be at least {}, not {steps}", rules.hold);
-        Ok(Setting {
+        Ok(Scenario {
             pendulum,
             usual_steps,
             rules: Rules { steps, frames_before: self.frames_before, ..rules },
@@ -152,21 +152,17 @@ fn format_of(task: &Task) -> FrameFormat {
 mod tests {
     use std::fs;
 
-    use clap::Parser;
-
-    use super::super::Line;
     use super::*;
 
-    /// The setting of the built-in pendulum with one text in the place of another one.
-    fn setting_of([from, to]: [&str; 2], options: &[&str]) -> Result<Setting> {
+    /// The scenario of the built-in pendulum with one text in the place of another one.
+    fn scenario_of([from, to]: [&str; 2], experiment: Experiment) -> Result<Scenario> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("task.toml");
         let text = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/tasks/pendulum.toml"))?
             .replace("name = \"pendulum\"", "name = \"mine\"");
         assert!(text.contains(from), "{from}");
         fs::write(&file, text.replace(from, to))?;
-        let words = ["control", "--task", file.to_str().unwrap()].into_iter().chain(options.iter().copied());
-        Line::try_parse_from(words)?.arguments.setting()
+        Experiment { task: file.to_str().unwrap().into(), ..experiment }.scenario()
     }
 
     #[test]
@@ -175,14 +171,15 @@ mod tests {
             "g = 10.0, m = 1.0, length = 1.0, a = 1.0, torque = 2.0",
             "g = 5.0, m = 1.0, length = 1.0, a = 1.5, torque = 1.0",
         ];
-        let setting = setting_of(numbers, &[]).unwrap();
-        let pendulum = setting.pendulum.unwrap();
-        assert_eq!((pendulum.gravity, pendulum.torque_acceleration(), setting.rules.largest_action), (5.0, 4.5, 1.0));
-        let changed = setting_of(numbers, &["--gravity", "6", "--gymnasium"]).unwrap();
+        let scenario = scenario_of(numbers, Experiment::default()).unwrap();
+        let pendulum = scenario.pendulum.unwrap();
+        assert_eq!((pendulum.gravity, pendulum.torque_acceleration(), scenario.rules.largest_action), (5.0, 4.5, 1.0));
+        let experiment = Experiment { gravity: Some(6.0), gymnasium: true, ..Experiment::default() };
+        let changed = scenario_of(numbers, experiment).unwrap();
         let pendulum = changed.pendulum.unwrap();
         assert_eq!((pendulum.gravity, pendulum.actuation, pendulum.largest_rate), (6.0, 1.5, 1.0));
         // The usual scene is the paper's pendulum, to the bit.
-        let usual = Line::try_parse_from(["control"]).unwrap().arguments.setting().unwrap();
+        let usual = Experiment::default().scenario().unwrap();
         assert_eq!(usual.pendulum, Some(PendulumSettings::default()));
         assert_eq!(usual.rules, Rules::pendulum(Goal::angle(0.0).swinging(0.0, 50.0)));
     }
@@ -198,7 +195,7 @@ mod tests {
             (["dt = 0.05", "dt = 0.1"], "velocities would not agree"),
             (["torque = 2.0", "torque = 0.0"], "task mine: nothing can act"),
         ] {
-            let error = format!("{:#}", setting_of(change, &[]).err().unwrap());
+            let error = format!("{:#}", scenario_of(change, Experiment::default()).err().unwrap());
             assert!(error.contains(complaint), "{error}");
         }
     }

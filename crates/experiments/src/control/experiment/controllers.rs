@@ -1,46 +1,46 @@
-//! Who decides, with which model.
+//! The controller of each planner, with its model.
 
 use anyhow::{Context, Result, ensure};
 use tch::Device;
 
-use super::setting::Setting;
-use super::{Arguments, Method, Who};
+use super::scenario::Scenario;
+use super::{Experiment, PlannerKind, SearchMethod};
+use crate::baselines::whole_models::checkpoint::load_weights;
+use crate::baselines::whole_models::config::{self, WholeModel};
+use crate::baselines::whole_models::planet::Planet;
+use crate::control::controller::Controller;
+use crate::control::cross_entropy::CrossEntropy;
+use crate::control::environment::Rules;
+use crate::control::latent::LatentModel;
+use crate::control::mppi::PathIntegral;
+use crate::control::planner::{Planner, SearchSettings};
+use crate::control::relearning::Relearning;
+use crate::control::reward::Reward;
+use crate::control::vision::Vision;
 use paig::network::physics_models::PhysicsNet;
-use paig_experiments::baselines::whole_models::checkpoint::load_weights;
-use paig_experiments::baselines::whole_models::config::{self, WholeModel};
-use paig_experiments::baselines::whole_models::planet::Planet;
-use paig_experiments::control::controller::Controller;
-use paig_experiments::control::cross_entropy::CrossEntropy;
-use paig_experiments::control::environment::Rules;
-use paig_experiments::control::latent::LatentModel;
-use paig_experiments::control::mppi::PathIntegral;
-use paig_experiments::control::planner::{Planner, SearchSettings};
-use paig_experiments::control::relearning::Relearning;
-use paig_experiments::control::reward::Reward;
-use paig_experiments::control::vision::Vision;
 
-impl Arguments {
+impl Experiment {
     /// The run's latent model.
-    pub(super) fn planet(&self, setting: &Setting) -> Result<Planet> {
+    pub(super) fn planet(&self, scenario: &Scenario) -> Result<Planet> {
         let run =
             self.run.as_ref().context("the planner latent needs the run folder of `paig train-baseline planet`")?;
         let config = config::read(run)?.filter(|config| config.model == WholeModel::Planet);
         let config =
             config.with_context(|| format!("{} is not the run of `paig train-baseline planet`", run.display()))?;
-        let upright = matches!(&setting.rules.reward, Reward::Goal(goal) if goal.place == [0.0] && goal.swing == 0.0);
-        let world = setting.world()?.format();
-        world.check(&setting.task.system)?;
+        let upright = matches!(&scenario.rules.reward, Reward::Goal(goal) if goal.place == [0.0] && goal.swing == 0.0);
+        let world = scenario.world()?.format();
+        world.check(&scenario.task.system)?;
         ensure!(upright, "a latent model knows no other goal than the one that it was told the rewards of: upright");
-        let planet = Planet::new(&setting.task.system, config.seed, Device::Cpu);
+        let planet = Planet::new(&scenario.task.system, config.seed, Device::Cpu);
         load_weights(run, &planet)?;
         Ok(planet)
     }
 
     /// The model of a planner that sees, with the physics that its refinement goes by.
-    pub(super) fn model_of(&self, who: Who, setting: &Setting) -> Result<PhysicsNet> {
+    pub(super) fn model_of(&self, kind: PlannerKind, scenario: &Scenario) -> Result<PhysicsNet> {
         let model = self.loaded()?.1;
         ensure!(
-            model.black_box.is_none() || (who == Who::Learned && self.model_set.is_empty()),
+            model.black_box.is_none() || (kind == PlannerKind::Learned && self.model_set.is_empty()),
             "the run's model.dynamics is {}, not physics: it can be the planner learned, and has no parameters to set",
             model.options.dynamics.name()
         );
@@ -49,12 +49,12 @@ impl Arguments {
             let cell = model.system.cell.name;
             model.set_value(parameter.with_context(|| format!("equation {cell} has no parameter {name}"))?, value)
         };
-        if let (Who::TrueEquation, Some(pendulum)) = (who, setting.pendulum) {
+        if let (PlannerKind::TrueEquation, Some(pendulum)) = (kind, scenario.pendulum) {
             // The cell counts lengths in rods, and its rod has mass and length 1.
             set("g", pendulum.gravity_acceleration() / 1.5)?;
             set("a", pendulum.torque_acceleration() / 3.0)?;
-        } else if who == Who::TrueEquation {
-            setting.task.truth.iter().try_for_each(|truth| set(&truth.name, truth.value))?;
+        } else if kind == PlannerKind::TrueEquation {
+            scenario.task.truth.iter().try_for_each(|truth| set(&truth.name, truth.value))?;
         } else {
             for given in &self.model_set {
                 let (name, value) = given.split_once('=').context("--model-set takes NAME=VALUE")?;
@@ -67,20 +67,20 @@ impl Arguments {
 
     pub(super) fn controller<'a>(
         &self,
-        who: Who,
-        setting: &Setting,
+        kind: PlannerKind,
+        scenario: &Scenario,
         seeing: Option<&'a PhysicsNet>,
     ) -> Result<Controller<'a>> {
-        let planner = self.search_method(&setting.rules);
-        let format = setting.world()?.format();
-        Ok(match (who, seeing) {
-            (Who::Zero, _) => Controller::Zero,
-            (Who::Random, _) => Controller::random(),
-            (Who::Latent, _) => {
-                let model = Box::new(LatentModel::new(self.planet(setting)?));
+        let planner = self.search_method(&scenario.rules);
+        let format = scenario.world()?.format();
+        Ok(match (kind, seeing) {
+            (PlannerKind::Zero, _) => Controller::Zero,
+            (PlannerKind::Random, _) => Controller::random(),
+            (PlannerKind::Latent, _) => {
+                let model = Box::new(LatentModel::new(self.planet(scenario)?));
                 Controller::Latent { model, planner }
             }
-            (Who::Learned, Some(net)) => {
+            (PlannerKind::Learned, Some(net)) => {
                 let learned = Controller::seeing(Vision::new(net, format)?, planner);
                 if self.relearn.is_empty() {
                     return Ok(learned);
@@ -88,18 +88,18 @@ impl Arguments {
                 let relearning = Relearning { names: self.relearn.clone(), frames: self.relearn_frames };
                 learned.relearning(relearning).context("--relearn")?
             }
-            (Who::TrueEquation, Some(net)) => {
-                Controller::seeing_with(Vision::new(net, format)?, setting.true_model()?, planner)
+            (PlannerKind::TrueEquation, Some(net)) => {
+                Controller::seeing_with(Vision::new(net, format)?, scenario.true_model()?, planner)
             }
-            _ => Controller::TrueState { model: setting.true_model()?, planner },
+            _ => Controller::TrueState { model: scenario.true_model()?, planner },
         })
     }
 
     pub(super) fn search_method(&self, rules: &Rules) -> Box<dyn Planner> {
         let settings = SearchSettings { hold: rules.hold, largest: rules.largest_action, ..SearchSettings::default() };
         match self.search {
-            Method::CrossEntropy => Box::new(CrossEntropy::new(settings)),
-            Method::PathIntegral => Box::new(PathIntegral::new(settings)),
+            SearchMethod::CrossEntropy => Box::new(CrossEntropy::new(settings)),
+            SearchMethod::PathIntegral => Box::new(PathIntegral::new(settings)),
         }
     }
 }

@@ -26,6 +26,12 @@ pub struct Video {
     display: Arc<Display>,
 }
 
+impl std::fmt::Debug for Video {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.debug_struct("Video").field("path", &self.path).field("info", &self.info).finish_non_exhaustive()
+    }
+}
+
 enum Source {
     Track(Arc<Index>),
     Gif,

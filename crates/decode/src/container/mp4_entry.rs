@@ -6,6 +6,7 @@ use crate::bytes::Bytes;
 use crate::colour::Tags;
 use crate::error::{Error, Result, printable};
 use crate::info::Fields;
+use crate::limits::check_size;
 
 /// Bytes of a video entry before its boxes.
 const FIXED: usize = 78;
@@ -31,6 +32,10 @@ pub(super) fn read(payload: &[u8]) -> Result<Entry> {
     let mut fixed = Bytes(entry.payload);
     let _reserved = fixed.take(24)?;
     let size = (u32::from(fixed.u16()?), u32::from(fixed.u16()?));
+    // Zero where only the stream states the size.
+    if size != (0, 0) {
+        check_size(size.0, size.1)?;
+    }
     let inner = entry.payload.get(FIXED..).ok_or_else(|| Error::corrupt("the description of its codec ends early"))?;
     Ok(Entry {
         setup: setup(&entry.name, inner)?,

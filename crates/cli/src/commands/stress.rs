@@ -8,11 +8,11 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use paig_experiments::stress::{Ended, Reported, StressEvent, StressList, Suite, Watch};
 use paig_experiments::sweep::{self, parse_seeds};
-use paig_terminal::ending::begin_work;
 use paig_terminal::generate_display::Display;
 use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
+use paig::Error;
 
 /// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
 ///
@@ -62,7 +62,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let suite = Suite { list, data_seeds, data: arguments.data.clone(), runs: arguments.runs.clone() };
     let shown = Shown::default();
     let code = if arguments.report_only { ExitCode::SUCCESS } else { train(arguments, &suite, &shown)? };
-    let Reported { runs, succeeded } = suite.report(&arguments.add, &arguments.out, &|event| shown.show(event))?;
+    let reported = suite.report(&arguments.add, &arguments.out, &|event| shown.show(event));
+    // Where runs were trained, the arguments were sound.
+    let Reported { runs, succeeded } = if arguments.report_only { reported } else { reported.map_err(Error::of_work) }?;
     say!("{succeeded} of {runs} runs succeeded; {}", arguments.out.join("report.md").display());
     Ok(code)
 }
@@ -93,7 +95,6 @@ impl Shown {
     fn show(&self, event: StressEvent) {
         let mut runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
-            StressEvent::Begins => begin_work(),
             StressEvent::Data(event) => self.data.show(event),
             StressEvent::RunsBegin(count) => *runs = Some(SweepDisplay::new(count)),
             StressEvent::Run(event) => runs.iter_mut().for_each(|runs| runs.show(&event)),

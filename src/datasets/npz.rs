@@ -8,6 +8,7 @@ use ndarray::ArrayD;
 use ndarray_npy::{NpzReader, NpzWriter, ReadNpyError, ReadNpzError, ReadableElement};
 use zip::write::SimpleFileOptions;
 
+use crate::support::error::{Error, ErrorKind};
 use crate::support::storage::{self, Input, storage};
 use crate::support::{atomic, memory};
 
@@ -102,16 +103,14 @@ impl Archive {
         let mut entry = archive.by_index(entry.with_context(|| format!("{:?} has no array {name:?}", self.path))?)?;
         let (held, packed) = (entry.size(), entry.compressed_size());
         let damaged = || format!("array {name:?} of {:?}: the file is damaged; delete it and get it again", self.path);
-        ensure!(
-            held <= packed.saturating_mul(MOST_PACKED).saturating_add(MOST_HEADER),
-            "{}: it claims {held} bytes, which {packed} cannot be unpacked to",
-            damaged()
-        );
+        let damage = |what: String| Error::new(ErrorKind::Corrupt, anyhow!("{}: {what}", damaged()));
+        if held > packed.saturating_mul(MOST_PACKED).saturating_add(MOST_HEADER) {
+            return Err(damage(format!("it claims {held} bytes, which {packed} cannot be unpacked to")).into());
+        }
         let mut header = Header::read(&mut entry).with_context(damaged)?;
         let claimed = header.shape.iter().try_fold(header.bytes_each(), |product, count| product.checked_mul(*count));
         let claimed = claimed.filter(|bytes| *bytes <= held);
-        header.bytes =
-            claimed.with_context(|| format!("{}: its header claims more numbers than it holds", damaged()))?;
+        header.bytes = claimed.ok_or_else(|| damage("its header claims more numbers than it holds".into()))?;
         read(header, &mut entry)
     }
 

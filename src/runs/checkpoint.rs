@@ -18,6 +18,7 @@ use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
 use super::weights::{self, Named, first_not_finite};
 use crate::network::physics_models::PhysicsNet;
 use crate::support::atomic;
+use crate::support::error::{self, Error};
 use crate::support::random::fnv1a;
 use crate::support::storage::{self, storage};
 
@@ -277,7 +278,7 @@ impl Store {
             let damaged = (!damage.is_empty()).then(|| damage.join("; "));
             return Ok(Some(Loaded { name, state, slots, damaged }));
         }
-        bail!("{}; {ADVICE}", damage.join("; "))
+        Err(Error::new(error::ErrorKind::Corrupt, anyhow!("{}; {ADVICE}", damage.join("; "))).into())
     }
 
     /// A run goes on with what it was begun with.

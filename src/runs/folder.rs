@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::names::{CHECKPOINTS, CONFIG, DONE, LOCK, LOG, METRICS, OUTPUT, TENSORBOARD};
 use crate::support::atomic;
+use crate::support::error::{self, Error};
 use crate::support::storage::{Output, storage};
 
 /// What a folder may hold before a run begins in it: what `sweep` writes, and what a run that was killed at its start left.
@@ -76,7 +77,10 @@ impl RunFolder {
     /// # Errors
     /// A folder without a run, or one that another process runs in.
     pub fn reopen(path: &Path) -> Result<Self> {
-        ensure!(path.join(CONFIG).exists(), "nothing to resume: {} holds no run", path.display());
+        if !path.join(CONFIG).exists() {
+            let missing = anyhow!("nothing to resume: {} holds no run", path.display());
+            return Err(Error::new(error::ErrorKind::Missing, missing).into());
+        }
         Self::open(path)
     }
 

@@ -10,6 +10,7 @@ use safetensors::{Dtype, SafeTensors};
 use tch::{Device, Kind, Tensor};
 
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
+use crate::support::error::{ErrorKind, OfKind};
 use crate::support::random::fnv1a;
 use crate::support::{atomic, storage};
 
@@ -76,6 +77,10 @@ pub struct Saved {
 /// # Errors
 /// Bytes that are no whole safetensors file, that do not fit their checksum, a tensor of another type.
 pub fn parse(bytes: &[u8]) -> Result<Saved> {
+    parsed(bytes).of_kind(ErrorKind::Corrupt)
+}
+
+fn parsed(bytes: &[u8]) -> Result<Saved> {
     let file = SafeTensors::deserialize(bytes)
         .map_err(|error| anyhow!("it is cut short, or no safetensors file ({error})"))?;
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| anyhow!("{error}"))?;

@@ -19,12 +19,16 @@ fn every_decoder_gives_the_samples_and_times_of_ffmpeg() {
         let list = entry.unwrap().path();
         if list.extension().is_some_and(|it| it == "framemd5") {
             let stream = list.with_extension("");
+            let name = stream.file_name().unwrap().to_string_lossy().into_owned();
+            if name.starts_with("av1") && !cfg!(feature = "av1") {
+                continue;
+            }
             let expected = parse(&fs::read_to_string(&list).unwrap());
             let outcome = match decode(&stream) {
                 Ok(found) => difference(&found, &expected),
                 Err(error) => Some(error.to_string()),
             };
-            differing.extend(outcome.map(|how| format!("{}: {how}", stream.file_name().unwrap().display())));
+            differing.extend(outcome.map(|how| format!("{name}: {how}")));
             streams += 1;
         }
     }

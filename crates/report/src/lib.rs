@@ -27,6 +27,7 @@ use anyhow::{Context, Result, ensure};
 
 use self::groups::Group;
 use self::results::Results;
+use paig::Error;
 use paig::support::storage::{self, storage};
 use paig::support::{atomic, json_lines};
 
@@ -47,7 +48,11 @@ pub struct RunCounts {
 /// # Errors
 /// A folder that cannot be listed or that the report would replace, no run at all, an output folder that cannot be
 /// written. A run that is damaged is no error: the report says so.
-pub fn write(folders: &[PathBuf], out: &Path, shown: Pictures) -> Result<RunCounts> {
+pub fn write(folders: &[PathBuf], out: &Path, shown: Pictures) -> Result<RunCounts, Error> {
+    Ok(written(folders, out, shown)?)
+}
+
+fn written(folders: &[PathBuf], out: &Path, shown: Pictures) -> Result<RunCounts> {
     put_in_place(out)?;
     let found = records::find(folders, out)?;
     let places: Vec<_> = folders.iter().map(|folder| folder.display().to_string()).collect();

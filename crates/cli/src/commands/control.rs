@@ -8,7 +8,6 @@ use clap::{Args, Parser, ValueEnum};
 use paig::support::device;
 use paig_experiments::control::experiment::{Experiment, ExperimentEvent, PlannerKind, Played, SearchMethod, Watch};
 use paig_experiments::control::study::{self, StudyEvent};
-use paig_terminal::ending::begin_work;
 use paig_terminal::{environment, interrupt, say};
 
 /// Notes of a planner that are printed; their number is printed in any case.
@@ -227,11 +226,10 @@ fn show_study(event: StudyEvent) {
 /// Prints a table with a line for each planner.
 fn show(event: ExperimentEvent) {
     match event {
-        ExperimentEvent::Begins => begin_work(),
         ExperimentEvent::UpperBound(_) => {
             say!("{:<14}{:>10}{:>20}{:>14}{:>14}", "planner", "return", "95 %", "upper bound", "ms/decision");
         }
-        ExperimentEvent::Episode { .. } => {}
+        ExperimentEvent::Begins | ExperimentEvent::Episode { .. } => {}
         ExperimentEvent::Played(played) => print(played),
     }
 }

@@ -8,11 +8,11 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use paig_experiments::stress::{Ended, Reported, StressEvent, StressList, Suite, Watch};
 use paig_experiments::sweep::{self, parse_seeds};
-use paig_terminal::ending::begin_work;
 use paig_terminal::generate_display::Display;
 use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
+use paig::Error;
 
 /// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
 ///
@@ -66,8 +66,9 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let shown = Shown::default();
     let code = if arguments.report_only { ExitCode::SUCCESS } else { train(arguments, &suite, &shown)? };
     let pictures = !arguments.no_pictures;
-    let Reported { runs, succeeded } =
-        suite.report(&arguments.add, &arguments.out, pictures, &|event| shown.show(event))?;
+    let reported = suite.report(&arguments.add, &arguments.out, pictures, &|event| shown.show(event));
+    // Where runs were trained, the arguments were sound.
+    let Reported { runs, succeeded } = if arguments.report_only { reported } else { reported.map_err(Error::of_work) }?;
     say!("{succeeded} of {runs} runs succeeded; {}", arguments.out.join("report.md").display());
     Ok(code)
 }
@@ -98,7 +99,6 @@ impl Shown {
     fn show(&self, event: StressEvent) {
         let mut runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
-            StressEvent::Begins => begin_work(),
             StressEvent::Data(event) => self.data.show(event),
             StressEvent::RunsBegin(count) => *runs = Some(SweepDisplay::new(count)),
             StressEvent::Run(event) => runs.iter_mut().for_each(|runs| runs.show(&event)),

@@ -8,7 +8,6 @@ use clap::Args;
 use paig::support::device;
 use paig::tasks;
 use paig_experiments::sweep::{self, RunState, RunStatus, SweepPlan, SweepRequest, SweepSummary, parse_seeds};
-use paig_terminal::ending::begin_work;
 use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
@@ -109,7 +108,6 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     }
     let program = sweep::training_program()?;
     interrupt::catch()?;
-    begin_work();
     let mut display = SweepDisplay::new(jobs.len());
     let summary = sweep::run(&program, &jobs, arguments.jobs, &interrupt::asked, &mut |event| display.show(&event))?;
     display.close();

@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::{Error, Result, ensure};
+use anyhow::{Result, ensure};
+use paig::Error;
 use paig::generators::{GeneratorEvent, generate};
 use paig::runs::folder::RunFolder;
 use paig::runs::metrics::Record;
@@ -35,7 +36,7 @@ pub enum ComparisonEvent<'a> {
     /// A validation of an end-to-end baseline.
     Validated(&'a Path, &'a Record),
     /// An end-to-end baseline could not be trained.
-    Failed(&'a Path, &'a Error),
+    Failed(&'a Path, &'a anyhow::Error),
 }
 
 /// Who watches a comparison, from whatever thread, and stops it.
@@ -111,7 +112,7 @@ impl Comparing {
         search: bool,
         efficiency: bool,
         watch: Watch,
-    ) -> Result<Ended> {
+    ) -> Result<Ended, Error> {
         let mut failed = false;
         if search {
             let mut trainings = plan::search(&self.list, models, self.clips);
@@ -205,6 +206,7 @@ impl Comparing {
                 let observe = &mut |record: &Record| (watch.observe)(ComparisonEvent::Validated(&folder, record));
                 let run = WholeRun::prepare(&config, self.device);
                 if let Err(error) = run.and_then(|run| run.train(&folder, &|| self.stop(watch), observe)) {
+                    let error = anyhow::Error::from(error);
                     (watch.observe)(ComparisonEvent::Failed(&folder, &error));
                     // One that another process has under way did not fail.
                     if !RunFolder::is_in_use(&folder) {
@@ -237,7 +239,11 @@ impl Comparing {
     ///
     /// # Errors
     /// None that has finished, a folder that cannot be written.
-    pub fn report(&self, seeds: &[u64], out: &Path, pictures: bool) -> Result<usize> {
+    pub fn report(&self, seeds: &[u64], out: &Path, pictures: bool) -> Result<usize, Error> {
+        Ok(self.reported(seeds, out, pictures)?)
+    }
+
+    fn reported(&self, seeds: &[u64], out: &Path, pictures: bool) -> Result<usize> {
         let models = self.models(&[])?;
         let mut trainings = self.trainings(&models, &self.list.tasks, seeds, self.clips)?;
         for &clips in self.list.efficiency.train.iter().filter(|clips| **clips != self.clips) {

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
+use paig::Error;
 use paig::datasets::dataset::Dataset;
 use paig::datasets::files::{ClipShape, Split};
 use paig::datasets::iterators::Clips;
@@ -36,7 +37,11 @@ impl WholeRun {
     ///
     /// # Errors
     /// A config or data that do not fit the task, that are missing, or that show nothing that moves.
-    pub fn prepare(config: &WholeConfig, device: Device) -> Result<Self> {
+    pub fn prepare(config: &WholeConfig, device: Device) -> Result<Self, Error> {
+        Ok(Self::prepared(config, device)?)
+    }
+
+    fn prepared(config: &WholeConfig, device: Device) -> Result<Self> {
         config.check()?;
         let task = tasks::find(&config.task)?;
         let train_file = config.data.join(&task.train_file);
@@ -54,10 +59,15 @@ impl WholeRun {
     ///
     /// # Errors
     /// As for [`training::train`].
-    pub fn train(&self, folder: &Path, stop: &dyn Fn() -> bool, observe: &mut dyn FnMut(&Record)) -> Result<Outcome> {
+    pub fn train(
+        &self,
+        folder: &Path,
+        stop: &dyn Fn() -> bool,
+        observe: &mut dyn FnMut(&Record),
+    ) -> Result<Outcome, Error> {
         let WholeRun { config, task, train, valid, test, rewards, checksums } = self;
         let data = WholeData { train, rewards: rewards.as_ref(), valid, test, checksums };
-        training::train(config, &task.system, data, folder, stop, observe)
+        training::train(config, &task.system, data, folder, stop, observe).map_err(Error::of_work)
     }
 }
 

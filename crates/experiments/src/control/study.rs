@@ -8,6 +8,7 @@ use serde::Deserialize;
 use super::experiment::{Experiment, ExperimentEvent, Watch};
 use super::figures;
 use super::results::{FORMAT, Results, Row};
+use paig::Error;
 use paig::support::storage;
 
 /// One experiment of a study.
@@ -69,7 +70,7 @@ pub fn play(
     take_over: bool,
     observe: &dyn Fn(StudyEvent),
     stop: &dyn Fn() -> bool,
-) -> Result<Option<Vec<Row>>> {
+) -> Result<Option<Vec<Row>>, Error> {
     let mut rows = Vec::new();
     for StudyLine { name, arguments, experiment } in lines {
         observe(StudyEvent::Begins(name));
@@ -83,7 +84,7 @@ pub fn play(
         let played = experiment.run(&out.join(name), watch).with_context(|| name.clone())?;
         let Some(played) = played else { return Ok(None) };
         let results = Results { format: FORMAT, line: Some(arguments.clone()), rows: played };
-        results.write(&path)?;
+        results.write(&path).map_err(Error::of_work)?;
         rows.extend(results.rows);
     }
     Ok(Some(rows))
@@ -102,7 +103,11 @@ fn taken_over(path: &Path, arguments: &String) -> Result<Option<Vec<Row>>> {
 ///
 /// # Errors
 /// Files that cannot be written.
-pub fn write(out: &Path, rows: Vec<Row>) -> Result<PathBuf> {
+pub fn write(out: &Path, rows: Vec<Row>) -> Result<PathBuf, Error> {
+    written(out, rows).map_err(Error::of_work)
+}
+
+fn written(out: &Path, rows: Vec<Row>) -> Result<PathBuf> {
     figures::write_clips(&out.join("clips.png"), &rows)?;
     let path = out.join(Results::FILE);
     Results { format: FORMAT, line: None, rows }.write(&path)?;

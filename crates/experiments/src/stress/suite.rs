@@ -3,20 +3,19 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Error, Result, ensure};
+use anyhow::{Context, Result, ensure};
 
 use super::list::{DataSeed, Scene, StressList};
 use super::matrix::{Outcome, outcome};
 use super::page;
 use crate::sweep::{self, SweepEvent};
+use paig::Error;
 use paig::generators::{GeneratorEvent, generate};
 use paig::support::storage;
 
 /// What happens in the suite.
 #[derive(Debug)]
 pub enum StressEvent<'a> {
-    /// The first dataset is made next.
-    Begins,
     /// Of a dataset.
     Data(GeneratorEvent<'a>),
     /// So many runs begin.
@@ -30,7 +29,7 @@ pub enum StressEvent<'a> {
         scene: &'a str,
         data_seed: DataSeed,
         seed: u64,
-        error: &'a Error,
+        error: &'a anyhow::Error,
     },
 }
 
@@ -74,8 +73,11 @@ impl Suite {
     ///
     /// # Errors
     /// A dataset that cannot be made, a run folder of another config. A run that fails is an event, and the others go on.
-    pub fn train(&self, program: &Path, scenes: &[&Scene], jobs: usize, watch: Watch) -> Result<Ended> {
-        (watch.observe)(StressEvent::Begins);
+    pub fn train(&self, program: &Path, scenes: &[&Scene], jobs: usize, watch: Watch) -> Result<Ended, Error> {
+        self.trained(program, scenes, jobs, watch).map_err(Error::of_work)
+    }
+
+    fn trained(&self, program: &Path, scenes: &[&Scene], jobs: usize, watch: Watch) -> Result<Ended> {
         let mut failed = false;
         for &data_seed in &self.data_seeds {
             let mut of_seed = Vec::new();
@@ -101,6 +103,16 @@ impl Suite {
     /// # Errors
     /// No run at all, a file that cannot be read or written.
     pub fn report(
+        &self,
+        others: &[PathBuf],
+        out: &Path,
+        pictures: bool,
+        observe: &dyn Fn(StressEvent),
+    ) -> Result<Reported, Error> {
+        Ok(self.reported(others, out, pictures, observe)?)
+    }
+
+    fn reported(
         &self,
         others: &[PathBuf],
         out: &Path,
@@ -135,7 +147,7 @@ impl Suite {
 
 /// Adds those outcomes of a file whose run is not among them, or has not finished.
 fn add(outcomes: &mut Vec<Outcome>, file: &Path) -> Result<()> {
-    let read = || Ok::<Vec<Outcome>, Error>(serde_json::from_slice(&storage::read(file)?)?);
+    let read = || Ok::<Vec<Outcome>, anyhow::Error>(serde_json::from_slice(&storage::read(file)?)?);
     let run = |outcome: &Outcome| (outcome.scene.clone(), outcome.data_seed, outcome.seed);
     let others = read().with_context(|| format!("results of another machine, {}", file.display()))?;
     let there: BTreeSet<_> = others.iter().map(run).collect();

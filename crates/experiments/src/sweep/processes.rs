@@ -12,6 +12,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
 use super::plan::{Job, Stage};
+use paig::Error;
 use paig::runs::folder::RunFolder;
 use paig::runs::names::{DONE, OUTPUT};
 use paig::support::atomic;
@@ -92,7 +93,7 @@ pub fn run(
     at_once: usize,
     stop: &dyn Fn() -> bool,
     observe: &mut dyn FnMut(SweepEvent),
-) -> Result<SweepSummary> {
+) -> Result<SweepSummary, Error> {
     let mut summary = SweepSummary::default();
     let mut tell = |event: SweepEvent| {
         match event {
@@ -127,7 +128,7 @@ pub fn run(
         let mut still = Vec::new();
         for mut one in running {
             let folder = &one.job.folder;
-            match one.child.try_wait().context("cannot wait for a run")? {
+            match one.child.try_wait().context("cannot wait for a run").map_err(Error::of_work)? {
                 None => still.push(one),
                 Some(status) if status.success() => match atomic::write_file(&folder.join(DONE), |_| Ok(())) {
                     Ok(()) => tell(SweepEvent::Finished(folder, one.since.elapsed())),

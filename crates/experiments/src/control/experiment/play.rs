@@ -10,6 +10,7 @@ use crate::control::episode::{Episode, play};
 use crate::control::figures::{self, Course};
 use crate::control::results::{Row, mean_and_interval};
 use crate::control::reward::Reward;
+use paig::Error;
 use paig::support::storage::storage;
 
 /// All episodes of a planner.
@@ -39,7 +40,13 @@ impl Experiment {
     /// # Errors
     /// Settings that contradict each other or the task, a run that is missing or of another model, files that cannot be
     /// written.
-    pub fn run(&self, out: &Path, watch: Watch) -> Result<Option<Vec<Row>>> {
+    pub fn run(&self, out: &Path, watch: Watch) -> Result<Option<Vec<Row>>, Error> {
+        let scenario = self.prepare(out)?;
+        (watch.observe)(ExperimentEvent::Begins);
+        self.rows(&scenario, out, watch).map_err(Error::of_work)
+    }
+
+    fn prepare(&self, out: &Path) -> Result<Scenario> {
         ensure!(self.episodes > 0, "--episodes must be at least 1");
         let scenario = self.scenario()?;
         storage().create_folder(out).with_context(|| format!("cannot create {}", out.display()))?;
@@ -48,19 +55,22 @@ impl Experiment {
             let model = kind.sees().then(|| self.model_of(kind, &scenario)).transpose()?;
             self.controller(kind, &scenario, model.as_ref())?;
         }
-        (watch.observe)(ExperimentEvent::Begins);
+        Ok(scenario)
+    }
+
+    fn rows(&self, scenario: &Scenario, out: &Path, watch: Watch) -> Result<Option<Vec<Row>>> {
         if let Reward::Goal(goal) = &scenario.rules.reward
             && let Some(frame) = scenario.world()?.show(&goal.place)
         {
             figures::write_frame(&out.join("goal.png"), &frame)?;
         }
-        let Some(all) = self.play_all(&scenario, out, watch)? else { return Ok(None) };
+        let Some(all) = self.play_all(scenario, out, watch)? else { return Ok(None) };
         let returns: Vec<_> = all.iter().map(|it| (it.name, it.returns.as_slice(), it.mean)).collect();
         figures::write_returns(&out.join("returns.png"), &returns)?;
         let courses: Vec<_> = all.iter().map(|it| (it.name, &it.first)).collect();
         let coordinates = scenario.task.system.cell.coordinates;
         figures::write_courses(&out.join("course.png"), coordinates, &scenario.rules, &courses)?;
-        Ok(Some(all.iter().map(|played| self.row(&scenario, played)).collect()))
+        Ok(Some(all.iter().map(|played| self.row(scenario, played)).collect()))
     }
 
     /// The planner that knows state and equation plays first: every row holds its return. It stands in the results only if

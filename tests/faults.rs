@@ -222,7 +222,7 @@ fn datasets_appear_whole_or_not_at_all() {
     let tried = at_every_operation(
         stride(5),
         temporary,
-        |folder| generate(&job(folder.path()), &|_| {}),
+        |folder| Ok(generate(&job(folder.path()), &|_| {})?),
         |folder, fault, at| {
             for (file, shape) in
                 [(&task.train_file, ClipShape::training(&task)), (&task.test_file, ClipShape::test(&task))]
@@ -307,7 +307,7 @@ fn a_report_is_the_old_or_the_new_at_the_latest_after_the_next() {
             report::write(&runs, &folder.path().join("report"), Pictures::Shown).unwrap();
             folder
         },
-        |folder| report::write(&runs, &folder.path().join("report"), Pictures::Shown).map(drop),
+        |folder| Ok(report::write(&runs, &folder.path().join("report"), Pictures::Shown).map(drop)?),
         |folder, fault, at| {
             let out = folder.path().join("report");
             // A run that could not be read is said to be so. Otherwise its records, from which a report is made again when
@@ -344,7 +344,7 @@ fn an_imported_task_is_whole_or_not_there() {
     let tried = at_every_operation(
         stride(5),
         temporary,
-        |folder| import(&request(folder.path()), &|_, _| {}).map(drop),
+        |folder| Ok(import(&request(folder.path()), &|_, _| {}).map(drop)?),
         |folder, fault, at| {
             let out = folder.path().join("task");
             if out.exists() {

@@ -63,6 +63,11 @@ impl Samples {
         self.frames.iter().map(|(index, _)| *index)
     }
 
+    /// Frame indices and bytes of the samples.
+    pub(crate) fn frames(&self) -> &[(usize, Vec<u8>)] {
+        &self.frames
+    }
+
     /// Background of all samples. The exposures of the samples are fitted on the way.
     pub(crate) fn background(&mut self, ignore: &[Region]) -> Background {
         let mut background = self.estimate(None);

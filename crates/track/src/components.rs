@@ -13,8 +13,6 @@ pub(crate) struct Blob {
     pub(crate) area: usize,
     /// Left, top, right and bottom pixel.
     pub(crate) bounds: [usize; 4],
-    /// Largest difference.
-    pub(crate) peak: f32,
     pub(crate) mask: Mask,
 }
 
@@ -87,7 +85,7 @@ fn unite(parents: &mut [u32], one: u32, other: u32) {
 }
 
 fn blob(image: &[f32], width: usize, runs: Vec<(u32, u32, u32)>) -> Blob {
-    let (mut weight, mut moment, mut area, mut peak) = (0.0, [0.0; 2], 0, 0.0_f32);
+    let (mut weight, mut moment, mut area) = (0.0, [0.0; 2], 0);
     let mut bounds = [usize::MAX, usize::MAX, 0, 0];
     for &(y, first, end) in &runs {
         let (y, first, end) = (y as usize, first as usize, end as usize);
@@ -95,7 +93,6 @@ fn blob(image: &[f32], width: usize, runs: Vec<(u32, u32, u32)>) -> Blob {
         bounds = [bounds[0].min(first), bounds[1].min(y), bounds[2].max(end - 1), bounds[3].max(y)];
         for x in first..end {
             let value = image[y * width + x];
-            peak = peak.max(value);
             weight += f64::from(value);
             moment[0] += f64::from(value) * x as f64;
             moment[1] += f64::from(value) * y as f64;
@@ -106,7 +103,6 @@ fn blob(image: &[f32], width: usize, runs: Vec<(u32, u32, u32)>) -> Blob {
         centre: [moment[0] / weight, moment[1] / weight],
         area,
         bounds,
-        peak,
         mask: Mask::from_runs(runs),
     }
 }
@@ -126,7 +122,6 @@ mod tests {
         assert_eq!(blobs.iter().map(|b| b.area).collect::<Vec<_>>(), [7, 2]);
         assert_eq!(blobs[0].bounds, [0, 0, 2, 2]);
         assert_eq!(blobs[1].centre, [5.5, 1.5]);
-        assert_eq!(blobs[1].peak, 3.0);
     }
 
     #[test]

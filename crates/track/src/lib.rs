@@ -1,16 +1,33 @@
 //! Tracks.
 #![forbid(unsafe_code)]
+mod appearance;
 mod background;
+mod candidates;
 mod components;
+mod detection;
 mod difference;
 mod error;
 mod exposure;
 mod linking;
 mod mask;
 mod options;
+mod plane;
+mod points;
+mod quality;
+mod registration;
+mod roles;
+mod shadow;
+mod start;
 mod statistics;
+mod template;
+mod track;
+mod tracking;
 mod video;
+mod window;
 pub use background::Background;
 pub use error::Error;
 pub use options::{Hint, Options, Region};
-pub use video::{Clip, Size, Video};
+pub use quality::Quality;
+pub use track::{Measurement, Method, Point, Role, Track, Tracking, Visibility};
+pub use tracking::track;
+pub use video::{Clip, Size, Video, Visitor};

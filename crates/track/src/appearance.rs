@@ -11,6 +11,9 @@ use crate::window::{Layout, Window};
 const ROUNDS: usize = 4;
 /// Most frames that a template is averaged over.
 const MOST_LEARNED: usize = 60;
+/// Movement from which on a frame is preferred for learning, and the number of such frames that suffices.
+const LEAST_MOVING: f64 = 0.3;
+const LEAST_MOVERS: usize = 6;
 /// Misfit, relative to the median, up to which a frame is learned from.
 const LEARNED_MISFIT: f64 = 1.3;
 
@@ -21,6 +24,8 @@ pub(crate) struct Start {
     pub(crate) position: [f64; 2],
     /// Whether the frame shows the object as most frames do, so that the first template may use it.
     pub(crate) typical: bool,
+    /// How much the object moves, 0..=1.
+    pub(crate) moving: f64,
 }
 
 /// Registers all frames. Returns a fit for each start, with positions in pixels and covariances in pixels^2, and the
@@ -28,7 +33,7 @@ pub(crate) struct Start {
 pub(crate) fn registered(starts: &[Start], layout: Layout, noise: f64) -> (Vec<Option<Fit>>, Template) {
     let bin = layout.bin;
     let mut positions: Vec<[f64; 2]> = starts.iter().map(|s| s.window.cells(s.position, bin)).collect();
-    let mut learned: Vec<usize> = (0..starts.len()).filter(|&i| starts[i].typical).collect();
+    let mut learned = movers(starts, (0..starts.len()).filter(|&i| starts[i].typical).collect());
     let mut fits: Vec<Option<Fit>> = vec![None; starts.len()];
     let mut template = None;
     for round in 0..ROUNDS {
@@ -59,7 +64,7 @@ pub(crate) fn registered(starts: &[Start], layout: Layout, noise: f64) -> (Vec<O
             let good = |i: &usize| fits[*i].is_some_and(|fit| fit.misfit <= limit && fit.inside > 0.95);
             let chosen: Vec<usize> = (0..starts.len()).filter(good).collect();
             if chosen.len() >= 4 {
-                learned = chosen;
+                learned = movers(starts, chosen);
             }
         }
         template = Some(current);
@@ -78,6 +83,12 @@ pub(crate) fn registered(starts: &[Start], layout: Layout, noise: f64) -> (Vec<O
         })
         .collect();
     (fits, template)
+}
+
+/// Those of the frames in which the object moves, or all where they are few.
+fn movers(starts: &[Start], frames: Vec<usize>) -> Vec<usize> {
+    let moving: Vec<usize> = frames.iter().copied().filter(|&i| starts[i].moving > LEAST_MOVING).collect();
+    if moving.len() >= LEAST_MOVERS { moving } else { frames }
 }
 
 /// At most [`MOST_LEARNED`] of the indices, evenly spread.

@@ -7,6 +7,8 @@ use crate::error::Error;
 use crate::exposure::Exposure;
 use crate::mask::Mask;
 use crate::options::Region;
+use crate::resting::remove_resting;
+use crate::shake::{Edges, moved_back, shakes};
 use crate::statistics::median;
 use crate::video::{Size, Video, map_frames};
 
@@ -18,6 +20,10 @@ const LEAST_SAMPLED: usize = 11;
 const NOISE_SHARE: f64 = 0.3;
 /// Standard deviations of a normal distribution at that rank: 30 % of values lie within 0.385 of them.
 const NOISE_RANK: f32 = 0.385;
+/// Distance from the median, in units of the noise, of another state of a pixel.
+const FAR: f32 = 6.0;
+/// Share of the samples in another state from which on it may be the background.
+const LEAST_OTHER: f32 = 0.15;
 /// Least noise, levels: rounding and compression.
 const LEAST_NOISE: f32 = 0.7;
 
@@ -27,6 +33,7 @@ pub(crate) struct Samples {
     /// Frame indices and bytes, `[height, width, 3]`.
     frames: Vec<(usize, Vec<u8>)>,
     exposures: Vec<Exposure>,
+    shaken: bool,
 }
 
 /// Scene without its moving objects.
@@ -55,7 +62,7 @@ impl Samples {
             return Err(Error::MissingFrame { frame: chosen[frames.len()] });
         }
         let exposures = vec![Exposure::default(); frames.len()];
-        Ok(Self { size, frames, exposures })
+        Ok(Self { size, frames, exposures, shaken: false })
     }
 
     /// Frame indices of the samples.
@@ -71,16 +78,50 @@ impl Samples {
     /// Background of all samples. The exposures of the samples are fitted on the way.
     pub(crate) fn background(&mut self, ignore: &[Region]) -> Background {
         let mut background = self.estimate(None);
-        self.exposures = self
-            .frames
-            .par_iter()
-            .map(|(_, bytes)| Exposure::fit(bytes, background.levels.as_slice().expect("levels are contiguous")))
-            .collect();
-        if self.exposures.iter().any(|e| e.change() > 0.5) {
+        self.expose(&background);
+        let steady = self.exposures.iter().all(|e| e.change() < 0.5);
+        if self.stabilise(&background) || !steady {
             background = self.estimate(None);
+            self.expose(&background);
         }
         background.ignore(ignore);
         background
+    }
+
+    /// Whether the camera shakes, so that frames are to be stabilised.
+    pub(crate) fn shaken(&self) -> bool {
+        self.shaken
+    }
+
+    fn expose(&mut self, background: &Background) {
+        let levels = background.levels.as_slice().expect("levels are contiguous");
+        self.exposures = self.frames.par_iter().map(|(_, bytes)| Exposure::fit(bytes, levels)).collect();
+    }
+
+    /// Moves the samples back by the camera's translation. Returns whether the camera shakes.
+    fn stabilise(&mut self, background: &Background) -> bool {
+        let mut sharper = None;
+        // The median of shaken frames is blurred: the second round aligns to a sharper one.
+        for _ in 0..2 {
+            let Some(edges) = Edges::find(sharper.as_ref().unwrap_or(background)) else { break };
+            let translations: Vec<[f64; 2]> = self
+                .frames
+                .par_iter()
+                .zip(&self.exposures)
+                .map(|((_, bytes), exposure)| edges.translation(bytes, exposure))
+                .collect();
+            if !self.shaken && !shakes(&translations) {
+                break;
+            }
+            self.shaken = true;
+            let size = self.size;
+            self.frames
+                .par_iter_mut()
+                .zip(translations)
+                .for_each(|((_, bytes), translation)| *bytes = moved_back(bytes, size, translation));
+            sharper = Some(self.estimate(None));
+        }
+        self.shaken
     }
 
     /// Background from the samples in which a pixel is not occupied. A pixel occupied in nearly all samples keeps the
@@ -96,8 +137,10 @@ impl Samples {
         let tables: Vec<[[f32; 256]; 3]> = self.exposures.iter().map(Exposure::tables).collect();
         let least = (self.frames.len() / 12).max(3);
         let mut levels = vec![0.0_f32; width * height * 3];
+        let mut other = vec![f32::NAN; width * height * 3];
         let mut noise = vec![0.0_f32; width * height];
-        levels.par_chunks_mut(width * 3).zip(noise.par_chunks_mut(width)).enumerate().for_each(|(y, (levels, noise))| {
+        let rows = levels.par_chunks_mut(width * 3).zip(other.par_chunks_mut(width * 3)).zip(noise.par_chunks_mut(width));
+        rows.enumerate().for_each(|(y, ((levels, other), noise))| {
             let mut free: Vec<usize> = Vec::with_capacity(self.frames.len());
             let mut values: Vec<f32> = Vec::with_capacity(self.frames.len());
             let rows: Vec<&[(u32, u32, u32)]> =
@@ -120,13 +163,24 @@ impl Samples {
                     spread = spread.max(deviation);
                 }
                 noise[x] = spread;
+                let pixel = |i: usize| {
+                    let place = (y * width + x) * 3;
+                    [0, 1, 2].map(|c| tables[i][c][self.frames[i].1[place + c] as usize])
+                };
+                let level = [levels[x * 3], levels[x * 3 + 1], levels[x * 3 + 2]];
+                if let Some(state) = other_state(free.iter().map(|&i| pixel(i)), level, spread) {
+                    other[x * 3..x * 3 + 3].copy_from_slice(&state);
+                }
             }
         });
         let mut sorted: Vec<f64> = noise.iter().step_by(7).map(|&n| f64::from(n)).collect();
         let typical = (median(&mut sorted).unwrap_or(0.0) as f32).max(LEAST_NOISE);
         let precision = noise.iter().map(|&n| 1.0 / n.max(typical)).collect();
+        let image = |values| Array3::from_shape_vec((height, width, 3), values).expect("one level for each sample");
+        let mut levels = image(levels);
+        remove_resting(&mut levels, &image(other));
         Background {
-            levels: Array3::from_shape_vec((height, width, 3), levels).expect("one level for each sample"),
+            levels,
             precision: Array2::from_shape_vec((height, width), precision).expect("one value for each pixel"),
             noise: typical,
         }
@@ -149,6 +203,32 @@ impl Background {
             }
         }
     }
+}
+
+/// Median of the pixels far from `level`, where they are many and alike.
+fn other_state(pixels: impl Iterator<Item = [f32; 3]>, level: [f32; 3], noise: f32) -> Option<[f32; 3]> {
+    let limit = FAR * noise.max(1.5);
+    let (mut count, mut far) = (0, Vec::new());
+    for pixel in pixels {
+        count += 1;
+        if (0..3).any(|c| (pixel[c] - level[c]).abs() > limit) {
+            far.push(pixel);
+        }
+    }
+    if far.len() < 3 || (far.len() as f32) < LEAST_OTHER * count as f32 {
+        return None;
+    }
+    let middle = far.len() / 2;
+    let mut state = [0.0; 3];
+    for c in 0..3 {
+        let mut values: Vec<f32> = far.iter().map(|pixel| pixel[c]).collect();
+        state[c] = *values.select_nth_unstable_by(middle, f32::total_cmp).1;
+        values.iter_mut().for_each(|value| *value = (*value - state[c]).abs());
+        if *values.select_nth_unstable_by(middle, f32::total_cmp).1 > limit {
+            return None;
+        }
+    }
+    Some(state)
 }
 
 /// Level and noise of one channel of a pixel: mean of the values near the median, and a low rank of the deviations.
@@ -189,7 +269,7 @@ mod tests {
         let clip = resting();
         let mut samples = Samples::read(&clip, 0, 30, 1 << 20).unwrap();
         let first = samples.background(&[]);
-        assert_eq!(first.levels[[7, 3, 0]], 200.0);
+        assert_eq!(first.levels[[7, 13, 0]], 89.0);
         let masks: Vec<Mask> = samples
             .indices()
             .map(|frame| {

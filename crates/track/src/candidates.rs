@@ -6,14 +6,17 @@ use crate::detection::Detection;
 use crate::linking::{Node, paths};
 use crate::mask::Mask;
 use crate::options::Options;
+use crate::segments::{Stop, segments};
 use crate::shadow::Core;
 use crate::statistics::{median, quantile};
 use crate::video::Size;
 
+/// Fewest regions of a mover.
+const LEAST_NODES: usize = 5;
 /// Paths looked for.
 const MOST_PATHS: usize = 6;
 /// Longest plausible step of one frame, as a share of the frame's diagonal.
-const LONGEST_STEP: f64 = 0.12;
+const LONGEST_STEP: f64 = 0.25;
 /// Extent of a path over the object's diameter from which on the path counts fully.
 const MOVING: f64 = 0.5;
 /// Pixels around a moving region that count as occupied.
@@ -73,10 +76,19 @@ pub(crate) fn candidates(detections: &[Detection], size: Size, options: &Options
     let scale = LONGEST_STEP * (size.width as f64).hypot(size.height as f64);
     let mut found: Vec<Candidate> = paths(&nodes, &options.hints, scale, MOST_PATHS)
         .into_iter()
-        .map(|path| {
-            let places = path.nodes.iter().map(|&node| places[node]).collect();
-            candidate(places, path.score, detections, size)
+        .flat_map(|path| {
+            let stop = |&node: &usize| {
+                let core = &detections[places[node].0].blobs[places[node].1].1;
+                let Node { frame, centre, diameter, .. } = nodes[node];
+                Stop { frame, centre, diameter, colour: core.colour }
+            };
+            let stops: Vec<Stop> = path.nodes.iter().map(stop).collect();
+            segments(&stops).into_iter().filter(|group| group.len() >= LEAST_NODES).map(move |group| {
+                let share = group.len() as f64 / path.nodes.len() as f64;
+                (group.into_iter().map(|index| path.nodes[index]).collect::<Vec<_>>(), share * path.score)
+            })
         })
+        .map(|(nodes, score)| candidate(nodes.iter().map(|&node| places[node]).collect(), score, detections, size))
         .collect();
     found.sort_by(|a, b| b.rank().total_cmp(&a.rank()));
     found

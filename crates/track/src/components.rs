@@ -1,6 +1,7 @@
 //! Connected components of a thresholded difference image.
 
 use crate::mask::Mask;
+use crate::thick_parts::thick_parts;
 
 /// Moving region of one frame.
 #[derive(Debug, Clone)]
@@ -29,8 +30,8 @@ impl Blob {
     }
 }
 
-/// Components of `image > threshold` (neighbours share an edge or a corner) of at least `least_area` pixels, the `most`
-/// heaviest, in descending order of weight.
+/// Thick parts of the components of `image > threshold` (neighbours share an edge or a corner) of at least `least_area`
+/// pixels: the `most` heaviest, in descending order of weight.
 pub(crate) fn components(image: &[f32], width: usize, threshold: f32, least_area: usize, most: usize) -> Vec<Blob> {
     let mut runs: Vec<(u32, u32, u32)> = Vec::new();
     let mut parents: Vec<u32> = Vec::new();
@@ -63,8 +64,16 @@ pub(crate) fn components(image: &[f32], width: usize, threshold: f32, least_area
     let mut blobs: Vec<Blob> = members
         .iter()
         .filter(|m| !m.is_empty())
-        .map(|m| blob(image, width, m.iter().map(|&run| runs[run as usize]).collect()))
+        .map(|m| blob(image, width, Mask::from_runs(m.iter().map(|&run| runs[run as usize]).collect())))
         .filter(|blob| blob.area >= least_area)
+        .flat_map(|whole| {
+            let parts = thick_parts(&whole);
+            if parts.len() == 1 && parts[0] == whole.mask {
+                vec![whole]
+            } else {
+                parts.into_iter().map(|part| blob(image, width, part)).collect()
+            }
+        })
         .collect();
     blobs.sort_by(|a, b| b.weight.total_cmp(&a.weight));
     blobs.truncate(most);
@@ -84,10 +93,10 @@ fn unite(parents: &mut [u32], one: u32, other: u32) {
     parents[one.max(other) as usize] = one.min(other);
 }
 
-fn blob(image: &[f32], width: usize, runs: Vec<(u32, u32, u32)>) -> Blob {
+fn blob(image: &[f32], width: usize, mask: Mask) -> Blob {
     let (mut weight, mut moment, mut area) = (0.0, [0.0; 2], 0);
     let mut bounds = [usize::MAX, usize::MAX, 0, 0];
-    for &(y, first, end) in &runs {
+    for &(y, first, end) in mask.runs() {
         let (y, first, end) = (y as usize, first as usize, end as usize);
         area += end - first;
         bounds = [bounds[0].min(first), bounds[1].min(y), bounds[2].max(end - 1), bounds[3].max(y)];
@@ -98,13 +107,7 @@ fn blob(image: &[f32], width: usize, runs: Vec<(u32, u32, u32)>) -> Blob {
             moment[1] += f64::from(value) * y as f64;
         }
     }
-    Blob {
-        weight,
-        centre: [moment[0] / weight, moment[1] / weight],
-        area,
-        bounds,
-        mask: Mask::from_runs(runs),
-    }
+    Blob { weight, centre: [moment[0] / weight, moment[1] / weight], area, bounds, mask }
 }
 
 #[cfg(test)]

@@ -22,6 +22,8 @@ pub(crate) struct Core {
     pub(crate) centre: Option<[f64; 2]>,
     /// Largest distance of the other pixels from that centroid along x and y, pixels.
     pub(crate) reach: [f64; 2],
+    /// Mean colour of the other pixels, or of all where there are none, levels.
+    pub(crate) colour: [f64; 3],
 }
 
 /// Separates the shadow from a region of a frame, `[height, width, 3]`.
@@ -37,10 +39,12 @@ pub(crate) fn core(frame: &[u8], background: &Background, exposure: &Exposure, m
     let mean = |r: [f32; 3]| (r[0] + r[1] + r[2]) / 3.0;
     let (mut all, mut shadowed, mut total, mut moment) = (0_usize, 0_usize, 0.0, [0.0; 2]);
     let mut bounds = [usize::MAX, usize::MAX, 0, 0];
+    let (mut colour, mut shade) = ([0.0; 3], [0.0; 3]);
     for &(y, first, end) in mask.runs() {
         for x in first as usize..end as usize {
             let place = y as usize * width + x;
             all += 1;
+            let pixel = pixel(place);
             let ratio = ratios(place);
             let middle = mean(ratio);
             let spread = ratio.iter().fold(0.0_f32, |s, r| s.max((r - middle).abs())) / middle;
@@ -48,9 +52,10 @@ pub(crate) fn core(frame: &[u8], background: &Background, exposure: &Exposure, m
             let smooth = x + 1 >= width || (mean(ratios(place + 1)) - middle).abs() < STEP;
             if bright && RATIOS.contains(&middle) && spread < SPREAD && smooth {
                 shadowed += 1;
+                (0..3).for_each(|c| shade[c] += f64::from(pixel[c]));
                 continue;
             }
-            let pixel = pixel(place);
+            (0..3).for_each(|c| colour[c] += f64::from(pixel[c]));
             let size = (0..3).map(|c| (pixel[c] - levels[place * 3 + c]).abs()).fold(0.0_f32, f32::max);
             let size = f64::from(size);
             total += size;
@@ -63,7 +68,10 @@ pub(crate) fn core(frame: &[u8], background: &Background, exposure: &Exposure, m
     let reach = centre.map_or([0.0; 2], |centre| {
         [0, 1].map(|axis| (centre[axis] - bounds[axis] as f64).max(bounds[axis + 2] as f64 - centre[axis]))
     });
-    Core { shadow: shadowed as f64 / all.max(1) as f64, centre, reach }
+    let solid = all - shadowed;
+    let colour =
+        if solid > 0 { colour.map(|sum| sum / solid as f64) } else { shade.map(|sum| sum / all.max(1) as f64) };
+    Core { shadow: shadowed as f64 / all.max(1) as f64, centre, reach, colour }
 }
 
 #[cfg(test)]

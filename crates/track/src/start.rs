@@ -19,6 +19,8 @@ pub(crate) struct Course {
     pub(crate) positions: Vec<[f64; 2]>,
     /// Whether the region in a frame looks as in most frames.
     pub(crate) typical: Vec<bool>,
+    /// How much the object moves in a frame, 0..=1. A resting object cannot be told from the background.
+    pub(crate) moving: Vec<f64>,
     /// Reach of the object from its position along x and y, pixels.
     pub(crate) reach: [f64; 2],
 }
@@ -53,27 +55,30 @@ pub(crate) fn course(candidate: &Candidate, detections: &[Detection]) -> Course 
             Region { frame: detection.frame, centre, reach, weight: blob.weight }
         })
         .collect();
-    let moves = moving(&regions, candidate.diameter);
+    let moves = speeds(&regions, candidate.diameter);
     let weight = weighted_median(&regions, &moves, |region| region.weight);
     let reach = [0, 1].map(|axis| weighted_median(&regions, &moves, |region| region.reach[axis]));
     let first = regions[0].frame;
     let mut positions = Vec::new();
     let mut typical = Vec::new();
-    for pair in regions.windows(2) {
+    let mut moving = Vec::new();
+    for (pair, moves) in regions.windows(2).zip(&moves) {
         let frames = pair[1].frame - pair[0].frame;
         for step in 0..frames {
             let share = step as f64 / frames as f64;
             positions.push([0, 1].map(|axis| pair[0].centre[axis] * (1.0 - share) + pair[1].centre[axis] * share));
             typical.push(step == 0 && is_typical(&pair[0], weight));
+            moving.push(if step == 0 { *moves } else { 0.0 });
         }
     }
     let last = &regions[regions.len() - 1];
     positions.push(last.centre);
     typical.push(is_typical(last, weight));
+    moving.push(moves[moves.len() - 1]);
     if typical.iter().filter(|&&t| t).count() < 4 {
         typical.fill(true);
     }
-    Course { first, positions, typical, reach }
+    Course { first, positions, typical, moving, reach }
 }
 
 fn is_typical(region: &Region, weight: f64) -> bool {
@@ -81,7 +86,7 @@ fn is_typical(region: &Region, weight: f64) -> bool {
 }
 
 /// How much the mover moves in each region's frame, between 0.02 and 1: an object in a hand moves less than a free one.
-fn moving(regions: &[Region], diameter: f64) -> Vec<f64> {
+fn speeds(regions: &[Region], diameter: f64) -> Vec<f64> {
     (0..regions.len())
         .map(|i| {
             let (a, b) = (&regions[i.saturating_sub(1)], &regions[(i + 1).min(regions.len() - 1)]);

@@ -3,7 +3,7 @@
 use crate::appearance::{Start, registered};
 use crate::background::{Background, Samples};
 use crate::candidates::{Candidate, candidates, changed, occupied};
-use crate::detection::{Detection, detect, threshold};
+use crate::detection::{Detection, detect, steady, threshold};
 use crate::error::Error;
 use crate::options::Options;
 use crate::points::points;
@@ -57,8 +57,13 @@ pub fn track(video: &dyn Video, options: &Options) -> Result<Tracking, Error> {
     for (((role, candidate), (course, layout)), windows) in ranked.iter().zip(courses).zip(windows) {
         let starts: Vec<Start> = windows
             .into_iter()
-            .zip(course.positions.iter().zip(&course.typical))
-            .map(|(window, (&position, &typical))| Start { window, position, typical })
+            .enumerate()
+            .map(|(i, window)| Start {
+                window,
+                position: course.positions[i],
+                typical: course.typical[i],
+                moving: course.moving[i],
+            })
             .collect();
         let (fits, _) = registered(&starts, layout, f64::from(scene.background.noise));
         let (points, disagreement) = points(&scene.detections, candidate, &course, &fits);
@@ -74,6 +79,7 @@ pub fn track(video: &dyn Video, options: &Options) -> Result<Tracking, Error> {
     let middle = |values: &mut Vec<f64>| median(values).unwrap_or(0.0);
     Ok(Tracking {
         tracks,
+        translations: scene.detections.iter().map(|d| d.translation).collect(),
         moving_share: middle(&mut scene.detections.iter().map(|d| d.share).collect()),
         flicker: middle(&mut scene.detections.iter().map(|d| d.exposure.change()).collect()),
         background: scene.background,
@@ -112,7 +118,7 @@ impl Scene {
         options: &Options,
     ) -> Result<Self, Error> {
         let threshold = threshold(samples, &background, options)?;
-        let detections = detect(video, range, &background, threshold, options)?;
+        let detections = detect(video, range, &background, (threshold, samples.shaken()), options)?;
         let candidates = candidates(&detections, video.size(), options);
         if candidates.is_empty() {
             return Err(Error::NoPath { blobs: detections.iter().map(|d| d.blobs.len()).sum() });
@@ -131,7 +137,8 @@ fn cut(
     let start = detections[0].frame;
     let wanted = |frame: usize| courses.iter().any(|(course, _)| course.frames().contains(&frame));
     let work = |frame: usize, bytes: &[u8]| -> Vec<Option<Window>> {
-        let exposure = &detections[frame - start].exposure;
+        let Detection { exposure, translation, .. } = &detections[frame - start];
+        let bytes = &*steady(bytes, background.size(), *translation);
         let window = |(course, layout): &(Course, Layout)| {
             let frames = course.frames();
             frames.contains(&frame).then(|| {

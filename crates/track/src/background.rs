@@ -137,53 +137,66 @@ impl Samples {
         let tables: Vec<[[f32; 256]; 3]> = self.exposures.iter().map(Exposure::tables).collect();
         let least = (self.frames.len() / 12).max(3);
         let mut levels = vec![0.0_f32; width * height * 3];
-        let mut other = vec![f32::NAN; width * height * 3];
         let mut noise = vec![0.0_f32; width * height];
-        let rows = levels.par_chunks_mut(width * 3).zip(other.par_chunks_mut(width * 3)).zip(noise.par_chunks_mut(width));
-        rows.enumerate().for_each(|(y, ((levels, other), noise))| {
-            let mut free: Vec<usize> = Vec::with_capacity(self.frames.len());
-            let mut values: Vec<f32> = Vec::with_capacity(self.frames.len());
-            let rows: Vec<&[(u32, u32, u32)]> =
-                (0..self.frames.len()).map(|i| occupied.map_or(&[][..], |masks| masks[i].row(y))).collect();
-            for x in 0..width {
-                let holds = |run: &(u32, u32, u32)| (run.1..run.2).contains(&(x as u32));
-                free.clear();
-                free.extend((0..self.frames.len()).filter(|&i| !rows[i].iter().any(holds)));
-                if free.len() < least {
+        levels.par_chunks_mut(width * 3).zip(noise.par_chunks_mut(width)).enumerate().for_each(
+            |(y, (levels, noise))| {
+                let mut free: Vec<usize> = Vec::with_capacity(self.frames.len());
+                let mut values: Vec<f32> = Vec::with_capacity(self.frames.len());
+                let rows: Vec<&[(u32, u32, u32)]> =
+                    (0..self.frames.len()).map(|i| occupied.map_or(&[][..], |masks| masks[i].row(y))).collect();
+                for x in 0..width {
+                    let holds = |run: &(u32, u32, u32)| (run.1..run.2).contains(&(x as u32));
                     free.clear();
-                    free.extend(0..self.frames.len());
+                    free.extend((0..self.frames.len()).filter(|&i| !rows[i].iter().any(holds)));
+                    if free.len() < least {
+                        free.clear();
+                        free.extend(0..self.frames.len());
+                    }
+                    let mut spread = 0.0_f32;
+                    for channel in 0..3 {
+                        let place = (y * width + x) * 3 + channel;
+                        values.clear();
+                        values.extend(free.iter().map(|&i| tables[i][channel][self.frames[i].1[place] as usize]));
+                        let (level, deviation) = level_and_noise(&mut values);
+                        levels[x * 3 + channel] = level;
+                        spread = spread.max(deviation);
+                    }
+                    noise[x] = spread;
                 }
-                let mut spread = 0.0_f32;
-                for channel in 0..3 {
-                    let place = (y * width + x) * 3 + channel;
-                    values.clear();
-                    values.extend(free.iter().map(|&i| tables[i][channel][self.frames[i].1[place] as usize]));
-                    let (level, deviation) = level_and_noise(&mut values);
-                    levels[x * 3 + channel] = level;
-                    spread = spread.max(deviation);
-                }
-                noise[x] = spread;
-                let pixel = |i: usize| {
-                    let place = (y * width + x) * 3;
-                    [0, 1, 2].map(|c| tables[i][c][self.frames[i].1[place + c] as usize])
-                };
-                let level = [levels[x * 3], levels[x * 3 + 1], levels[x * 3 + 2]];
-                if let Some(state) = other_state(free.iter().map(|&i| pixel(i)), level, spread) {
-                    other[x * 3..x * 3 + 3].copy_from_slice(&state);
-                }
-            }
-        });
+            },
+        );
         let mut sorted: Vec<f64> = noise.iter().step_by(7).map(|&n| f64::from(n)).collect();
         let typical = (median(&mut sorted).unwrap_or(0.0) as f32).max(LEAST_NOISE);
         let precision = noise.iter().map(|&n| 1.0 / n.max(typical)).collect();
-        let image = |values| Array3::from_shape_vec((height, width, 3), values).expect("one level for each sample");
-        let mut levels = image(levels);
-        remove_resting(&mut levels, &image(other));
+        let mut levels = Array3::from_shape_vec((height, width, 3), levels).expect("one level for each sample");
+        if occupied.is_none() {
+            let limit = FAR * typical.clamp(1.5, 3.0);
+            let mut other = self.other_states(&levels, &tables, limit);
+            remove_resting(&mut levels, &mut other, 1.5 * limit);
+        }
         Background {
             levels,
             precision: Array2::from_shape_vec((height, width), precision).expect("one value for each pixel"),
             noise: typical,
         }
+    }
+
+    /// Second state of each pixel, `[height, width, 3]`; NaN where there is none.
+    fn other_states(&self, levels: &Array3<f32>, tables: &[[[f32; 256]; 3]], limit: f32) -> Array3<f32> {
+        let (height, width, _) = levels.dim();
+        let mut other = vec![f32::NAN; height * width * 3];
+        other.par_chunks_mut(3).enumerate().for_each(|(place, other)| {
+            let pixels = self
+                .frames
+                .iter()
+                .zip(tables)
+                .map(|((_, bytes), tables)| [0, 1, 2].map(|c| tables[c][bytes[place * 3 + c] as usize]));
+            let level = [0, 1, 2].map(|c| levels[[place / width, place % width, c]]);
+            if let Some(state) = other_state(pixels, level, limit) {
+                other.copy_from_slice(&state);
+            }
+        });
+        Array3::from_shape_vec((height, width, 3), other).expect("one level for each sample")
     }
 }
 
@@ -205,9 +218,8 @@ impl Background {
     }
 }
 
-/// Median of the pixels far from `level`, where they are many and alike.
-fn other_state(pixels: impl Iterator<Item = [f32; 3]>, level: [f32; 3], noise: f32) -> Option<[f32; 3]> {
-    let limit = FAR * noise.max(1.5);
+/// Median of the pixels that differ from `level` by more than `limit`, where they are many and alike.
+fn other_state(pixels: impl Iterator<Item = [f32; 3]>, level: [f32; 3], limit: f32) -> Option<[f32; 3]> {
     let (mut count, mut far) = (0, Vec::new());
     for pixel in pixels {
         count += 1;

@@ -106,7 +106,7 @@ fn candidate(nodes: Vec<(usize, usize)>, score: f64, detections: &[Detection], s
         let rank = |share| quantile(&mut values.clone(), share).unwrap_or(0.0);
         rank(0.95) - rank(0.05)
     };
-        let at_border = blobs.iter().filter(|b| b.0.touches_border(size.width, size.height)).count();
+    let at_border = blobs.iter().filter(|b| b.0.touches_border(size.width, size.height)).count();
     Candidate {
         score,
         extent: range(0).hypot(range(1)) / diameter,

@@ -77,9 +77,8 @@ fn heaviest(nodes: &[Node]) -> f64 {
 /// Reward of every node: its weight against the heaviest ones, or its likeness to the hinted nodes where there are any.
 fn rewards(nodes: &[Node], hints: &[Hint]) -> Vec<f64> {
     let hinted = |node: &Node| {
-        let near = |hint: &Hint| {
-            hint.frame == node.frame && distance(hint.position, node.centre) < node.diameter.max(4.0)
-        };
+        let near =
+            |hint: &Hint| hint.frame == node.frame && distance(hint.position, node.centre) < node.diameter.max(4.0);
         hints.iter().any(near)
     };
     let mut chosen: Vec<f64> = nodes.iter().filter(|node| hinted(node)).map(|node| node.weight).collect();

@@ -35,7 +35,10 @@ impl Plane {
             if inside {
                 let line = &line[left as usize - 1..];
                 for (x, value) in out.iter_mut().enumerate() {
-                    *value = across[0] * line[x] + across[1] * line[x + 1] + across[2] * line[x + 2] + across[3] * line[x + 3];
+                    *value = across[0] * line[x]
+                        + across[1] * line[x + 1]
+                        + across[2] * line[x + 2]
+                        + across[3] * line[x + 3];
                 }
             } else {
                 for (x, value) in out.iter_mut().enumerate() {

@@ -25,9 +25,7 @@ pub(crate) fn points(
     course: &Course,
     fits: &[Option<Fit>],
 ) -> (Vec<Point>, f64) {
-    let seen = |fit: &Fit| {
-        fit.contrast > LEAST_CONTRAST && fit.misfit < MOST_MISFIT && fit.inside > LEAST_INSIDE
-    };
+    let seen = |fit: &Fit| fit.contrast > LEAST_CONTRAST && fit.misfit < MOST_MISFIT && fit.inside > LEAST_INSIDE;
     let frames = course.frames();
     let has_region = |frame: usize| candidate.nodes.iter().any(|node| detections[node.0].frame == frame);
     let good: Vec<([f64; 2], &Fit)> = course
@@ -48,9 +46,7 @@ pub(crate) fn points(
     });
     let mut distances: Vec<f64> = good
         .iter()
-        .map(|(start, fit)| {
-            (fit.position[0] - start[0] - offset[0]).hypot(fit.position[1] - start[1] - offset[1])
-        })
+        .map(|(start, fit)| (fit.position[0] - start[0] - offset[0]).hypot(fit.position[1] - start[1] - offset[1]))
         .collect();
     let disagreement = median(&mut distances).unwrap_or(f64::NAN);
     let mut ratios: Vec<f64> = good.iter().map(|(_, fit)| fit.correlation).collect();

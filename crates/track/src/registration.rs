@@ -137,8 +137,8 @@ fn coarse_cost(window: &Window, template: &Template, layout: Layout, position: [
             }
             let precision = f64::from(template.precision.values[cell]);
             for c in 0..3 {
-                let predicted = template.paint[c].values[cell]
-                    - template.cover.values[cell] * window.background[c].values[place];
+                let predicted =
+                    template.paint[c].values[cell] - template.cover.values[cell] * window.background[c].values[place];
                 let square = f64::from((window.difference[c].values[place] - predicted).powi(2)) * precision;
                 // Bounded, so that a hand or a shadow inside the template does not decide.
                 total += square / (1.0 + square / 100.0);
@@ -177,9 +177,7 @@ pub(crate) fn register(window: &Window, template: &Template, layout: Layout, sta
 fn scale(render: &Render, window: &Window, contrast: f64) -> Option<f64> {
     let mut sizes = Vec::with_capacity(render.cover.values.len());
     render.visit(window, |cell, place, precision| {
-        let size: f64 = (0..3)
-            .map(|c| residual(render, window, contrast, c, cell, place).powi(2))
-            .sum::<f64>();
+        let size: f64 = (0..3).map(|c| residual(render, window, contrast, c, cell, place).powi(2)).sum::<f64>();
         sizes.push((size / 3.0 * precision).sqrt());
     });
     if sizes.len() < 12 {
@@ -209,8 +207,7 @@ fn normal_equations(render: &Render, window: &Window, contrast: f64, scale: f64)
             let background = window.background[c].values[place];
             let r = residual(render, window, contrast, c, cell, place);
             let [dx, dy] = render.gradient(c, cell, background);
-            let row =
-                Vector3::new(contrast * dx, contrast * dy, f64::from(render.predicted(c, cell, background)));
+            let row = Vector3::new(contrast * dx, contrast * dy, f64::from(render.predicted(c, cell, background)));
             let w = precision * weight(r * precision.sqrt());
             normal += w * row * row.transpose();
             right += w * r * row;

@@ -172,11 +172,8 @@ mod tests {
 
     #[test]
     fn a_plain_wall_has_no_edges() {
-        let background = Background {
-            levels: Array3::from_elem((60, 80, 3), 90.0),
-            precision: Array2::ones((60, 80)),
-            noise: 1.0,
-        };
+        let background =
+            Background { levels: Array3::from_elem((60, 80, 3), 90.0), precision: Array2::ones((60, 80)), noise: 1.0 };
         assert!(Edges::find(&background).is_none());
     }
 }

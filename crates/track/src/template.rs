@@ -54,8 +54,7 @@ impl Template {
             })
             .collect();
         let floor = (0.5 * noise / layout.bin as f64).max(LEAST_DEVIATION / layout.bin as f64);
-        let medians: Vec<[f64; 3]> =
-            (0..width * height).into_par_iter().map(|cell| medians(&aligned, cell)).collect();
+        let medians: Vec<[f64; 3]> = (0..width * height).into_par_iter().map(|cell| medians(&aligned, cell)).collect();
         let size = |contrast: &[f64; 3]| contrast.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
         let mut sizes: Vec<f64> = medians.iter().map(size).collect();
         let strong = quantile(&mut sizes, 0.9).unwrap_or(0.0).max(4.0 * floor);

@@ -132,7 +132,11 @@ mod tests {
         let pixels = image(|x, y| disc(x, y, 40, 45, 9) || ((39..42).contains(&x) && y < 40));
         let parts = components(&pixels, 80, 0.5, 5, 9);
         assert_eq!(parts.len(), 1);
-        assert!((parts[0].centre[0] - 40.0).abs() < 0.2 && (parts[0].centre[1] - 45.0).abs() < 0.7, "{:?}", parts[0].centre);
+        assert!(
+            (parts[0].centre[0] - 40.0).abs() < 0.2 && (parts[0].centre[1] - 45.0).abs() < 0.7,
+            "{:?}",
+            parts[0].centre
+        );
     }
 
     #[test]
@@ -145,7 +149,9 @@ mod tests {
 
     #[test]
     fn a_disc_and_a_bar_stay_whole() {
-        for shape in [image(|x, y| disc(x, y, 40, 30, 12)), image(|x, y| (20..60).contains(&x) && (25..35).contains(&y))] {
+        for shape in
+            [image(|x, y| disc(x, y, 40, 30, 12)), image(|x, y| (20..60).contains(&x) && (25..35).contains(&y))]
+        {
             let blobs = components(&shape, 80, 0.5, 5, 9);
             assert_eq!(blobs.len(), 1);
             assert_eq!(blobs[0].area as f32, shape.iter().sum::<f32>());

@@ -19,8 +19,10 @@ use crate::window::{Layout, Window};
 const LEAST_FRAMES: usize = 8;
 /// Smallest side of a frame, pixels.
 const LEAST_SIDE: usize = 16;
+/// Rank, relative to the best mover's, below which a mover is dropped.
+const NEGLIGIBLE: f64 = 0.05;
 /// Rounds of background estimation after the first.
-const BACKGROUND_ROUNDS: usize = 2;
+const BACKGROUND_ROUNDS: usize = 1;
 /// Change of the background, as a share of the object's area, that calls for another detection.
 const CHANGED: f64 = 0.05;
 
@@ -43,6 +45,8 @@ pub fn track(video: &dyn Video, options: &Options) -> Result<Tracking, Error> {
     }
     let scene = Scene::find(video, (range.start, range.end), options)?;
     let ranked = roles(scene.candidates, &scene.detections);
+    let best = ranked.iter().map(|(_, candidate)| candidate.rank()).fold(0.0, f64::max);
+    let ranked: Vec<_> = ranked.into_iter().filter(|(_, c)| c.rank() >= NEGLIGIBLE * best).collect();
     let courses: Vec<(Course, Layout)> = ranked
         .iter()
         .take(options.objects)
@@ -66,7 +70,8 @@ pub fn track(video: &dyn Video, options: &Options) -> Result<Tracking, Error> {
             })
             .collect();
         let (fits, _) = registered(&starts, layout, f64::from(scene.background.noise));
-        let (points, disagreement) = points(&scene.detections, candidate, &course, &fits);
+        let (mut points, disagreement) = points(&scene.detections, candidate, &course, &fits);
+        quality::calibrate(&mut points);
         let rival = ranked.iter().map(|(_, c)| c).filter(|c| !std::ptr::eq(*c, candidate)).map(Candidate::rank);
         let quality = quality::Quality {
             disagreement,

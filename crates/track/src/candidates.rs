@@ -6,6 +6,7 @@ use crate::detection::Detection;
 use crate::linking::{Node, paths};
 use crate::mask::Mask;
 use crate::options::Options;
+use crate::quality;
 use crate::segments::{Stop, segments};
 use crate::shadow::Core;
 use crate::statistics::{median, quantile};
@@ -18,7 +19,9 @@ const MOST_PATHS: usize = 6;
 /// Longest plausible step of one frame, as a share of the frame's diagonal.
 const LONGEST_STEP: f64 = 0.25;
 /// Extent of a path over the object's diameter from which on the path counts fully.
-const MOVING: f64 = 0.5;
+const MOVING: f64 = 1.5;
+/// Extent from which on the pixels of a path count as occupied.
+const OCCUPIES: f64 = 0.5;
 /// Pixels around a moving region that count as occupied.
 const OCCUPIED_MARGIN: u32 = 3;
 
@@ -30,6 +33,8 @@ pub(crate) struct Candidate {
     pub(crate) score: f64,
     /// Extent of the path over the diameter of the object.
     pub(crate) extent: f64,
+    /// Median second difference of the positions over that in shuffled order, at most 1.
+    pub(crate) chance: f64,
     /// Median diameter, pixels.
     pub(crate) diameter: f64,
     /// Median share of shadow-like pixels.
@@ -39,9 +44,9 @@ pub(crate) struct Candidate {
 }
 
 impl Candidate {
-    /// Score that counts movement.
+    /// Score that counts movement and smoothness.
     pub(crate) fn rank(&self) -> f64 {
-        self.score * (self.extent / MOVING).min(1.0)
+        self.score * (self.extent / MOVING).min(1.0) * (1.0 - self.chance).max(0.05)
     }
 
     /// Detections, blobs and cores along the path.
@@ -106,10 +111,12 @@ fn candidate(nodes: Vec<(usize, usize)>, score: f64, detections: &[Detection], s
         let rank = |share| quantile(&mut values.clone(), share).unwrap_or(0.0);
         rank(0.95) - rank(0.05)
     };
+    let positions: Vec<Option<[f64; 2]>> = blobs.iter().map(|b| Some(b.0.centre)).collect();
     let at_border = blobs.iter().filter(|b| b.0.touches_border(size.width, size.height)).count();
     Candidate {
         score,
         extent: range(0).hypot(range(1)) / diameter,
+        chance: quality::chance(&positions).unwrap_or(0.5).min(1.0),
         diameter,
         shadow: middle(&|b| b.1.shadow),
         border: at_border as f64 / blobs.len() as f64,
@@ -123,7 +130,7 @@ fn candidate(nodes: Vec<(usize, usize)>, score: f64, detections: &[Detection], s
 /// shows where it rested. Frames without the first mover count as occupied there.
 pub(crate) fn occupied(samples: &Samples, detections: &[Detection], candidates: &[Candidate]) -> Vec<Mask> {
     let first = detections.first().map_or(0, |d| d.frame);
-    let moves = |c: &&Candidate| c.extent >= MOVING;
+    let moves = |c: &&Candidate| c.extent >= OCCUPIES;
     let mut resting = Mask::default();
     for candidate in candidates.iter().filter(|c| !moves(c) && c.nodes.len() > 2) {
         for (_, blob, _) in candidate.along(detections) {

@@ -13,7 +13,7 @@ const MOST_TURN: f64 = 2.0;
 /// Share of the speed by which a step may differ from a constant velocity without much penalty.
 const SPEED_SHARE: f64 = 0.35;
 /// Share of the diameter by which a step may differ from a constant velocity without much penalty.
-const SIZE_SHARE: f64 = 0.25;
+const SIZE_SHARE: f64 = 0.6;
 /// Penalty per frame without a blob, and its limit.
 const GAP: f64 = 0.25;
 const MOST_GAP: f64 = 2.0;
@@ -151,7 +151,7 @@ fn turn(first: &Node, second: &Node, third: &Node) -> f64 {
     let velocity = [0, 1].map(|axis| (second.centre[axis] - first.centre[axis]) / before);
     let expected = [0, 1].map(|axis| second.centre[axis] + velocity[axis] * after);
     let free = 1.5 + SIZE_SHARE * third.diameter + SPEED_SHARE * velocity[0].hypot(velocity[1]) * after;
-    (distance(expected, third.centre) / free).powi(2).min(MOST_TURN)
+    (0.5 * (distance(expected, third.centre) / free).powi(2)).min(MOST_TURN)
 }
 
 #[cfg(test)]

@@ -79,7 +79,7 @@ impl Plane {
 }
 
 /// Weights of the four samples around a point that lies `t` in 0..1 after the second (Catmull-Rom; Keys 1981).
-fn cubic(t: f32) -> [f32; 4] {
+pub(crate) fn cubic(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [-0.5 * t3 + t2 - 0.5 * t, 1.5 * t3 - 2.5 * t2 + 1.0, -1.5 * t3 + 2.0 * t2 + 0.5 * t, 0.5 * t3 - 0.5 * t2]
 }

@@ -2,6 +2,7 @@
 
 use crate::candidates::Candidate;
 use crate::detection::Detection;
+use crate::quality::jitter;
 use crate::registration::Fit;
 use crate::start::Course;
 use crate::statistics::{median, scale_about_zero};
@@ -15,6 +16,10 @@ const MOST_MISFIT: f64 = 0.6;
 const WHOLE: f64 = 0.97;
 /// Least share of the template inside the frame that gives a position.
 const LEAST_INSIDE: f64 = 0.4;
+/// Share of the regions in which the template is seen, below which all positions are centroids.
+const RIGID: f64 = 0.4;
+/// Fewest differences that give the jitter of centroids.
+const LEAST_DIFFERENCES: usize = 5;
 /// Least standard deviation of a centroid, pixels.
 const LEAST_DEVIATION: f64 = 0.1;
 
@@ -36,13 +41,19 @@ pub(crate) fn points(
         .filter(|(_, frame)| has_region(*frame))
         .filter_map(|((start, fit), _)| fit.as_ref().filter(|fit| seen(fit)).map(|fit| (*start, fit)))
         .collect();
+    // Without a common look, as of an object that tumbles or changes its blur, centroids serve in all frames.
+    let rigid = good.len() as f64 >= RIGID * candidate.nodes.len() as f64;
     let offset = [0, 1].map(|axis| {
         let mut values: Vec<f64> = good.iter().map(|(start, fit)| fit.position[axis] - start[axis]).collect();
-        median(&mut values).unwrap_or(0.0)
+        if rigid { median(&mut values).unwrap_or(0.0) } else { 0.0 }
     });
+    let starts: Vec<Option<[f64; 2]>> =
+        frames.clone().zip(&course.positions).map(|(frame, start)| has_region(frame).then_some(*start)).collect();
+    let jitter = jitter(&starts, LEAST_DIFFERENCES);
     let deviation = [0, 1].map(|axis| {
         let values = good.iter().map(|(start, fit)| fit.position[axis] - start[axis] - offset[axis]);
-        scale_about_zero(values).unwrap_or(0.2 * candidate.diameter).max(LEAST_DEVIATION)
+        let scale = if rigid { scale_about_zero(values) } else { jitter.map(|jitter| jitter[axis]) };
+        scale.unwrap_or(0.2 * candidate.diameter).max(LEAST_DEVIATION)
     });
     let mut distances: Vec<f64> = good
         .iter()
@@ -70,7 +81,7 @@ pub(crate) fn points(
         point.misfit = fit.map(|fit| fit.misfit);
         point.contrast = fit.map(|fit| fit.contrast);
         point.visibility = Visibility::Occluded;
-        if let Some(fit) = fit.filter(|fit| seen(fit)) {
+        if let Some(fit) = fit.filter(|fit| rigid && seen(fit)) {
             let covariance = fit.covariance * correlation;
             point.visibility = if fit.inside < WHOLE { Visibility::CutOff } else { Visibility::Visible };
             point.measurement = Some(Measurement {
@@ -78,7 +89,7 @@ pub(crate) fn points(
                 covariance: [[covariance[(0, 0)], covariance[(0, 1)]], [covariance[(1, 0)], covariance[(1, 1)]]],
                 method: Method::Template,
             });
-        } else if has_region(frame) && course.typical[frame - frames.start] {
+        } else if has_region(frame) && (!rigid || course.typical[frame - frames.start]) {
             point.visibility = Visibility::Visible;
             point.measurement = Some(Measurement {
                 position: [start[0] + offset[0], start[1] + offset[1]],

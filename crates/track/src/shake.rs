@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use crate::background::Background;
 use crate::exposure::Exposure;
-use crate::plane::Plane;
+use crate::plane::cubic;
 use crate::statistics::{NORMAL_MAD, median, quantile};
 use crate::video::Size;
 
@@ -18,6 +18,8 @@ const LEAST_GRADIENT: f32 = 6.0;
 const MOST: i64 = 10;
 /// Translation of the 70th percentile of the sampled frames from which on frames are stabilised, pixels.
 const SHAKES: f64 = 0.25;
+/// Edges skipped by the search over whole pixels.
+const SPARSE: usize = 3;
 const BIWEIGHT: f64 = 4.685;
 
 /// Edges of the background against which frames are aligned.
@@ -72,7 +74,7 @@ impl Edges {
                 let r = f64::from(level(p.0 as i64 + dx, p.1 as i64 + dy) - p.2);
                 r * r / (r * r + 400.0)
             };
-            self.points.iter().map(term).sum()
+            self.points.iter().step_by(SPARSE).map(term).sum()
         };
         let mut best = (cost(0, 0), [0_i64; 2]);
         for dy in -MOST..=MOST {
@@ -126,15 +128,35 @@ pub(crate) fn shakes(translations: &[[f64; 2]]) -> bool {
     quantile(&mut lengths, 0.7).is_some_and(|length| length > SHAKES)
 }
 
-/// Frame with its content moved by `-translation`, by cubic convolution; `[height, width, 3]`.
+/// Frame with its content moved by `-translation`, by cubic convolution; `[height, width, 3]`. The border is repeated.
 pub(crate) fn moved_back(frame: &[u8], size: Size, translation: [f64; 2]) -> Vec<u8> {
+    let Size { width, height } = size;
+    let whole = translation.map(|t| t.floor() as i64);
+    let [across, down] = [0, 1].map(|axis| cubic((translation[axis] - translation[axis].floor()) as f32));
+    let stride = 3 * width;
+    let column = |x: i64| x.clamp(0, width as i64 - 1) as usize;
+    let mut filtered = vec![0.0_f32; frame.len()];
+    let mut line = vec![0.0_f32; stride + 9];
+    for (row, out) in frame.chunks_exact(stride).zip(filtered.chunks_exact_mut(stride)) {
+        for (k, pixel) in line.chunks_exact_mut(3).enumerate() {
+            let from = 3 * column(k as i64 - 1 + whole[0]);
+            (0..3).for_each(|c| pixel[c] = f32::from(row[from + c]));
+        }
+        let taps = line.iter().zip(&line[3..]).zip(&line[6..]).zip(&line[9..]);
+        for (value, (((a, b), c), d)) in out.iter_mut().zip(taps) {
+            *value = across[0] * a + across[1] * b + across[2] * c + across[3] * d;
+        }
+    }
     let mut result = vec![0; frame.len()];
-    for channel in 0..3 {
-        let values = frame.iter().skip(channel).step_by(3).map(|&v| f32::from(v)).collect();
-        let plane = Plane { width: size.width, height: size.height, values };
-        let moved = plane.sampled(translation, size.width, size.height);
-        for (to, from) in result.iter_mut().skip(channel).step_by(3).zip(moved.values) {
-            *to = from.round().clamp(0.0, 255.0) as u8;
+    for (y, out) in result.chunks_exact_mut(stride).enumerate() {
+        let row = |tap: i64| {
+            let from = (y as i64 + whole[1] + tap).clamp(0, height as i64 - 1) as usize * stride;
+            &filtered[from..from + stride]
+        };
+        let taps = row(-1).iter().zip(row(0)).zip(row(1)).zip(row(2));
+        for (value, (((a, b), c), d)) in out.iter_mut().zip(taps) {
+            // The conversion saturates.
+            *value = (down[0] * a + down[1] * b + down[2] * c + down[3] * d + 0.5) as u8;
         }
     }
     result

@@ -117,56 +117,106 @@ fn medians(aligned: &[Aligned], cell: usize) -> [f64; 3] {
     })
 }
 
+/// One frame at one cell, by channel.
+struct Sample {
+    difference: [f64; 3],
+    background: [f64; 3],
+}
+
 impl Cell {
     /// Fits difference = contrast - cover * (background - mean background) by reweighted least squares.
     fn fit(aligned: &[Aligned], cell: usize, start: [f64; 3], prior: f64, floor: f64) -> Self {
-        let frames: Vec<([f64; 3], [f64; 3])> = aligned
+        let samples: Vec<Sample> = aligned
             .iter()
             .filter(|frame| frame.valid.values[cell] > 0.99)
             .map(|frame| {
                 let pick = |planes: &[Plane; 3]| [0, 1, 2].map(|c| f64::from(planes[c].values[cell]));
-                (pick(&frame.difference), pick(&frame.background))
+                Sample { difference: pick(&frame.difference), background: pick(&frame.background) }
             })
             .collect();
-        if frames.len() < 3 {
+        if samples.len() < 3 {
             return Self { cover: 0.0, paint: [0.0; 3], contrast: [0.0; 3], variance: 1e6 };
         }
-        let (mut contrast, mut cover) = (start, prior);
-        let mut mean = [0, 1, 2].map(|c| frames.iter().map(|(_, b)| b[c]).sum::<f64>() / frames.len() as f64);
-        let mut weights = vec![1.0; frames.len()];
-        let mut variance = floor * floor;
+        let mean = average(&samples, &vec![1.0; samples.len()], |s| s.background);
+        let mut fitted = Self { cover: prior, paint: mean, contrast: start, variance: floor * floor };
+        let mut weights = Vec::new();
         for _ in 0..4 {
-            let residual = |(difference, background): &([f64; 3], [f64; 3])| {
-                [0, 1, 2].map(|c| difference[c] - contrast[c] + cover * (background[c] - mean[c]))
-            };
-            let sizes: Vec<f64> =
-                frames.iter().map(|f| (residual(f).iter().map(|r| r * r).sum::<f64>() / 3.0).sqrt()).collect();
+            let sizes: Vec<f64> = samples.iter().map(|sample| fitted.residual(sample)).collect();
             let scale = quantile(&mut sizes.clone(), 0.5).unwrap_or(0.0).max(floor);
-            for (weight, size) in weights.iter_mut().zip(&sizes) {
-                let z = size / (BIWEIGHT * scale);
-                *weight = if z < 1.0 { (1.0 - z * z).powi(2) } else { 0.0 };
-            }
-            let total: f64 = weights.iter().sum::<f64>().max(1e-9);
-            variance = (weights.iter().zip(&sizes).map(|(w, s)| w * s * s).sum::<f64>() / total).max(floor * floor);
-            let average = |of: &dyn Fn(&([f64; 3], [f64; 3])) -> f64| {
-                weights.iter().zip(&frames).map(|(w, f)| w * of(f)).sum::<f64>() / total
-            };
-            mean = [0, 1, 2].map(|c| average(&|f| f.1[c]));
-            contrast = [0, 1, 2].map(|c| average(&|f| f.0[c]));
-            let ridge = variance / COVER_DEVIATION.powi(2);
-            let (mut square, mut product) = (ridge, ridge * prior);
-            for (weight, (difference, background)) in weights.iter().zip(&frames) {
-                for c in 0..3 {
-                    let x = mean[c] - background[c];
-                    square += weight * x * x;
-                    product += weight * x * (difference[c] - contrast[c]);
-                }
-            }
-            cover = (product / square).clamp(0.0, 1.0);
+            weights = sizes.iter().map(|size| biweight(size / scale)).collect();
+            fitted = Self::weighted(&samples, &weights, &sizes, prior, floor);
         }
         // Rejected frames count as large deviations: a cell that half of the frames contradict is not rigid.
         let rejected = 1.0 - weights.iter().sum::<f64>() / weights.len() as f64;
-        let paint = [0, 1, 2].map(|c| contrast[c] + cover * mean[c]);
-        Self { cover, paint, contrast, variance: variance * (1.0 + 4.0 * rejected * rejected) }
+        let paint = [0, 1, 2].map(|c| fitted.contrast[c] + fitted.cover * fitted.paint[c]);
+        Self { paint, variance: fitted.variance * (1.0 + 4.0 * rejected * rejected), ..fitted }
+    }
+
+    /// Weighted fit; `paint` holds the mean background.
+    fn weighted(samples: &[Sample], weights: &[f64], sizes: &[f64], prior: f64, floor: f64) -> Self {
+        let total: f64 = weights.iter().sum::<f64>().max(1e-9);
+        let squares: f64 = weights.iter().zip(sizes).map(|(w, s)| w * s * s).sum();
+        let variance = (squares / total).max(floor * floor);
+        let mean = average(samples, weights, |s| s.background);
+        let contrast = average(samples, weights, |s| s.difference);
+        let ridge = variance / COVER_DEVIATION.powi(2);
+        let (mut square, mut product) = (ridge, ridge * prior);
+        for (weight, sample) in weights.iter().zip(samples) {
+            for c in 0..3 {
+                let x = mean[c] - sample.background[c];
+                square += weight * x * x;
+                product += weight * x * (sample.difference[c] - contrast[c]);
+            }
+        }
+        Self { cover: (product / square).clamp(0.0, 1.0), paint: mean, contrast, variance }
+    }
+
+    /// Root mean square residual of a sample over the channels; `paint` holds the mean background.
+    fn residual(&self, sample: &Sample) -> f64 {
+        let residual = |c: usize| {
+            let predicted = self.contrast[c] - self.cover * (sample.background[c] - self.paint[c]);
+            sample.difference[c] - predicted
+        };
+        ((0..3).map(|c| residual(c).powi(2)).sum::<f64>() / 3.0).sqrt()
+    }
+}
+
+fn average(samples: &[Sample], weights: &[f64], of: impl Fn(&Sample) -> [f64; 3]) -> [f64; 3] {
+    let total: f64 = weights.iter().sum::<f64>().max(1e-9);
+    [0, 1, 2].map(|c| samples.iter().zip(weights).map(|(sample, w)| w * of(sample)[c]).sum::<f64>() / total)
+}
+
+/// Biweight of a residual in standard deviations.
+fn biweight(z: f64) -> f64 {
+    let z = z / BIWEIGHT;
+    if z < 1.0 { (1.0 - z * z).powi(2) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Frames of one cell that follow the model on a background that changes from frame to frame, one of them hidden.
+    #[test]
+    fn mask_and_object_of_a_cell_are_recovered_behind_an_occlusion() {
+        let (cover, object) = (0.6, [200.0, 90.0, 40.0]);
+        let plane = |value: f64| Plane { width: 1, height: 1, values: vec![value as f32] };
+        let aligned: Vec<Aligned> = (0..20)
+            .map(|frame| {
+                let background = [0, 1, 2].map(|c| 80.0 + 10.0 * f64::from(frame % 5) + 3.0 * f64::from(c));
+                let seen = |c: usize| if frame == 7 { 90.0 } else { cover * (object[c] - background[c]) };
+                Aligned {
+                    difference: [0, 1, 2].map(|c| plane(seen(c))),
+                    background: background.map(plane),
+                    valid: plane(1.0),
+                }
+            })
+            .collect();
+        let cell = Cell::fit(&aligned, 0, medians(&aligned, 0), 1.0, 0.5);
+        // The prior of 0.3 around 1 weighs 0.5^2 / 0.3^2 = 2.8 against a sum of squares of 12000.
+        assert!((cell.cover - cover).abs() < 1e-3, "{}", cell.cover);
+        for (paint, level) in cell.paint.iter().zip(object) {
+            assert!((paint - cover * level).abs() < 0.2, "{:?}", cell.paint);
+        }
     }
 }

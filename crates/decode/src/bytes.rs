@@ -1,6 +1,7 @@
 //! Reading numbers from bytes that may end too early.
 
-use std::io::{Read, Seek, SeekFrom};
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
 
 use crate::error::{Error, Result};
 
@@ -61,10 +62,15 @@ pub(crate) fn big_endian(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0, |number, &byte| number << 8 | u64::from(byte))
 }
 
-/// Reads at most `length` bytes of a file from `offset` on; all of them, or an error.
-pub(crate) fn read_at(file: &mut (impl Read + Seek), offset: u64, length: u64) -> Result<Vec<u8>> {
+/// Reads bytes of a file from a place on: so many, or an error.
+pub(crate) fn read_at(file: &mut BufReader<File>, offset: u64, length: u64) -> Result<Vec<u8>> {
+    // Keeps what is buffered: an index is read in many small steps.
+    let here = file.stream_position()?;
+    match i64::try_from(i128::from(offset) - i128::from(here)) {
+        Ok(step) => file.seek_relative(step)?,
+        Err(_) => return Err(Error::corrupt(format!("it refers to the byte {offset}"))),
+    }
     let mut bytes = Vec::new();
-    file.seek(SeekFrom::Start(offset))?;
     // Grows with what is there, not with what is claimed.
     let read = file.take(length).read_to_end(&mut bytes)?;
     if read as u64 != length {

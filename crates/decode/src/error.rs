@@ -39,6 +39,14 @@ pub enum Error {
     /// The operating system's refusal.
     #[error("cannot read it: {0}")]
     Io(#[from] io::Error),
+    /// An error in one picture of a folder.
+    #[error("{name}: {source}")]
+    InFile {
+        /// The picture's name.
+        name: String,
+        /// What failed in it.
+        source: Box<Error>,
+    },
     /// An error at a known place of the video.
     #[error("frame {number}{}: {source}", at(*.seconds))]
     AtFrame {

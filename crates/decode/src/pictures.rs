@@ -125,7 +125,11 @@ fn name(path: &Path) -> String {
 }
 
 fn read(path: &Path) -> Result<RgbImage> {
-    let damaged = |why: &str| Error::corrupt(format!("{} is not a readable picture: {}", name(path), printable(why)));
+    decode_file(path).map_err(|source| Error::InFile { name: name(path), source: Box::new(source) })
+}
+
+fn decode_file(path: &Path) -> Result<RgbImage> {
+    let damaged = |why: &str| Error::corrupt(format!("it is not a readable picture: {}", printable(why)));
     let mut bytes = Vec::new();
     BufReader::new(open_regular(path)?).take(LARGEST_PACKET).read_to_end(&mut bytes)?;
     if bytes.starts_with(&[0xff, 0xd8]) && !has_end(&bytes) {

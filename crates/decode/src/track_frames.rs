@@ -44,7 +44,15 @@ pub(crate) fn decode(
     sink: &Sink,
 ) -> Result<()> {
     let entry = index.entry(from);
-    let mut order = Order { index, display, next: from, waiting: BTreeMap::new(), pushed: VecDeque::new(), size: None };
+    let mut order = Order {
+        index,
+        display,
+        next: from,
+        waiting: BTreeMap::new(),
+        ties: BTreeMap::new(),
+        pushed: VecDeque::new(),
+        size: None,
+    };
     let mut decoder = decoder(&index.track.setup)?;
     let mut ready = Vec::new();
     for (number, packet) in index.track.packets.iter().enumerate().skip(entry) {
@@ -82,6 +90,8 @@ struct Order<'a> {
     /// Display number of the next frame to be sent.
     next: usize,
     waiting: BTreeMap<usize, Frame>,
+    /// Frames so far of those that share a time, by the display number of the first.
+    ties: BTreeMap<usize, usize>,
     /// Packets that are to give pictures, where their stamps are times of decoding.
     pushed: VecDeque<usize>,
     size: Option<(u32, u32)>,
@@ -96,7 +106,10 @@ impl Order<'_> {
                 Stamps::Decoding => self.pushed.pop_front().unwrap_or(packet),
             };
             crate::codec::check_same(&mut self.size, picture.size())?;
-            let Some(number) = self.index.numbers[packet].filter(|number| *number >= self.next) else { continue };
+            let Some(number) = self.index.numbers[packet].map(|number| self.in_tie(number)) else { continue };
+            if number < self.next {
+                continue;
+            }
             let (seconds, display) = (Some(self.index.times[number]), self.display.clone());
             self.waiting.insert(number, Frame { number, seconds, picture, display });
         }
@@ -107,6 +120,18 @@ impl Order<'_> {
             )));
         }
         Ok(())
+    }
+
+    /// The display number of a frame among those of its very time: they are shown in the codec's order.
+    fn in_tie(&mut self, number: usize) -> usize {
+        let times = &self.index.times;
+        let first = times.partition_point(|time| *time < times[number]);
+        if times.get(first + 1) != Some(&times[first]) {
+            return number;
+        }
+        let taken = self.ties.entry(first).or_insert(0);
+        *taken += 1;
+        first + *taken - 1
     }
 
     /// Sends what is next. False once nobody wants more.

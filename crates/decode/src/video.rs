@@ -10,6 +10,7 @@ use crate::colour::{Colour, Converter, Transfer};
 use crate::container::{self, Setup, Stamps, Track};
 use crate::error::{Error, Result};
 use crate::frame::Display;
+use crate::guard::guarded;
 use crate::index::Index;
 use crate::info::{Decoder, Info, Note};
 use crate::open::open_regular;
@@ -47,7 +48,7 @@ impl Video {
     /// [`crate::limits`].
     pub fn open(path: &Path) -> Result<Self> {
         match Video::open_built_in(path) {
-            Err(error) if error.is_unsupported() && ffmpeg::is_there() => Video::of_ffmpeg(path),
+            Err(error) if error.is_unsupported() && ffmpeg::is_there() => Video::open_ffmpeg(path),
             other => other,
         }
     }
@@ -123,7 +124,7 @@ impl Video {
 
     fn of_track(path: &Path, track: Track, file: &mut BufReader<File>) -> Result<Self> {
         let index = Index::new(track, file)?;
-        let (first, facts) = track_frames::probe(&index, file)?;
+        let (first, facts) = guarded("its first frame", || track_frames::probe(&index, file))?;
         let Index { track, times, start, .. } = &index;
         let is_jpeg = track.setup == Setup::Mjpeg;
         let colour = Colour::of(facts.colour.or(track.colour), is_jpeg)?;
@@ -164,8 +165,24 @@ impl Video {
         Ok(Video { path: path.into(), info, times, source: Source::Track(Arc::new(index)), display })
     }
 
-    fn of_ffmpeg(path: &Path) -> Result<Self> {
-        let (info, times, display) = ffmpeg::list(path)?;
+    /// The same by ffmpeg, whatever the codec: for a video that turns out to be beyond the built-in decoder within.
+    ///
+    /// # Errors
+    /// As for [`Video::open`]; no ffmpeg on the PATH.
+    pub fn open_ffmpeg(path: &Path) -> Result<Self> {
+        open_regular(path)?;
+        let (mut info, times, display) = ffmpeg::list(path)?;
+        // What the container states of it is known all the same.
+        if let Ok(Some(track)) = container::read(&mut BufReader::new(open_regular(path)?)) {
+            info.container = track.container.into();
+            info.codec = codec::name(&track.setup).into();
+            info.interlaced = track.interlaced;
+            info.claimed_rate = track.claimed_rate;
+            info.capture_rate = track.capture_rate;
+            info.segments = track.timeline.segments;
+            info.tags = track.tags;
+            info.notes.extend(track.notes);
+        }
         Ok(Video { path: path.into(), info, times: Some(times), source: Source::Ffmpeg, display })
     }
 

@@ -95,9 +95,9 @@ impl Sps {
                 reorder = stated;
             }
         }
-        // Intra profiles and the order type 2 do not reorder.
+        // Intra profiles and the order type 2 do not reorder; the decoder has no order of type 1.
         let is_intra = matches!(profile, 44 | 100 | 110 | 122 | 244) && constraints & 0x10 != 0;
-        let reorder = if order_type == 2 || is_intra { 0 } else { reorder.min(MOST_HELD) as usize };
+        let reorder = if order_type != 0 || is_intra { 0 } else { reorder.min(MOST_HELD) as usize };
         Ok(Sps {
             chroma_format,
             depth: u8::try_from(depth).unwrap_or(u8::MAX),

@@ -83,6 +83,10 @@ fn walk(file: &mut BufReader<File>, range: std::ops::Range<u64>, depth: usize, f
         let header = read_at(file, at, HEADER)?;
         let mut bytes = Bytes(&header);
         let (name, size) = (bytes.name()?, u64::from(bytes.u32_le()?));
+        if !name.iter().all(|letter| (b' '..=b'~').contains(letter)) {
+            // Zeros or rubbish after the last chunk.
+            break;
+        }
         let payload = at + HEADER..at.saturating_add(HEADER + size).min(range.end);
         let is_list = name == *b"RIFF" || name == *b"LIST";
         if is_list && depth < DEEPEST && size >= 4 {

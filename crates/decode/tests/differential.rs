@@ -13,7 +13,8 @@ use paig_decode::{Error, Note, Video};
 const X264: &str = "-c:v libx264 -crf 28 -threads 1 -pix_fmt yuv420p";
 const X265: &str = "-c:v libx265 -crf 28 -pix_fmt yuv420p -x265-params log-level=none:pools=none:frame-threads=1";
 /// ffmpeg's exact conversion with the nearest chroma sample; its usual one is up to 2.9 levels off.
-const EXACT: &str = "-map 0:v:0 -frames:v 1 -sws_flags neighbor+accurate_rnd+full_chroma_int -f rawvideo -pix_fmt rgb24";
+const EXACT: &str =
+    "-map 0:v:0 -frames:v 1 -sws_flags neighbor+accurate_rnd+full_chroma_int -f rawvideo -pix_fmt rgb24";
 /// Most grey levels by which colours may be off: both round, from fractions that differ by less than a tenth.
 const MOST_LEVELS: u8 = 1;
 

@@ -97,7 +97,11 @@ impl Error {
 
 impl From<anyhow::Error> for Error {
     fn from(error: anyhow::Error) -> Self {
-        error.downcast::<Error>().unwrap_or_else(|error| Error::new(kind_of(&error), error))
+        // An error within a context would lose it.
+        if error.chain().next().is_some_and(|outermost| outermost.is::<Error>()) {
+            return error.downcast::<Error>().expect("it is the outermost");
+        }
+        Error::new(kind_of(&error), error)
     }
 }
 

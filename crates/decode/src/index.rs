@@ -27,26 +27,17 @@ impl Index {
     /// A track without frames, and one whose edit list hides all.
     pub(crate) fn new(track: Track, file: &mut BufReader<File>) -> Result<Self> {
         let roles = roles(&track, file)?;
-        let mut shown: Vec<(f64, usize)> = Vec::new();
-        let mut entries = 0;
-        for (number, (packet, role)) in track.packets.iter().zip(&roles).enumerate() {
-            entries += usize::from(*role == Role::Entry);
-            // Leading pictures of the first entry refer to frames before the video's beginning.
-            let is_given = match role {
-                Role::Hidden => false,
-                Role::Leading => entries > 1,
-                Role::Entry | Role::Picture => true,
-            };
-            let time = track.timeline.seconds(packet.stamp).filter(|_| is_given);
-            shown.extend(time.map(|time| (time, number)));
-        }
+        let given = given(&track, &roles, 0);
+        let time = |packet: usize| track.timeline.seconds(track.packets[packet].stamp).map(|time| (time, packet));
+        let mut shown: Vec<_> = given.into_iter().filter_map(time).collect();
         if shown.is_empty() {
             let packets = track.packets.len();
             let what =
                 if packets == 0 { "it has no frames".into() } else { format!("none of its {packets} frames is shown") };
             return Err(Error::corrupt(what));
         }
-        shown.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        // Pieces of an edit list are in ascending order: this changes nothing but rounding.
+        shown.sort_by(|a, b| a.0.total_cmp(&b.0));
         let start = shown[0].0;
         let mut numbers = vec![None; track.packets.len()];
         shown.iter().enumerate().for_each(|(number, (_, packet))| numbers[*packet] = Some(number));
@@ -62,11 +53,32 @@ impl Index {
         self.roles[..=earliest].iter().rposition(|role| *role == Role::Entry).unwrap_or(0)
     }
 
+    /// The packets that give pictures if decoding begins with an entry, in the order of their time stamps.
+    pub(crate) fn given(&self, entry: usize) -> Vec<usize> {
+        given(&self.track, &self.roles, entry)
+    }
+
     /// The bytes of a packet.
     pub(crate) fn packet(&self, file: &mut BufReader<File>, packet: &Packet) -> Result<Vec<u8>> {
         let bytes = read_at(file, packet.offset, packet.size)?;
         Ok(if self.track.prefix.is_empty() { bytes } else { [&self.track.prefix[..], &bytes].concat() })
     }
+}
+
+fn given(track: &Track, roles: &[Role], entry: usize) -> Vec<usize> {
+    let mut entries = 0;
+    let is_given = |packet: &usize| {
+        entries += usize::from(roles[*packet] == Role::Entry);
+        match roles[*packet] {
+            Role::Hidden => false,
+            // Those of the first entry refer to frames before it.
+            Role::Leading => entries > 1,
+            Role::Entry | Role::Picture => true,
+        }
+    };
+    let mut given: Vec<_> = (entry..roles.len()).filter(is_given).collect();
+    given.sort_by_key(|&packet| track.packets[packet].stamp);
+    given
 }
 
 fn roles(track: &Track, file: &mut BufReader<File>) -> Result<Vec<Role>> {

@@ -12,8 +12,6 @@ pub const MOST_FRAMES: usize = 2_000_000;
 pub const LARGEST_PACKET: u64 = 1 << 28;
 /// Most bytes of the boxes that describe an mp4; an hour has some megabytes.
 pub(crate) const LARGEST_DESCRIPTION: u64 = 1 << 28;
-/// Most decoded frames that wait for an earlier one; H.264 and HEVC allow 16.
-pub(crate) const MOST_WAITING: usize = 32;
 /// Most bytes of decoded frames ahead of the consumer.
 pub(crate) const AHEAD_BYTES: usize = 1 << 26;
 

@@ -1,16 +1,15 @@
 //! The frames of a track that is decoded here.
 
-use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::BufReader;
 use std::sync::Arc;
+use std::vec::IntoIter;
 
-use crate::codec::{Decoded, Facts, Role, decoder};
-use crate::container::Stamps;
+use crate::codec::{Facts, Role, check_same, decoder};
 use crate::error::{Error, Result};
 use crate::frame::{Display, Frame};
 use crate::index::Index;
-use crate::limits::{MOST_WAITING, check_size};
+use crate::limits::check_size;
 use crate::picture::Picture;
 use crate::stream::Sink;
 
@@ -22,11 +21,11 @@ pub(crate) fn probe(index: &Index, file: &mut BufReader<File>) -> Result<(Pictur
     let mut decoder = decoder(&index.track.setup)?;
     let first = index.roles.iter().position(|role| *role != Role::Hidden).unwrap_or(0);
     let mut ready = Vec::new();
-    for (number, packet) in index.track.packets.iter().enumerate().take(first + 1) {
-        decoder.push(&index.packet(file, packet)?, number, &mut ready)?;
+    for packet in index.track.packets.iter().take(first + 1) {
+        decoder.push(&index.packet(file, packet)?, &mut ready)?;
     }
     decoder.finish(&mut ready)?;
-    let picture = ready.into_iter().next().ok_or_else(|| Error::corrupt("its first frame is missing"))?.picture;
+    let picture = ready.into_iter().next().ok_or_else(|| Error::corrupt("its first frame is missing"))?;
     let (width, height) = picture.size();
     check_size(width, height)?;
     Ok((picture, decoder.facts()))
@@ -44,33 +43,23 @@ pub(crate) fn decode(
     sink: &Sink,
 ) -> Result<()> {
     let entry = index.entry(from);
-    let mut order = Order {
-        index,
-        display,
-        next: from,
-        waiting: BTreeMap::new(),
-        ties: BTreeMap::new(),
-        pushed: VecDeque::new(),
-        size: None,
-    };
+    let mut order = Order { index, display, given: index.given(entry).into_iter(), next: from, size: None };
     let mut decoder = decoder(&index.track.setup)?;
     let mut ready = Vec::new();
     for (number, packet) in index.track.packets.iter().enumerate().skip(entry) {
+        if order.next == index.times.len() {
+            return Ok(());
+        }
         let mut push = || {
-            if index.roles[number] != Role::Hidden {
-                order.pushed.push_back(number);
-            }
-            decoder.push(&index.packet(&mut file, packet)?, number, &mut ready)?;
-            order.take(&mut ready)
+            decoder.push(&index.packet(&mut file, packet)?, &mut ready)?;
+            order.send(&mut ready, sink)
         };
-        push().map_err(|error| at_frame(index, index.numbers[number], error))?;
-        if !order.send(sink) || order.next == index.times.len() {
+        if !push().map_err(|error| at_frame(index, index.numbers[number], error))? {
             return Ok(());
         }
     }
     decoder.finish(&mut ready)?;
-    order.take(&mut ready)?;
-    if order.send(sink) && order.next < index.times.len() {
+    if order.send(&mut ready, sink)? && order.next < index.times.len() {
         return Err(at_frame(index, Some(order.next), Error::corrupt("it is missing")));
     }
     Ok(())
@@ -83,65 +72,32 @@ fn at_frame(index: &Index, number: Option<usize>, error: Error) -> Error {
     }
 }
 
-/// Puts pictures into display order and gives them their times.
+/// Gives pictures their times.
 struct Order<'a> {
     index: &'a Index,
     display: &'a Arc<Display>,
+    /// Packets whose pictures are to come, by their time stamps. Pictures come in the codec's order of display, and the first
+    /// gets the earliest stamp: where the stamps contradict the codec (times of decoding, equal ones, damage), it is right.
+    given: IntoIter<usize>,
     /// Display number of the next frame to be sent.
     next: usize,
-    waiting: BTreeMap<usize, Frame>,
-    /// Frames so far of those that share a time, by the display number of the first.
-    ties: BTreeMap<usize, usize>,
-    /// Packets that are to give pictures, where their stamps are times of decoding.
-    pushed: VecDeque<usize>,
     size: Option<(u32, u32)>,
 }
 
 impl Order<'_> {
-    fn take(&mut self, ready: &mut Vec<Decoded>) -> Result<()> {
-        for Decoded { picture, packet } in ready.drain(..) {
-            let packet = match self.index.track.stamps {
-                Stamps::Presentation => packet,
-                // Pictures come in display order: the earliest time is that of the first.
-                Stamps::Decoding => self.pushed.pop_front().unwrap_or(packet),
-            };
-            crate::codec::check_same(&mut self.size, picture.size())?;
-            let Some(number) = self.index.numbers[packet].map(|number| self.in_tie(number)) else { continue };
-            if number < self.next {
-                continue;
-            }
+    /// Sends what is shown. False once nobody wants more.
+    fn send(&mut self, ready: &mut Vec<Picture>, sink: &Sink) -> Result<bool> {
+        for picture in ready.drain(..) {
+            let more = || Error::corrupt("it gives more frames than its index states");
+            let packet = self.given.next().ok_or_else(more)?;
+            check_same(&mut self.size, picture.size())?;
+            let Some(number) = self.index.numbers[packet].filter(|number| *number >= self.next) else { continue };
+            self.next = number + 1;
             let (seconds, display) = (Some(self.index.times[number]), self.display.clone());
-            self.waiting.insert(number, Frame { number, seconds, picture, display });
-        }
-        if self.waiting.len() > MOST_WAITING {
-            let next = self.next;
-            return Err(Error::corrupt(format!(
-                "frame {next} is missing, or the time stamps contradict the codec's order"
-            )));
-        }
-        Ok(())
-    }
-
-    /// The display number of a frame among those of its very time: they are shown in the codec's order.
-    fn in_tie(&mut self, number: usize) -> usize {
-        let times = &self.index.times;
-        let first = times.partition_point(|time| *time < times[number]);
-        if times.get(first + 1) != Some(&times[first]) {
-            return number;
-        }
-        let taken = self.ties.entry(first).or_insert(0);
-        *taken += 1;
-        first + *taken - 1
-    }
-
-    /// Sends what is next. False once nobody wants more.
-    fn send(&mut self, sink: &Sink) -> bool {
-        while let Some(frame) = self.waiting.remove(&self.next) {
-            self.next += 1;
-            if !sink.send(frame) {
-                return false;
+            if !sink.send(Frame { number, seconds, picture, display }) {
+                return Ok(false);
             }
         }
-        true
+        Ok(true)
     }
 }

@@ -142,7 +142,7 @@ mod tests {
             assert_eq!((turned.dimensions(), stretch), (turn.size((2, 3)), 1.0));
             for (x, y, pixel) in picture.enumerate_pixels() {
                 let (x, y) = (x as i32, y as i32);
-                let least = |s: i32, t: i32| (s.min(0) + 2 * t.min(0)) as i32;
+                let least = |s: i32, t: i32| s.min(0) + 2 * t.min(0);
                 let place = [a * x + c * y - least(a, c), b * x + d * y - least(b, d)];
                 assert_eq!(turned.get_pixel(place[0] as u32, place[1] as u32), pixel, "{:?}", [a, b, c, d]);
             }

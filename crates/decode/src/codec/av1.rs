@@ -2,7 +2,7 @@
 
 use re_rav1d::dav1d::{Decoder, Error as Failure, Picture as Av1Picture, PixelLayout, PlanarImageComponent, Settings};
 
-use super::{Decode, Decoded, Facts, check_same};
+use super::{Decode, Facts, check_same};
 use crate::colour::Tags;
 use crate::error::{Error, Result};
 use crate::guard::guarded;
@@ -26,7 +26,7 @@ impl Av1 {
         Ok(Av1 { decoder, facts: Facts::default(), format: None })
     }
 
-    fn drain(&mut self, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn drain(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
         loop {
             match guarded("AV1", || Ok(self.decoder.get_picture()))? {
                 Ok(picture) => ready.push(self.decoded(&picture)?),
@@ -36,7 +36,7 @@ impl Av1 {
         }
     }
 
-    fn decoded(&mut self, picture: &Av1Picture) -> Result<Decoded> {
+    fn decoded(&mut self, picture: &Av1Picture) -> Result<Picture> {
         let yuv = yuv(picture)?;
         check_same(&mut self.format, ((picture.width(), picture.height()), yuv.depth))?;
         let code = [
@@ -50,16 +50,14 @@ impl Av1 {
             return Err(Error::unsupported("AV1 in RGB"));
         }
         self.facts = Facts { depth: yuv.depth, colour, ..Facts::default() };
-        let number = picture.timestamp().and_then(|number| usize::try_from(number).ok());
-        let packet = number.ok_or_else(|| Error::corrupt("AV1: a picture belongs to no packet"))?;
-        Ok(Decoded { picture: Picture::Yuv(yuv), packet })
+        Ok(Picture::Yuv(yuv))
     }
 }
 
 impl Decode for Av1 {
-    fn push(&mut self, packet: &[u8], number: usize, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
         let data = packet.to_vec();
-        let mut sent = guarded("AV1", || Ok(self.decoder.send_data(data, None, Some(number as i64), None)))?;
+        let mut sent = guarded("AV1", || Ok(self.decoder.send_data(data, None, None, None)))?;
         loop {
             self.drain(ready)?;
             match sent {
@@ -72,7 +70,7 @@ impl Decode for Av1 {
         }
     }
 
-    fn finish(&mut self, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn finish(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
         self.drain(ready)
     }
 

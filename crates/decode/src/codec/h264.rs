@@ -7,7 +7,7 @@ use rusty_h264_decoder::{DecodeError, Decoder, Pps};
 
 use super::h264_sps::Sps;
 use super::nal::{first_kind, units};
-use super::{Decode, Decoded, Facts, Role, check_same};
+use super::{Decode, Facts, Role, check_same};
 use crate::container::ParameterSets;
 use crate::error::{Error, Result};
 use crate::guard::guarded;
@@ -28,7 +28,7 @@ pub(super) struct H264 {
     sps: Option<Sps>,
     format: Option<(u32, u32)>,
     /// By coded video sequence and picture order count.
-    waiting: BTreeMap<(usize, i32), Decoded>,
+    waiting: BTreeMap<(usize, i32), Picture>,
     /// Coded video sequences begun.
     sequence: usize,
 }
@@ -83,7 +83,7 @@ impl H264 {
         }
     }
 
-    fn release(&mut self, most: usize, ready: &mut Vec<Decoded>) {
+    fn release(&mut self, most: usize, ready: &mut Vec<Picture>) {
         while self.waiting.len() > most || self.waiting.first_key_value().is_some_and(|it| it.0.0 < self.sequence) {
             ready.extend(self.waiting.pop_first().map(|it| it.1));
         }
@@ -99,7 +99,7 @@ fn check(sps: &Sps) -> Result<()> {
 }
 
 impl Decode for H264 {
-    fn push(&mut self, packet: &[u8], number: usize, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
         let (mut stream, mut has_slice, mut is_idr) = (Vec::with_capacity(packet.len() + 64), false, false);
         for unit in units(packet, self.length_bytes) {
             let unit = unit?;
@@ -115,14 +115,14 @@ impl Decode for H264 {
         self.sequence += usize::from(is_idr);
         let picture = Picture::Yuv(visible(frame, &sps)?);
         let key = (self.sequence, self.decoder.last_poc());
-        if self.waiting.insert(key, Decoded { picture, packet: number }).is_some() {
+        if self.waiting.insert(key, picture).is_some() {
             return Err(Error::corrupt("H.264: two pictures have one place in the display order"));
         }
         self.release(sps.reorder, ready);
         Ok(())
     }
 
-    fn finish(&mut self, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn finish(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
         self.release(0, ready);
         Ok(())
     }

@@ -4,7 +4,7 @@ use rusty_h265::Decoder;
 
 use super::hevc_sps::Sps;
 use super::nal::{first_kind, units};
-use super::{Decode, Decoded, Facts, Role, check_same};
+use super::{Decode, Facts, Role, check_same};
 use crate::container::ParameterSets;
 use crate::error::{Error, Result};
 use crate::guard::guarded;
@@ -32,12 +32,12 @@ impl Hevc {
     pub(super) fn new(sets: &ParameterSets) -> Result<Self> {
         let mut hevc = Hevc { decoder: Decoder::new(), length_bytes: sets.length_bytes, sps: None, format: None };
         for unit in &sets.units {
-            hevc.push_unit(unit, None)?;
+            hevc.push_unit(unit)?;
         }
         Ok(hevc)
     }
 
-    fn push_unit(&mut self, unit: &[u8], number: Option<i64>) -> Result<()> {
+    fn push_unit(&mut self, unit: &[u8]) -> Result<()> {
         if let (SPS, Some(payload)) = (kind(unit), unit.get(2..)) {
             let sps = Sps::parse(payload)?;
             if sps.chroma_format != 1 || sps.depth > 10 {
@@ -47,7 +47,7 @@ impl Hevc {
             check_same(&mut self.format, (sps.size, sps.depth))?;
             self.sps = Some(sps);
         }
-        match guarded("HEVC", || Ok(self.decoder.push_nal(unit, number)))? {
+        match guarded("HEVC", || Ok(self.decoder.push_nal(unit, None)))? {
             Err(rusty_h265::Error::Unsupported(what)) => Err(Error::unsupported(format!("HEVC with {what}"))),
             Err(error) => Err(Error::corrupt(format!("HEVC: {error}"))),
             Ok(()) if self.decoder.stats.errors > 0 || self.decoder.stats.generated_refs > 0 => {
@@ -57,13 +57,11 @@ impl Hevc {
         }
     }
 
-    fn drain(&mut self, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn drain(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
         while let Ok(frame) = self.decoder.next_frame() {
             let picture = frame.picture;
             let (x, y, width, height) = picture.crop;
             let depth = picture.bit_depth_luma.max(picture.bit_depth_chroma);
-            let packet = frame.pts.and_then(|number| usize::try_from(number).ok());
-            let packet = packet.ok_or_else(|| Error::corrupt("HEVC: a picture belongs to no packet"))?;
             if picture.bit_depth_luma != picture.bit_depth_chroma {
                 return Err(Error::unsupported("HEVC with luma and chroma of unequal depth"));
             }
@@ -74,21 +72,21 @@ impl Hevc {
                 chroma: Chroma::Subsampled(1, 1),
                 planes: Planes::Hevc(picture),
             };
-            ready.push(Decoded { picture: Picture::Yuv(yuv), packet });
+            ready.push(Picture::Yuv(yuv));
         }
         Ok(())
     }
 }
 
 impl Decode for Hevc {
-    fn push(&mut self, packet: &[u8], number: usize, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
         for unit in units(packet, self.length_bytes) {
-            self.push_unit(unit?, Some(number as i64))?;
+            self.push_unit(unit?)?;
         }
         self.drain(ready)
     }
 
-    fn finish(&mut self, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn finish(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
         guarded("HEVC", || {
             self.decoder.flush();
             Ok(())

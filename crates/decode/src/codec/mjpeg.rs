@@ -2,7 +2,7 @@
 
 use super::jpeg_huffman::{Codes, Scan, usual};
 use super::jpeg_idct::inverse;
-use super::{Decode, Decoded, Facts, check_same};
+use super::{Decode, Facts, check_same};
 use crate::bytes::Bytes;
 use crate::error::{Error, Result};
 use crate::limits::check_size;
@@ -247,12 +247,12 @@ fn choose_codes(segment: &mut Bytes, components: &mut [Component]) -> Result<()>
 }
 
 impl Decode for Mjpeg {
-    fn push(&mut self, packet: &[u8], number: usize, ready: &mut Vec<Decoded>) -> Result<()> {
-        ready.push(Decoded { picture: Picture::Yuv(self.picture(packet)?), packet: number });
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
+        ready.push(Picture::Yuv(self.picture(packet)?));
         Ok(())
     }
 
-    fn finish(&mut self, _: &mut Vec<Decoded>) -> Result<()> {
+    fn finish(&mut self, _: &mut Vec<Picture>) -> Result<()> {
         Ok(())
     }
 

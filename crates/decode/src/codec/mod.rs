@@ -27,22 +27,16 @@ pub(crate) trait Decode: Send {
     ///
     /// # Errors
     /// Damage, or a tool of the codec that the decoder lacks.
-    fn push(&mut self, packet: &[u8], number: usize, ready: &mut Vec<Decoded>) -> Result<()>;
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()>;
 
     /// Appends the pictures that waited for later ones.
     ///
     /// # Errors
     /// As for [`Decode::push`].
-    fn finish(&mut self, ready: &mut Vec<Decoded>) -> Result<()>;
+    fn finish(&mut self, ready: &mut Vec<Picture>) -> Result<()>;
 
     /// Facts that the stream itself states; complete once a picture is ready.
     fn facts(&self) -> Facts;
-}
-
-/// A picture and the number of the packet that held it.
-pub(crate) struct Decoded {
-    pub picture: Picture,
-    pub packet: usize,
 }
 
 /// Facts that a stream states.

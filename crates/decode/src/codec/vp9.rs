@@ -3,7 +3,7 @@
 use rusty_vp9::{DecodedFrame, Error as Failure, Vp9Decoder};
 
 use super::vp9_header::{Header, frames};
-use super::{Decode, Decoded, Facts, check_same};
+use super::{Decode, Facts, check_same};
 use crate::colour::Tags;
 use crate::error::{Error, Result};
 use crate::guard::guarded;
@@ -20,10 +20,10 @@ impl Vp9 {
         Vp9 { decoder: Vp9Decoder::new(), format: None, size: None }
     }
 
-    fn drain(&mut self, number: usize, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn drain(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
         loop {
             match guarded("VP9", || Ok(self.decoder.next_frame()))? {
-                Ok(frame) => ready.push(Decoded { picture: Picture::Yuv(yuv(frame)?), packet: number }),
+                Ok(frame) => ready.push(Picture::Yuv(yuv(frame)?)),
                 // A frame that is not shown asks for more, too: the queue ends the loop.
                 Err(Failure::Again | Failure::Eof) => return Ok(()),
                 Err(Failure::Unsupported(what)) => return Err(Error::unsupported(format!("VP9 with {what}"))),
@@ -34,7 +34,7 @@ impl Vp9 {
 }
 
 impl Decode for Vp9 {
-    fn push(&mut self, packet: &[u8], number: usize, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
         for frame in frames(packet) {
             let header = Header::read(frame)?;
             if let Some(size) = header.size {
@@ -47,14 +47,14 @@ impl Decode for Vp9 {
                 return Err(Error::corrupt("VP9: it does not begin with a key frame"));
             }
             match guarded("VP9", || Ok(self.decoder.push(frame, None)))? {
-                Ok(()) => self.drain(number, ready)?,
+                Ok(()) => self.drain(ready)?,
                 Err(error) => return Err(Error::corrupt(format!("VP9: {error}"))),
             }
         }
         Ok(())
     }
 
-    fn finish(&mut self, _: &mut Vec<Decoded>) -> Result<()> {
+    fn finish(&mut self, _: &mut Vec<Picture>) -> Result<()> {
         Ok(())
     }
 

@@ -74,7 +74,7 @@ pub(super) fn block(plane: &mut Samples, place: (usize, usize), mode: u8, beyond
     (0..4).for_each(|at| around[at] = left[3 - at]);
     around[4] = edges.corner;
     around[5..].copy_from_slice(&above);
-    let two = |a: u8, b: u8| ((u32::from(a) + u32::from(b) + 1) / 2) as u8;
+    let two = |a: u8, b: u8| (u32::from(a) + u32::from(b)).div_ceil(2) as u8;
     let three = |a: u8, b: u8, c: u8| ((u32::from(a) + 2 * u32::from(b) + u32::from(c) + 2) / 4) as u8;
     // Smoothed around a place of `around`, and between it and the next.
     let at = |place: usize| three(around[place - 1], around[place], around[place + 1]);

@@ -18,7 +18,7 @@ use self::loop_filter::Strength;
 use self::modes::{Luma, Macroblock, Neighbours, Reach};
 use self::plane::{Picture as Planes8, Samples};
 use self::residual::{Edge, Residual};
-use super::{Decode, Decoded, Facts, check_same};
+use super::{Decode, Facts, check_same};
 use crate::error::{Error, Result};
 use crate::picture::{Chroma, Picture, Plane, Planes, Yuv};
 
@@ -130,7 +130,7 @@ impl Frame {
         let mut above: Vec<Edge> = vec![[false; 9]; self.columns];
         for row in 0..self.rows {
             let mut left: Edge = [false; 9];
-            for column in 0..self.columns {
+            for (column, above) in above.iter_mut().enumerate() {
                 let place = row * self.columns + column;
                 let neighbour = |is_there: bool, back: usize| match is_there {
                     true => &self.macroblocks[place - back],
@@ -144,7 +144,7 @@ impl Frame {
                 let reach = Reach::of(column, row, self.columns, self.rows);
                 let mut it = modes::read(bools, (header, lasting, tag.is_key), &neighbours, reach, segments[place]);
                 segments[place] = it.segment;
-                let edges = (&mut above[column], &mut left);
+                let edges = (above, &mut left);
                 let count = partitions.len();
                 let residual = residual(&mut partitions[row % count], (header, lasting), &mut it, edges);
                 match references.filter(|_| it.reference > 0) {
@@ -246,13 +246,13 @@ fn residual(
 }
 
 impl Decode for Vp8 {
-    fn push(&mut self, packet: &[u8], number: usize, ready: &mut Vec<Decoded>) -> Result<()> {
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
         let frame = self.frame(packet)?;
-        ready.extend(frame.map(|yuv| Decoded { picture: Picture::Yuv(yuv), packet: number }));
+        ready.extend(frame.map(Picture::Yuv));
         Ok(())
     }
 
-    fn finish(&mut self, _: &mut Vec<Decoded>) -> Result<()> {
+    fn finish(&mut self, _: &mut Vec<Picture>) -> Result<()> {
         Ok(())
     }
 

@@ -169,8 +169,11 @@ fn steps_done_before(output: &Output) -> Option<u64> {
     Some(rest.split(' ').next().unwrap().parse().unwrap())
 }
 
+/// The command that trains into a folder.
+type StartOfRun = Box<dyn Fn(&Path) -> Command>;
+
 /// The training of the springs in a folder by a config, and its resumption.
-fn begin_and_resume(config: &Path, set: &'static [&'static str]) -> [Box<dyn Fn(&Path) -> Command>; 2] {
+fn begin_and_resume(config: &Path, set: &'static [&'static str]) -> [StartOfRun; 2] {
     let config = config.to_path_buf();
     let begin = move |run: &Path| {
         let mut command = spring(run);

@@ -1,6 +1,6 @@
 //! Tracks moving objects in decoded video at native resolution.
 //!
-//! [`track`] returns, for every mover and frame, a position in pixels with its covariance, a visibility flag and measures
+//! [`track()`] returns, for every mover and frame, a position in pixels with its covariance, a visibility flag and measures
 //! of quality. It assumes a camera that stands or shakes a little, and objects that keep their look.
 //!
 //! 1. Background: median and noise of each pixel over sampled frames, after a fit of each frame's exposure and, where the

@@ -15,7 +15,7 @@ pub enum Ending {
     Finished {
         summary: Box<Summary>,
         /// Of a task that was made from videos; a measurement that failed leaves the run finished.
-        measurement: Option<Result<Measurement>>,
+        measurement: Option<Result<Box<Measurement>>>,
     },
     /// An earlier run was scored.
     Scored,
@@ -40,7 +40,7 @@ pub fn execute(
                 let measured = measure(out, &Request::default(), out, run.device).with_context(|| {
                     format!("the run is finished, but not measured; `paig measure {}` does it", out.display())
                 });
-                measured.map_err(Error::of_work)
+                measured.map(Box::new).map_err(Error::of_work)
             });
             Ending::Finished { summary, measurement }
         }

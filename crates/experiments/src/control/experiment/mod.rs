@@ -1,7 +1,7 @@
 //! An experiment: the same episodes, played by one planner after the other.
 //!
-//! [`Experiment`] holds what is asked for, [`scenario`] and [`controllers`] make the world and the controllers of it, [`play`]
-//! plays the episodes, and [`rows`] says what stands in the results.
+//! [`Experiment`] holds what is asked for, `scenario` and `controllers` make the world and the controllers of it, `play`
+//! plays the episodes, and `rows` says what stands in the results.
 
 mod controllers;
 mod planners;

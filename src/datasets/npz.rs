@@ -175,18 +175,18 @@ impl Header {
 }
 
 /// Collects arrays into a compressed npz and puts it at `path` in one step.
-pub fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
     write_whole(path, &compressed(path, fill)?)
 }
 
 /// The same for floating-point numbers.
-pub fn write_floats(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub(crate) fn write_floats(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
     let options = SimpleFileOptions::default().compression_level(Some(FASTEST));
     write_whole(path, &collected(path, options, fill)?)
 }
 
 /// Collects arrays into a compressed npz that is to be written to `path`.
-pub fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
+pub(crate) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
     collected(path, SimpleFileOptions::default(), fill)
 }
 
@@ -197,13 +197,13 @@ fn collected(path: &Path, options: SimpleFileOptions, fill: impl FnOnce(&mut Wri
 }
 
 /// Makes the folders in which a file is to lie where missing.
-pub fn make_folder(path: &Path) -> Result<()> {
+pub(crate) fn make_folder(path: &Path) -> Result<()> {
     let Some(folder) = path.parent() else { return Ok(()) };
     storage().create_folder(folder).with_context(|| format!("cannot make the folder {folder:?}"))
 }
 
 /// Writes a file in one step, and the folders it lies in where missing.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     make_folder(path)?;
     atomic::write_file(path, |file| Ok(file.write_all(bytes)?)).with_context(|| {
         format!(

@@ -18,7 +18,8 @@ use crate::network::physics_models::losses::{LossAccumulator, Losses, MeanLosses
 use crate::runs::scores::Scores;
 use crate::support::error::Error;
 
-pub use passes::{batch, each_pass};
+pub use passes::batch;
+pub(crate) use passes::each_pass;
 pub use scored_clips::ScoredClips;
 
 /// The losses on the first `limit` clips, `batch` at a time. The whole clips are predicted. Original: `base.py`, `eval`.

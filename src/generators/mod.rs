@@ -5,7 +5,7 @@
 
 pub mod effects;
 pub mod film;
-pub mod forecast;
+pub(crate) mod forecast;
 mod initial;
 pub mod noise_floor;
 pub mod render;

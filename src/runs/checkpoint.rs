@@ -183,7 +183,7 @@ impl Store {
     ///
     /// # Errors
     /// A config that cannot be read.
-    pub fn config_checksum(&self) -> Result<String> {
+    pub(crate) fn config_checksum(&self) -> Result<String> {
         let path = self.run.join(CONFIG);
         if !path.exists() {
             return Ok(String::new());
@@ -224,7 +224,7 @@ impl Store {
     ///
     /// # Errors
     /// A full disk; the earlier ones stay. A variable that is not finite.
-    pub fn save_best(&self, model: &PhysicsNet, steps: u64, of: BestOf) -> Result<()> {
+    pub(crate) fn save_best(&self, model: &PhysicsNet, steps: u64, of: BestOf) -> Result<()> {
         let _guard = tch::no_grad_guard();
         make_folder(&self.folder())?;
         weights::write(&self.best(of), &finite_weights(model, steps)?)
@@ -234,7 +234,7 @@ impl Store {
     ///
     /// # Errors
     /// A file that is missing or damaged.
-    pub fn load_best(&self, model: &PhysicsNet, of: BestOf) -> Result<()> {
+    pub(crate) fn load_best(&self, model: &PhysicsNet, of: BestOf) -> Result<()> {
         weights::load(&self.best(of), model)
     }
 

@@ -43,7 +43,7 @@ impl RunFolder {
 
     /// # Errors
     /// A folder that holds a run or files of someone else already.
-    pub fn ensure_free(path: &Path) -> Result<()> {
+    pub(crate) fn ensure_free(path: &Path) -> Result<()> {
         // Checkpoints alone are of a run whose config was deleted: a new run must not go on from them.
         ensure!(
             !path.join(CONFIG).exists() && !path.join(CHECKPOINTS).exists(),

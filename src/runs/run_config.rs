@@ -72,7 +72,7 @@ impl RunConfig {
     }
 
     /// Where the files are that a run learned from and was scored on, in TOML's notation.
-    pub fn data_files(&self) -> [Option<&String>; 3] {
+    pub(crate) fn data_files(&self) -> [Option<&String>; 3] {
         ["data.folder", "data.train_file", "data.test_file"].map(|key| self.choices.get(key))
     }
 }

@@ -135,7 +135,7 @@ pub fn fill(model: &PhysicsNet, saved: &[(String, Tensor)]) -> Result<()> {
 ///
 /// # Errors
 /// A missing or damaged file, a variable of encoder or decoder that is missing, of another shape or no number.
-pub fn load_vision(path: &Path, model: &PhysicsNet) -> Result<()> {
+pub(crate) fn load_vision(path: &Path, model: &PhysicsNet) -> Result<()> {
     let _guard = tch::no_grad_guard();
     let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let sees = |name: &str| matches!(model.group(name), VariableGroup::Encoder | VariableGroup::Decoder);
@@ -172,6 +172,6 @@ pub fn first_not_finite(variables: &[(String, Tensor)]) -> Option<&str> {
 }
 
 /// Whether every element is a number.
-pub fn is_finite(tensor: &Tensor) -> bool {
+pub(crate) fn is_finite(tensor: &Tensor) -> bool {
     tensor.to_kind(Kind::Double).isfinite().all().int64_value(&[]) == 1
 }

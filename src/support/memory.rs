@@ -19,7 +19,7 @@ pub fn available() -> Option<u64> {
 
 /// # Errors
 /// More bytes than are available.
-pub fn ensure_free(bytes: u64) -> Result<()> {
+pub(crate) fn ensure_free(bytes: u64) -> Result<()> {
     let Some(free) = available() else { return Ok(()) };
     if bytes <= free {
         return Ok(());

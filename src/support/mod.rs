@@ -2,11 +2,11 @@
 //! kind, JSON in lines, memory, picture files, random numbers, significant digits, medians, fast arithmetic, processor time, the
 //! values of TOML files.
 
-pub mod assignment;
+pub(crate) mod assignment;
 pub mod atomic;
 pub mod command_line;
 pub mod device;
-pub mod error;
+pub(crate) mod error;
 pub mod exit_codes;
 pub mod fast_math;
 pub mod json_lines;

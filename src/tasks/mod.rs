@@ -30,11 +30,8 @@ use crate::network::cells::{CellKind, PhysicalParameter};
 use crate::network::system::SystemTable;
 
 pub use builtin::{all, builtin, names};
-pub use source::{TaskSource, folder_of};
+pub(crate) use source::{TaskSource, folder_of, name_in};
 pub use success::Success;
-
-/// The key of a task's name.
-pub const NAME: &str = "name";
 
 /// As `data.folder`: the files lie beside the task's own file.
 pub const BESIDE_THE_TASK: &str = ".";
@@ -199,7 +196,7 @@ impl Task {
     }
 
     /// Whether the dataset files lie beside the task's file, and not in a folder of the datasets folder.
-    pub fn data_lie_beside(&self) -> bool {
+    pub(crate) fn data_lie_beside(&self) -> bool {
         self.table.data.folder.as_deref() == Some(BESIDE_THE_TASK)
     }
 
@@ -214,7 +211,7 @@ impl Task {
     }
 
     /// The recipes in which the task changes something.
-    pub fn changed_recipes(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn changed_recipes(&self) -> impl Iterator<Item = &str> {
         self.table.recipe.keys().map(String::as_str)
     }
 

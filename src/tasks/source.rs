@@ -4,10 +4,10 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use toml::{Table, Value};
+use toml::Table;
 
+use super::Task;
 use super::builtin::{builtin, names, text};
-use super::{NAME, Task};
 use crate::support::storage;
 
 /// The text of a task, not parsed yet.
@@ -40,6 +40,17 @@ impl TaskSource {
         &self.named
     }
 
+    /// The task's name, as far as the text says it.
+    ///
+    /// # Errors
+    /// As for [`Self::table`].
+    pub fn name(&self) -> Result<Option<String>> {
+        if !is_file(&self.named) {
+            return Ok(Some(self.named.clone()));
+        }
+        Ok(name_in(&self.table()?).map(String::from))
+    }
+
     /// The text as a table, its keys and values not checked.
     ///
     /// # Errors
@@ -47,7 +58,7 @@ impl TaskSource {
     pub fn table(&self) -> Result<Table> {
         let parse = || -> Result<Table> {
             let table: Table = self.text.parse()?;
-            let builtin = table.get(NAME).and_then(Value::as_str).and_then(text);
+            let builtin = name_in(&table).and_then(text);
             // Another text may still be the same task.
             if builtin.is_some_and(|builtin| *builtin != self.text) {
                 self.parse()?;
@@ -73,12 +84,17 @@ impl TaskSource {
     }
 }
 
+/// The name in a task's table.
+pub(crate) fn name_in(table: &Table) -> Option<&str> {
+    table.get("name")?.as_str()
+}
+
 fn is_file(name_or_file: &str) -> bool {
     name_or_file.ends_with(".toml")
 }
 
 /// The folder that a task's file lies in; none of the name of a built-in task.
-pub fn folder_of(name_or_file: &str) -> Option<&str> {
+pub(crate) fn folder_of(name_or_file: &str) -> Option<&str> {
     let folder = Path::new(name_or_file).parent().filter(|_| is_file(name_or_file))?.to_str()?;
     Some(if folder.is_empty() { "." } else { folder })
 }

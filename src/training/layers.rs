@@ -42,9 +42,9 @@ pub struct ConfigLayers {
 ///
 /// # Errors
 /// An unreadable file, an unknown task or recipe, an assignment that is no TOML.
-pub fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
+pub(crate) fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
     let Given { file: file_layer, command_line } = Given::read(file, overrides)?;
-    check_task(file_layer.task.name()?, command_line.task.name()?)?;
+    check_task(&file_layer.task, || command_line.task.name())?;
     let changes = [file_layer.task.changes, command_line.task.changes];
     let source = command_line.task.named.or(file_layer.task.named);
     let task = task(source.as_ref(), changes)?;
@@ -56,9 +56,9 @@ pub fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> 
 ///
 /// # Errors
 /// As for [`load`]; a file that is for another task.
-pub fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
+pub(crate) fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
     let Given { file: file_layer, command_line } = Given::read(file, overrides)?;
-    check_task(file_layer.task.name()?, Some(task.name.clone()))?;
+    check_task(&file_layer.task, || Ok(Some(task.name.clone())))?;
     let changes = [file_layer.task.changes, command_line.task.changes];
     let task = if changes.iter().all(Table::is_empty) { task } else { changed(task.to_table(), changes)? };
     merged(task, None, [file_layer.values, command_line.values], file)
@@ -117,17 +117,16 @@ impl TaskLayer {
 
     /// The task's name, as far as this layer says it.
     fn name(&self) -> Result<Option<String>> {
-        let of = |table: &Table| table.get(tasks::NAME).and_then(Value::as_str).map(String::from);
-        let named = || Ok::<_, anyhow::Error>(of(&self.named.as_ref().map_or(Ok(Table::new()), TaskSource::table)?));
-        of(&self.changes).map_or_else(named, |name| Ok(Some(name)))
+        let named = || self.named.as_ref().map_or(Ok(None), TaskSource::name);
+        tasks::name_in(&self.changes).map_or_else(named, |name| Ok(Some(name.into())))
     }
 }
 
 /// A config file is for one task.
-fn check_task(of_file: Option<String>, asked: Option<String>) -> Result<()> {
-    if let (Some(of_file), Some(asked)) = (of_file, asked) {
-        ensure!(of_file == asked, "config: the file is for task {of_file}, not for {asked}");
-    }
+fn check_task(file: &TaskLayer, asked: impl FnOnce() -> Result<Option<String>>) -> Result<()> {
+    let Some(of_file) = file.name()? else { return Ok(()) };
+    let asked = asked()?.unwrap_or_else(|| of_file.clone());
+    ensure!(of_file == asked, "config: the file is for task {of_file}, not for {asked}");
     Ok(())
 }
 
@@ -271,7 +270,7 @@ fn parse_assignment(assignment: &str) -> Result<Table> {
 
 /// Whether the value of this key decides what is learned and from what. Of a task only its system and its scene do: the
 /// rest is resolved in the other keys, or scores a run.
-pub fn decides(key: &str) -> bool {
+pub(crate) fn decides(key: &str) -> bool {
     let of_task = |key: &str| key.starts_with("system.") || key.starts_with("scene.");
     !["format", "device", "threads", "data.folder"].contains(&key) && key.strip_prefix("task.").is_none_or(of_task)
 }

@@ -35,7 +35,7 @@ paths() {
         }
         short kernels --test kernels
         short model --test library -- kernel_extremes:: cells:: refinement::
-        short training --test programs -- training::
+        short training --test programs -- training::a_short training::divergence training::a_join_that_diverges
     done
 }
 

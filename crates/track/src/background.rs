@@ -33,7 +33,8 @@ pub(crate) struct Samples {
     /// Frame indices and bytes, `[height, width, 3]`.
     frames: Vec<(usize, Vec<u8>)>,
     exposures: Vec<Exposure>,
-    shaken: bool,
+    /// Largest translation of the camera, pixels; `None` where it stands.
+    shake: Option<f64>,
 }
 
 /// Scene without its moving objects.
@@ -62,7 +63,7 @@ impl Samples {
             return Err(Error::MissingFrame { frame: chosen[frames.len()] });
         }
         let exposures = vec![Exposure::default(); frames.len()];
-        Ok(Self { size, frames, exposures, shaken: false })
+        Ok(Self { size, frames, exposures, shake: None })
     }
 
     /// Frame indices of the samples.
@@ -84,13 +85,29 @@ impl Samples {
             background = self.estimate(None);
             self.expose(&background);
         }
-        background.ignore(ignore);
+        self.finish(&mut background, ignore);
         background
     }
 
     /// Whether the camera shakes, so that frames are to be stabilised.
     pub(crate) fn shaken(&self) -> bool {
-        self.shaken
+        self.shake.is_some()
+    }
+
+    /// Takes the precision from ignored regions, and from the border that a stabilised frame does not show.
+    fn finish(&self, background: &mut Background, ignore: &[Region]) {
+        background.ignore(ignore);
+        if let Some(shake) = self.shake {
+            let Size { width, height } = self.size;
+            let margin = (shake.ceil() as usize + 2).min(width.min(height) / 4);
+            let (right, bottom) = (width - 1, height - 1);
+            background.ignore(&[
+                Region { first: [0, 0], last: [right, margin] },
+                Region { first: [0, bottom - margin], last: [right, bottom] },
+                Region { first: [0, 0], last: [margin, bottom] },
+                Region { first: [right - margin, 0], last: [right, bottom] },
+            ]);
+        }
     }
 
     fn expose(&mut self, background: &Background) {
@@ -110,10 +127,11 @@ impl Samples {
                 .zip(&self.exposures)
                 .map(|((_, bytes), exposure)| edges.translation(bytes, exposure))
                 .collect();
-            if !self.shaken && !shakes(&translations) {
+            if self.shake.is_none() && !shakes(&translations) {
                 break;
             }
-            self.shaken = true;
+            let largest = translations.iter().flatten().fold(0.0, |m: f64, t| m.max(t.abs()));
+            self.shake = Some(self.shake.unwrap_or(0.0) + largest);
             let size = self.size;
             self.frames
                 .par_iter_mut()
@@ -123,14 +141,14 @@ impl Samples {
                 sharper = Some(self.estimate(None));
             }
         }
-        self.shaken
+        self.shake.is_some()
     }
 
     /// Background from the samples in which a pixel is not occupied. A pixel occupied in nearly all samples keeps the
     /// median of all.
     pub(crate) fn unoccupied(&self, occupied: &[Mask], ignore: &[Region]) -> Background {
         let mut background = self.estimate(Some(occupied));
-        background.ignore(ignore);
+        self.finish(&mut background, ignore);
         background
     }
 

@@ -52,7 +52,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         options.frames = Some(first.parse()?..end.parse()?);
     }
     let tracking = track(&video, &options)?;
-    eprintln!("moving share {:.4}, flicker {:.2}", tracking.moving_share, tracking.flicker);
+    let shake = tracking.translations.iter().flatten().fold(0.0_f64, |most, t| most.max(t.abs()));
+    eprintln!("moving share {:.4}, flicker {:.2}, shake {shake:.2}", tracking.moving_share, tracking.flicker);
     println!("object,frame,visibility,method,x,y,xx,xy,yy,centroid_x,centroid_y,misfit,contrast");
     for (index, object) in tracking.tracks.iter().enumerate() {
         eprintln!("{index} {:?} diameter {:.1} bin {} {:?}", object.role, object.diameter, object.bin, object.quality);

@@ -13,7 +13,7 @@ const MOST_TURN: f64 = 2.0;
 /// Share of the speed by which a step may differ from a constant velocity without much penalty.
 const SPEED_SHARE: f64 = 0.35;
 /// Share of the diameter by which a step may differ from a constant velocity without much penalty.
-const SIZE_SHARE: f64 = 0.6;
+const SIZE_SHARE: f64 = 0.4;
 /// Penalty per frame without a blob, and its limit.
 const GAP: f64 = 0.25;
 const MOST_GAP: f64 = 2.0;

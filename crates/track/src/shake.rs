@@ -18,6 +18,10 @@ const LEAST_GRADIENT: f32 = 6.0;
 const MOST: i64 = 10;
 /// Translation of the 70th percentile of the sampled frames from which on frames are stabilised, pixels.
 const SHAKES: f64 = 0.25;
+/// Share of the edges that must agree on a translation.
+const LEAST_AGREEING: f64 = 0.6;
+/// Share of the cells that must have edges: those of a moving shadow lie in one place.
+const LEAST_SPREAD: f64 = 0.15;
 /// Edges skipped by the search over whole pixels.
 const SPARSE: usize = 3;
 const BIWEIGHT: f64 = 4.685;
@@ -37,6 +41,7 @@ impl Edges {
         let cell = (size.width.max(size.height) / CELLS).max(8);
         let margin = MOST as usize + 2;
         let mut points = Vec::new();
+        let (mut cells, mut with_edges) = (0_u32, 0_u32);
         for top in (margin..size.height.saturating_sub(margin)).step_by(cell) {
             for left in (margin..size.width.saturating_sub(margin)).step_by(cell) {
                 let mut edges = Vec::new();
@@ -53,6 +58,8 @@ impl Edges {
                 }
                 edges.sort_by(|a, b| b.3[0].hypot(b.3[1]).total_cmp(&a.3[0].hypot(a.3[1])));
                 edges.truncate(EDGES);
+                cells += 1;
+                with_edges += u32::from(!edges.is_empty());
                 points.extend(edges);
             }
         }
@@ -61,8 +68,9 @@ impl Edges {
             sum + row * row.transpose()
         });
         let eigenvalues = normal.symmetric_eigenvalues();
-        // Both directions need edges: 100 of the least gradient.
-        (eigenvalues.min() > 100.0 * f64::from(LEAST_GRADIENT).powi(2)).then_some(Self { size, points })
+        // Both directions need edges, 100 of the least gradient, and they must not all lie in one place.
+        let spread = f64::from(with_edges) >= LEAST_SPREAD * f64::from(cells);
+        (spread && eigenvalues.min() > 100.0 * f64::from(LEAST_GRADIENT).powi(2)).then_some(Self { size, points })
     }
 
     /// Translation `[x, y]` of a frame's content against the background, pixels; zero where most edges disagree.
@@ -118,7 +126,7 @@ impl Edges {
             let step = normal.lu().solve(&right)?;
             shift = [shift[0] + step[0].clamp(-1.0, 1.0), shift[1] + step[1].clamp(-1.0, 1.0)];
         }
-        (share > 0.5 && shift.iter().all(|s| s.abs() < MOST as f64)).then_some(shift)
+        (share > LEAST_AGREEING && shift.iter().all(|s| s.abs() < MOST as f64)).then_some(shift)
     }
 }
 

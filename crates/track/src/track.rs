@@ -88,7 +88,7 @@ pub struct Tracking {
     /// Translation of the camera `[x, y]` in each frame, pixels; zero unless the camera shakes. Positions are given with
     /// the camera held still.
     pub translations: Vec<[f64; 2]>,
-    /// Median share of a frame's pixels that differ from the background. Above 0.2 the camera probably moves.
+    /// Median share of a frame's pixels that differ from the background.
     pub moving_share: f64,
     /// Median change of brightness from the background, levels.
     pub flicker: f64,

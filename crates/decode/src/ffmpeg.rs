@@ -44,7 +44,8 @@ fn command(path: &Path, output: &[&str]) -> Command {
 /// # Errors
 /// What ffmpeg complains of where it cannot go on; sizes beyond the limits.
 pub(crate) fn list(path: &Path) -> Result<(Info, Vec<f64>, Arc<Display>)> {
-    let output = command(path, &["-f", "framecrc"]).output()?;
+    // In the container's clock: in that of its mean frame rate, uneven times are rounded.
+    let output = command(path, &["-enc_time_base", "-1", "-f", "framecrc"]).output()?;
     let complaints = String::from_utf8_lossy(&output.stderr);
     if complaints.contains("fps_mode") {
         return Err(Error::Unsupported {

@@ -37,14 +37,14 @@ pub fn decode(path: &Path) -> Result<Listed, paig_decode::Error> {
     Ok(listed)
 }
 
-/// How the frames differ; none if they are the same. Clocks may round a time by a tick of a millisecond.
+/// How the frames differ; none if they are the same. ffmpeg may part equal times by a tick.
 pub fn difference(found: &Listed, expected: &Listed) -> Option<String> {
     if found.len() != expected.len() {
         return Some(format!("{} frames, expected {}", found.len(), expected.len()));
     }
     found.iter().zip(expected).enumerate().find_map(|(number, (found, expected))| {
         let samples = (found.1 != expected.1).then(|| format!("frame {number} differs"));
-        let time = (found.0 - expected.0).abs() > 1e-3;
+        let time = (found.0 - expected.0).abs() > 1e-4;
         samples.or_else(|| time.then(|| format!("frame {number} at {} s, expected {}", found.0, expected.0)))
     })
 }

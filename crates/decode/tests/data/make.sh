@@ -45,7 +45,7 @@ make mjpeg_422.mov 96x64 6 -c:v mjpeg -q:v 6 -pix_fmt yuvj422p
 
 # Cropped exactly (unaligned), with the transform of JPEG that is the same on all processors.
 for stream in *.mp4 *.mov *.mkv *.webm *.avi; do
-    ffmpeg -v error -noautorotate -flags bitexact+unaligned -idct simple -i "$stream" -map 0:v:0 -fps_mode passthrough -f framemd5 - |
+    ffmpeg -v error -noautorotate -flags bitexact+unaligned -idct simple -i "$stream" -map 0:v:0 -fps_mode passthrough -enc_time_base -1 -f framemd5 - |
         grep -v '^#software' >"$stream.framemd5"
 done
 ls -l | awk '{ total += $5 } END { print total " bytes" }'

@@ -18,20 +18,20 @@ struct AxisSample {
 }
 
 /// Pixels of an axis of `size` pixels for one unit of source coordinate.
-pub fn pixel_scale(size: i64) -> f64 {
+pub(crate) fn pixel_scale(size: i64) -> f64 {
     (size as f64 - 1.01) / 2.0
 }
 
 /// Matrices `[objects, size, size]` that shift an axis of `size` pixels by `shifts` (`[objects]`, pixels), bilinearly, the
 /// edge pixels repeated.
-pub fn shift_matrices(shifts: &Tensor, size: i64) -> Tensor {
+pub(crate) fn shift_matrices(shifts: &Tensor, size: i64) -> Tensor {
     let index = Tensor::arange(size, (shifts.kind(), shifts.device()));
     hat_matrix(&(index - shifts.unsqueeze(1)).clamp(0.0, (size - 1) as f64), size)
 }
 
 /// The matrix `[.., outputs, size]` of linear interpolation: row r holds the weights of the pixels of an axis at `places`
 /// (`[.., outputs]`, within the axis).
-pub fn hat_matrix(places: &Tensor, size: i64) -> Tensor {
+pub(crate) fn hat_matrix(places: &Tensor, size: i64) -> Tensor {
     let distance: Tensor = (places.unsqueeze(-1) - Tensor::arange(size, (places.kind(), places.device()))).abs();
     (-distance + 1.0).relu()
 }
@@ -73,7 +73,7 @@ fn grid(size: i64, like: &Tensor) -> Tensor {
 /// * `scale`: one number, shared by all;
 /// * `shift`: `[objects, batch, 2]`, x then y;
 /// * gives `[objects, batch, channels, side, side]`.
-pub fn transform_separable(images: &Tensor, scale: &Tensor, shift: &Tensor, side: i64) -> Tensor {
+pub(crate) fn transform_separable(images: &Tensor, scale: &Tensor, shift: &Tensor, side: i64) -> Tensor {
     let (objects, channels, height, width) = images.size4().expect("images [objects, channels, h, w]");
     let batch = shift.size()[1];
     let grid = grid(side, images) * scale;
@@ -94,7 +94,7 @@ pub fn transform_separable(images: &Tensor, scale: &Tensor, shift: &Tensor, side
 
 /// Where [`transform_separable`] samples: the source pixel of each output row and column, each `[objects, batch, side]`, in
 /// images of `size` x `size` pixels.
-pub fn separable_pixels(scale: &Tensor, shift: &Tensor, side: i64, size: i64) -> [Tensor; 2] {
+pub(crate) fn separable_pixels(scale: &Tensor, shift: &Tensor, side: i64, size: i64) -> [Tensor; 2] {
     let grid = grid(side, shift) * scale;
     [1, 0].map(|axis| source_pixel(&(shift.select(2, axis).unsqueeze(-1) + &grid), size))
 }

@@ -18,6 +18,7 @@ use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
 use super::weights::{self, Named, first_not_finite};
 use crate::network::physics_models::PhysicsNet;
 use crate::support::atomic;
+use crate::support::error::{self, Error};
 use crate::support::random::fnv1a;
 use crate::support::storage::{self, storage};
 
@@ -182,7 +183,7 @@ impl Store {
     ///
     /// # Errors
     /// A config that cannot be read.
-    pub fn config_checksum(&self) -> Result<String> {
+    pub(crate) fn config_checksum(&self) -> Result<String> {
         let path = self.run.join(CONFIG);
         if !path.exists() {
             return Ok(String::new());
@@ -223,7 +224,7 @@ impl Store {
     ///
     /// # Errors
     /// A full disk; the earlier ones stay. A variable that is not finite.
-    pub fn save_best(&self, model: &PhysicsNet, steps: u64, of: BestOf) -> Result<()> {
+    pub(crate) fn save_best(&self, model: &PhysicsNet, steps: u64, of: BestOf) -> Result<()> {
         let _guard = tch::no_grad_guard();
         make_folder(&self.folder())?;
         weights::write(&self.best(of), &finite_weights(model, steps)?)
@@ -233,7 +234,7 @@ impl Store {
     ///
     /// # Errors
     /// A file that is missing or damaged.
-    pub fn load_best(&self, model: &PhysicsNet, of: BestOf) -> Result<()> {
+    pub(crate) fn load_best(&self, model: &PhysicsNet, of: BestOf) -> Result<()> {
         weights::load(&self.best(of), model)
     }
 
@@ -277,7 +278,7 @@ impl Store {
             let damaged = (!damage.is_empty()).then(|| damage.join("; "));
             return Ok(Some(Loaded { name, state, slots, damaged }));
         }
-        bail!("{}; {ADVICE}", damage.join("; "))
+        Err(Error::new(error::ErrorKind::Corrupt, anyhow!("{}; {ADVICE}", damage.join("; "))).into())
     }
 
     /// A run goes on with what it was begun with.

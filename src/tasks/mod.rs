@@ -12,25 +12,25 @@ pub mod equation_file;
 pub mod looks;
 pub mod published;
 pub mod scene;
+mod source;
 mod success;
 pub mod video;
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, ensure};
-use serde::de::{Deserializer, Error};
+use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
-use toml::Table;
+use toml::{Table, Value};
 
 use self::scene::{Motion, Scene};
 use self::video::Video;
 use crate::network::System;
 use crate::network::cells::{CellKind, Equations, PhysicalParameter};
 use crate::network::system::SystemTable;
-use crate::support::storage;
 
 pub use builtin::{all, builtin, names};
+pub(crate) use source::{TaskSource, folder_of, name_in};
 pub use success::Success;
 
 /// As `data.folder`: the files lie beside the task's own file.
@@ -83,7 +83,7 @@ pub struct Task {
 /// A task as it stands in its file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct TaskTable {
+struct TaskTable {
     name: String,
     /// One line for `--help`.
     #[serde(default)]
@@ -141,15 +141,27 @@ impl Task {
     /// # Errors
     /// An unknown key, a value of the wrong type or out of range; the message names it.
     pub fn from_toml(text: &str) -> Result<Self> {
-        toml::from_str::<TaskTable>(text)?.try_into()
+        toml::from_str::<TaskTable>(text)?.task(&Equations::default())
     }
 
-    /// The same of a table, where these equations have names.
+    /// Reads a task from the table of its file, whose equation may have one of these names.
     ///
     /// # Errors
     /// As for [`Self::from_toml`].
     pub fn from_table(table: Table, known: &Equations) -> Result<Self> {
-        TaskTable::deserialize(table)?.task(known)
+        table.try_into::<TaskTable>()?.task(known)
+    }
+
+    /// Reads the task of a saved config: its table, or its name in those of the first version.
+    ///
+    /// # Errors
+    /// As for [`find`] and [`Self::from_toml`].
+    pub fn of_config(task: Value, known: &Equations) -> Result<Self> {
+        match task {
+            Value::String(name) => find(&name),
+            Value::Table(table) => Self::from_table(table, known).context("task"),
+            other => bail!("task = {other}: expected a table"),
+        }
     }
 
     /// A task around a system, with clips of these lengths, without scene or truth: what a program builds that brings its
@@ -184,7 +196,7 @@ impl Task {
     }
 
     /// Whether the dataset files lie beside the task's file, and not in a folder of the datasets folder.
-    pub fn data_lie_beside(&self) -> bool {
+    pub(crate) fn data_lie_beside(&self) -> bool {
         self.table.data.folder.as_deref() == Some(BESIDE_THE_TASK)
     }
 
@@ -195,11 +207,11 @@ impl Task {
 
     /// What the task changes in a recipe.
     pub fn recipe_changes(&self, recipe: &str) -> Table {
-        self.table.recipe.get(recipe).and_then(toml::Value::as_table).cloned().unwrap_or_default()
+        self.table.recipe.get(recipe).and_then(Value::as_table).cloned().unwrap_or_default()
     }
 
     /// The recipes in which the task changes something.
-    pub fn changed_recipes(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn changed_recipes(&self) -> impl Iterator<Item = &str> {
         self.table.recipe.keys().map(String::as_str)
     }
 
@@ -214,25 +226,9 @@ impl Task {
     }
 }
 
-/// By hand, so that an error tells all its causes.
-impl<'de> Deserialize<'de> for Task {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let table = TaskTable::deserialize(deserializer)?;
-        Task::try_from(table).map_err(|error| D::Error::custom(format!("{error:#}")))
-    }
-}
-
 impl From<Task> for TaskTable {
     fn from(task: Task) -> Self {
         task.table
-    }
-}
-
-impl TryFrom<TaskTable> for Task {
-    type Error = anyhow::Error;
-
-    fn try_from(table: TaskTable) -> Result<Self> {
-        table.task(&Equations::default())
     }
 }
 
@@ -241,7 +237,7 @@ impl TaskTable {
     ///
     /// # Errors
     /// As for [`Task::from_toml`].
-    pub fn task(self, known: &Equations) -> Result<Task> {
+    fn task(self, known: &Equations) -> Result<Task> {
         let table = self;
         let of_task = || format!("task {:?}", table.name);
         check_name(&table.name)?;
@@ -389,16 +385,5 @@ pub fn check_name(name: &str) -> Result<()> {
 /// An unknown name, with the list of those there are; a file that cannot be read, is no task, or takes the name of a
 /// built-in one.
 pub fn find(name_or_file: &str) -> Result<Task> {
-    if !name_or_file.ends_with(".toml") {
-        return builtin(name_or_file).ok_or_else(|| {
-            anyhow!("unknown task {name_or_file:?}; give the path of a task file (.toml), or one of {}", names())
-        });
-    }
-    let read = || {
-        let task = Task::from_toml(&storage::read_to_string(Path::new(name_or_file))?)?;
-        let taken = builtin(&task.name).is_some_and(|other| other != task);
-        ensure!(!taken, "task name {:?} is that of a built-in task; choose another", task.name);
-        Ok(task)
-    };
-    read().with_context(|| format!("task file {name_or_file}"))
+    TaskSource::find(name_or_file)?.task()
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
-use toml::{Table, Value};
+use toml::Table;
 
 use super::discover::Discover;
 use super::identify::Identify;
@@ -23,7 +23,7 @@ use crate::network::physics_models::ModelOptions;
 use crate::runs::{config_file, metrics};
 use crate::support::storage;
 use crate::support::toml_values::leaves;
-use crate::tasks::{self, Task, TaskTable};
+use crate::tasks::{self, Task};
 
 /// Version of the file's form. Files of before it have none, and name their task instead of holding it.
 const FORMAT: u32 = 1;
@@ -32,7 +32,7 @@ const MOST_REFINEMENT_STEPS: usize = 100;
 /// Frames that a batch may have of however few clips: they are drawn with repetition.
 const LEAST_FRAMES: usize = 1000;
 
-/// A complete run: what, how, where. In a file its task is a [`TaskTable`], whose equation may have a name.
+/// A complete run: what, how, where. `T` is `()` while the other values are parsed apart from the task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config<T = Task> {
@@ -50,6 +50,7 @@ pub struct Config<T = Task> {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub start: BTreeMap<String, f64>,
     /// The whole task, so that a run's folder stands alone.
+    #[serde(default)]
     pub task: T,
     pub data: Data,
     pub model: ModelOptions,
@@ -122,11 +123,8 @@ impl Config {
     pub fn read_with(path: &Path, known: &Equations) -> Result<Config> {
         let read = || {
             let mut table = config_file::parse(&storage::read_to_string(path)?)?;
-            // A run of an earlier version names its task.
-            if let Some(Value::String(name)) = table.get("task") {
-                table.insert("task".into(), Value::Table(tasks::find(name)?.to_table()));
-            }
-            let config = Self::of_table(table, known)?;
+            let task = Task::of_config(table.remove("task").context("missing field `task`")?, known)?;
+            let config = parsed(table)?.with_task(task);
             ensure!(
                 config.format <= FORMAT,
                 "it has form {}; this program knows forms up to {FORMAT}: use a newer one",
@@ -176,35 +174,13 @@ impl Config {
         Self::of_layers(layers::load_task(task, file, overrides)?)
     }
 
-    fn of_table(table: Table, known: &Equations) -> Result<Config> {
-        let read: Config<TaskTable> = Value::Table(table).try_into()?;
-        let Config { format, recipe, seed, device, threads, start, task, .. } = read;
-        let Config { data, model, discover, identify, pretrain, join, output, .. } = read;
-        let task = task.task(known).context("config: task")?;
-        Ok(Config {
-            format,
-            recipe,
-            seed,
-            device,
-            threads,
-            start,
-            task,
-            data,
-            model,
-            discover,
-            identify,
-            pretrain,
-            join,
-            output,
-        })
-    }
-
     fn of_layers(layers: ConfigLayers) -> Result<Config> {
-        let parsed = |table: Table| Self::of_table(table, &layers.known);
-        let config = parsed(layers.merged).with_context(|| {
-            let wrong = layers.below.into_iter().find(|(_, table)| parsed(table.clone()).is_err());
+        let ConfigLayers { task, merged, below } = layers;
+        let config = parsed(merged).with_context(|| {
+            let wrong = below.into_iter().find(|(_, table)| parsed(table.clone()).is_err());
             wrong.map_or("config, as the command line has it".to_string(), |(place, _)| place)
         })?;
+        let config = config.with_task(task);
         config.check()?;
         Ok(Config { format: FORMAT, ..config })
     }
@@ -283,6 +259,32 @@ impl Config {
             );
         }
         Ok(())
+    }
+}
+
+/// The values of a config's table, which holds no task.
+fn parsed(table: Table) -> Result<Config<()>, toml::de::Error> {
+    table.try_into()
+}
+
+impl Config<()> {
+    fn with_task(self, task: Task) -> Config {
+        Config {
+            format: self.format,
+            recipe: self.recipe,
+            seed: self.seed,
+            device: self.device,
+            threads: self.threads,
+            start: self.start,
+            task,
+            data: self.data,
+            model: self.model,
+            discover: self.discover,
+            identify: self.identify,
+            pretrain: self.pretrain,
+            join: self.join,
+            output: self.output,
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
+use anyhow::anyhow;
 use tch::Device;
 
 use super::config::Config;
@@ -11,6 +11,7 @@ use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{self, SavedWeights};
 use crate::runs::names::CONFIG;
 use crate::runs::weights;
+use crate::support::error::{Error, ErrorKind, Result};
 
 /// A run's config and its model with the weights that it saved.
 ///
@@ -30,8 +31,15 @@ pub fn load_model_with(
     device: Device,
     known: &Equations,
 ) -> Result<(Config, PhysicsNet)> {
+    Ok(load(folder, which, device, known)?)
+}
+
+fn load(folder: &Path, which: SavedWeights, device: Device, known: &Equations) -> anyhow::Result<(Config, PhysicsNet)> {
     let path = folder.join(CONFIG);
-    ensure!(path.exists(), "{} is not a run folder: there is no {CONFIG} in it", folder.display());
+    if !path.exists() {
+        let missing = anyhow!("{} is not a run folder: there is no {CONFIG} in it", folder.display());
+        return Err(Error::new(ErrorKind::Missing, missing).into());
+    }
     let config = Config::read_with(&path, known)?;
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
     weights::load(&checkpoint::find_weights(folder, which)?, &model)?;

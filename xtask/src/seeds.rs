@@ -24,7 +24,7 @@ use paig::training::config::Config;
 use paig::training::layers::Overrides;
 use paig::training::observer::{Event, Observer};
 use paig::training::trainer::Trainer;
-use paig_terminal::arguments::parse_seeds;
+use paig_experiments::sweep::parse_seeds;
 use serde_json::json;
 use tch::Device;
 
@@ -138,7 +138,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 fn one(config: &Config, dataset: &Dataset, device: Device, began: Instant) -> Result<Course> {
     let [train, valid] = [Split::Train, Split::Valid].map(|split| dataset.clips(split, device));
-    let truths = config.task.system.cell.parameters.iter().map(|parameter| parameter.name);
+    let truths = config.task.system.cell.parameters.iter().map(|parameter| &*parameter.name);
     let truths = truths.filter_map(|name| Some((name.to_string(), config.task.truth_of(name)?))).collect();
     let mut course = Course { seed: config.seed, began, truths, errors: Vec::new(), best: None, kept: 0 };
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;

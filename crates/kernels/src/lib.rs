@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 
 mod adam;
 mod autograd;
+mod capability;
 mod convolution;
 mod cuda;
 mod dense;
@@ -38,11 +39,13 @@ mod subnormals;
 mod tensors;
 mod threads;
 mod unet;
+mod vector_path;
 mod weight_gradient;
 mod winograd;
 
 pub use adam::AdamStep;
 pub use autograd::forget_gradient;
+pub use capability::libtorch_capability;
 pub use cuda::{Repeated, allow_tf32, own_stream};
 pub use lanes::Instructions;
 pub use sprites::Scene;
@@ -53,6 +56,7 @@ pub use tensors::{
 };
 pub use threads::{KernelsAlone, in_parallel};
 pub use unet::Shape;
+pub use vector_path::vector_path;
 
 /// Version of the libtorch that this was built with.
 pub const LIBTORCH_VERSION: &str = env!("PAIG_LIBTORCH_VERSION");

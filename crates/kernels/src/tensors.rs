@@ -16,6 +16,7 @@ use super::masks;
 use super::memory;
 use super::sprites::{self, Drawn, Scene};
 use super::unet::{Kernel, Shape};
+use super::vector_path::vector_path;
 
 /// The U-Net's kernels go through as many frames as a vector has lanes at a time, also where there are fewer. Below this
 /// number, libtorch is faster.
@@ -121,9 +122,11 @@ impl PreparedConvolution {
     }
 }
 
-/// Whether the kernels can compute with these tensors: float32 in the main memory.
+/// Whether the kernels can compute with these tensors: float32 in the main memory, in a process where libtorch does not
+/// replace the kernels ([`vector_path`]).
 pub fn serve(tensors: &[&Tensor]) -> bool {
-    tensors.iter().all(|tensor| tensor.kind() == Kind::Float && tensor.device() == Device::Cpu)
+    *vector_path() != Ok(None)
+        && tensors.iter().all(|tensor| tensor.kind() == Kind::Float && tensor.device() == Device::Cpu)
 }
 
 /// Sprites moved and composed over a background: what [`Scene`] says, of sprites `[objects, layers, height, width]` (logits of

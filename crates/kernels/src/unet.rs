@@ -1,6 +1,6 @@
 //! The U-Net, forward and backward, on blocks of frames.
 //!
-//! The network is [`crate::network::blocks::UNet`]'s. A block goes through all layers before the next one begins, so that
+//! The network is `paig::network::blocks::UNet`'s. A block goes through all layers before the next one begins, so that
 //! most of what a layer reads is still in the cache. Every layer's result is kept for the gradient, except the doubled
 //! pictures, which are made again.
 

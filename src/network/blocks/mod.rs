@@ -102,7 +102,7 @@ impl Dense {
     }
 
     /// The same for many inputs, `[rows, in]`, in whichever way is the fastest for them.
-    pub fn forward_wide(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> Tensor {
+    pub(crate) fn forward_wide(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> Tensor {
         let product = match precision {
             Precision::Bfloat16 => {
                 let [x, weight] = [x, &self.weight].map(|factor| factor.to_kind(Kind::BFloat16));
@@ -117,7 +117,7 @@ impl Dense {
     }
 
     /// The same twice: once differentiable by the input and the layer, once by the layer alone. The products are shared.
-    pub fn forward_wide_twice(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> [Tensor; 2] {
+    pub(crate) fn forward_wide_twice(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> [Tensor; 2] {
         if precision == Precision::Float32 && kernels == Kernels::Own && paig_kernels::serve(&[x, &self.weight]) {
             let by_layer = paig_kernels::linear(&x.detach(), &self.weight, &self.bias);
             let by_both = paig_kernels::taught_through(&by_layer, x, &self.weight);
@@ -158,7 +158,7 @@ impl Dense {
     }
 
     /// The same layer as a constant: gradients pass through it, not to it.
-    pub fn detached(&self) -> Self {
+    pub(crate) fn detached(&self) -> Self {
         Dense { weight: self.weight.detach(), bias: self.bias.detach(), activation: self.activation }
     }
 
@@ -194,7 +194,7 @@ impl Mlp {
     }
 
     /// The same layers as constants; see [`Dense::detached`].
-    pub fn detached(&self) -> Self {
+    pub(crate) fn detached(&self) -> Self {
         Mlp(self.0.iter().map(Dense::detached).collect())
     }
 }

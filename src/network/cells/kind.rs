@@ -104,7 +104,7 @@ impl CellKind {
 
     /// Whether it matters which object is which: a text names a given one, there is one for each, or of a parameter that each
     /// object has some are held at other values than the rest. `held`: of each parameter the raw number, if it is not learned.
-    pub fn tells_objects_apart(&self, held: &[Option<f64>]) -> bool {
+    pub(crate) fn tells_objects_apart(&self, held: &[Option<f64>]) -> bool {
         matches!(&self.build, Build::Text(equation) if equation.tells_objects_apart(held))
     }
 
@@ -159,7 +159,7 @@ impl CellKind {
 
     /// What moves the objects, without what only a fit needs (its method, the bounds and starts of the parameters): the
     /// equation's name where it is no text of a file.
-    pub fn accelerations(&self) -> String {
+    pub(crate) fn accelerations(&self) -> String {
         let Build::Text(equation) = &self.build else { return self.name.to_string() };
         let table = equation.table().clone();
         let moves = EquationTable { integrator: Integrator::default(), parameters: BTreeMap::new(), ..table };
@@ -170,7 +170,7 @@ impl CellKind {
     ///
     /// # Errors
     /// None that the equation itself did not have.
-    pub fn integrated_by(&self, integrator: Integrator) -> Result<Option<CellKind>> {
+    pub(crate) fn integrated_by(&self, integrator: Integrator) -> Result<Option<CellKind>> {
         let Build::Text(equation) = &self.build else { return Ok(None) };
         let table = EquationTable { integrator, ..equation.table().clone() };
         CellKind::of_text(&table, equation.objects()).map(Some)

@@ -1,4 +1,4 @@
-//! The U-Net on a GPU, forward and backward: that of [`crate::network::blocks::UNet`].
+//! The U-Net on a GPU, forward and backward: that of `paig::network::blocks::UNet`.
 //!
 //! Pictures are pooled, doubled and joined where a convolution reads them, so that each layer is one pass through the memory.
 

@@ -1,6 +1,6 @@
 //! Sprites moved by a separable spatial transformer and composed over a background, frame by frame.
 //!
-//! The computation is that of [`crate::network::physics_models::Decoder`]. Nothing but the frames goes to memory: what
+//! The computation is that of `paig::network::physics_models::Decoder`. Nothing but the frames goes to memory: what
 //! the gradient needs of a frame is computed again. Loops over the pixels of a row become vectors in the compiler's hands.
 
 mod backward;

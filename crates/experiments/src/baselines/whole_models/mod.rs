@@ -10,7 +10,6 @@ pub mod ddpae;
 pub mod frame_model;
 pub mod gaussian;
 pub mod planet;
-pub mod run;
 pub mod scores;
 pub mod training;
 pub mod video_lstm;

@@ -59,7 +59,7 @@ impl Law {
     /// The state of objects between these walls a time `h` later.
     fn substep(&self, state: &mut SceneState, walls: Walls, h: f64) {
         match &self.equation.build {
-            Build::Text(equation) => {
+            Build::Text(equation) | Build::Named(equation) => {
                 let values = self.equation.parameters.iter().zip(&self.raw).map(|(it, raw)| it.bounds.value(*raw));
                 let mut equation = SingleEquation::new(equation, &values.collect::<Vec<_>>(), walls);
                 equation.substep(&mut state.positions, &mut state.velocities, state.action, h);

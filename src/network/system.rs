@@ -148,7 +148,7 @@ impl EquationEntry {
     fn of(kind: &CellKind) -> Self {
         match &kind.build {
             Build::Text(equation) => EquationEntry::Text(equation.table().clone()),
-            Build::Rust(_) => EquationEntry::Name(kind.name.to_string()),
+            Build::Named(_) | Build::Rust(_) => EquationEntry::Name(kind.name.to_string()),
         }
     }
 
@@ -158,7 +158,7 @@ impl EquationEntry {
     /// An unknown name, a text that cannot be an equation.
     pub fn kind(&self, objects: usize, known: &Equations) -> Result<Arc<CellKind>> {
         match self {
-            EquationEntry::Name(name) => known.find(name),
+            EquationEntry::Name(name) => known.find(name, objects),
             EquationEntry::Text(table) => CellKind::of_text(table, objects).map(Arc::new),
         }
     }
@@ -231,11 +231,11 @@ impl SystemTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::cells::{PENDULUM, SPRING};
+    use crate::network::cells::{BuiltIn, PENDULUM, SPRING};
 
     #[test]
     fn networks_see_positions_from_edge_to_edge_and_angles_as_they_are() {
-        let taken_in = |cell: &CellKind| {
+        let taken_in = |cell: BuiltIn| {
             let system = System {
                 side: 64,
                 channels: 1,
@@ -243,13 +243,13 @@ mod tests {
                 input_steps: 4,
                 pred_steps: 6,
                 dt: 0.3,
-                cell: Arc::new(cell.clone()),
+                cell: Arc::new(cell.kind(2)),
                 walls: Walls::new(64, 0.0),
                 halved: false,
             };
             Vec::<f64>::try_from(system.scaling().of(&Tensor::from_slice(&[0.0, 48.0, 64.0]))).unwrap()
         };
-        assert_eq!(taken_in(&SPRING), [-1.0, 0.5, 1.0]);
-        assert_eq!(taken_in(&PENDULUM), [0.0, 48.0, 64.0]);
+        assert_eq!(taken_in(SPRING), [-1.0, 0.5, 1.0]);
+        assert_eq!(taken_in(PENDULUM), [0.0, 48.0, 64.0]);
     }
 }

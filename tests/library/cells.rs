@@ -29,7 +29,7 @@ fn build(kind: &CellKind, logs: &[Tensor]) -> Box<dyn Cell> {
 }
 
 fn spring(k: f64, l: f64) -> Box<dyn Cell> {
-    build(&SPRING, &[scalar(k.ln()), scalar(l.ln())])
+    build(&SPRING.kind(2), &[scalar(k.ln()), scalar(l.ln())])
 }
 
 fn gravity(g: f64) -> Box<dyn Cell> {
@@ -80,7 +80,7 @@ fn gradients_through_coincident_bodies_grow_as_the_linearised_spring() {
         let tensor = |value: f64| Tensor::from(value).to_kind(kind);
         let place = row(&[32.0, 32.0, 32.0, 32.0]).to_kind(kind).set_requires_grad(true);
         let start = State { vel: place.zeros_like(), pos: place.shallow_clone() };
-        let cell = build(&SPRING, &[tensor(f64::ln(k)), tensor(f64::ln(l))]);
+        let cell = build(&SPRING.kind(2), &[tensor(f64::ln(k)), tensor(f64::ln(l))]);
         let last = cell.roll_out(&start, &Actions::none(), dt, frames).pop().unwrap();
         assert_eq!(values(&last.pos.to_kind(Kind::Double)), [32.0; 4]);
         last.pos.select(1, 0).sum(kind).backward();
@@ -152,7 +152,7 @@ fn reflected(start: f64, velocity: f64, t: f64, near: f64, far: f64) -> f64 {
 
 #[test]
 fn bouncing_follows_the_analytic_reflection() {
-    let cell = build(&BOUNCING, &[]);
+    let cell = build(&BOUNCING.kind(2), &[]);
     let (pos, vel) = ([5.0, 20.0, 28.0, 3.0], [-8.0, 3.1, 7.3, -2.2]);
     let mut now = state(&pos, &vel);
     for frame in 1..=40 {
@@ -172,7 +172,7 @@ fn bouncing_follows_the_analytic_reflection() {
 #[test]
 fn falling_follows_the_parabola() {
     let g = 1.5;
-    let cell = build(&FALLING, &[scalar(f64::ln(g))]);
+    let cell = build(&FALLING.kind(1), &[scalar(f64::ln(g))]);
     let mut now = state(&[16.0, 20.0], &[1.0, -3.0]);
     for _ in 0..10 {
         now = cell.step(&now, None, 0.3);
@@ -188,7 +188,7 @@ fn falling_follows_the_parabola() {
 #[test]
 fn a_falling_ball_that_bounces_keeps_its_energy() {
     let g = 1.5;
-    let cell = build(&FALLING_BOUNCING, &[scalar(f64::ln(g))]);
+    let cell = build(&FALLING_BOUNCING.kind(1), &[scalar(f64::ln(g))]);
     let mut now = state(&[16.0, 12.0], &[2.0, 1.0]);
     let energy = |state: &State| {
         let (p, v) = (values(&state.pos), values(&state.vel));
@@ -210,7 +210,7 @@ fn a_falling_ball_that_bounces_keeps_its_energy() {
 /// The impact of a ball that starts a little higher may fall into the next substep; its path may not jump for that.
 #[test]
 fn a_path_does_not_jump_as_its_impact_moves_to_the_next_substep() {
-    let cell = build(&FALLING_BOUNCING, &[scalar(f64::ln(3.0))]);
+    let cell = build(&FALLING_BOUNCING.kind(1), &[scalar(f64::ln(3.0))]);
     let heights = 4000;
     let start = Tensor::linspace(20.0, 28.0, heights, (Kind::Double, Device::Cpu));
     let fill = |value: f64| start.full_like(value);
@@ -232,7 +232,7 @@ fn a_path_does_not_jump_as_its_impact_moves_to_the_next_substep() {
 #[test]
 fn the_damped_spring_follows_the_damped_oscillation() {
     let (k, l, c, stretch) = (4.0f64, 6.0f64, 0.3f64, 3.0);
-    let cell = build(&DAMPED_SPRING, &[k, l, c].map(|value| scalar(value.ln())));
+    let cell = build(&DAMPED_SPRING.kind(2), &[k, l, c].map(|value| scalar(value.ln())));
     let mut now = state(&[16.0 + l + stretch / 2.0, 10.0, 16.0 - l - stretch / 2.0, 10.0], &[0.0; 4]);
     let (steps, h) = (4000, 1e-3);
     for _ in 0..steps {
@@ -249,7 +249,7 @@ fn the_damped_spring_follows_the_damped_oscillation() {
 }
 
 fn pendulum(g: f64, a: f64) -> Box<dyn Cell> {
-    build(&PENDULUM, &[scalar(g.ln()), scalar(a.ln())])
+    build(&PENDULUM.kind(1), &[scalar(g.ln()), scalar(a.ln())])
 }
 
 /// About its lowest point a rod of length 1 swings with period 2 pi sqrt(2 / (3 g)).
@@ -335,12 +335,12 @@ fn check_gradient(kind: &CellKind, logs: &[f64], pos: &[f64], vel: &[f64]) {
 #[test]
 fn gradients_agree_with_finite_differences() {
     let pair = ([20.0, 13.0, 11.0, 17.0], [1.0, -2.0, 0.5, 3.0]);
-    check_gradient(&SPRING, &[1.2, 1.7], &pair.0, &pair.1);
-    check_gradient(&DAMPED_SPRING, &[1.2, 1.7, -0.5], &pair.0, &pair.1);
-    check_gradient(&BOUNCING, &[], &[5.0, 20.0, 28.0, 3.0], &[-8.0, 3.1, 7.3, -2.2]);
-    check_gradient(&FALLING, &[0.3], &[12.0, 9.0], &[2.0, -4.0]);
-    check_gradient(&FALLING_BOUNCING, &[0.3], &[4.0, 27.0], &[-8.0, 4.0]);
-    check_gradient(&PENDULUM, &[2.3, -0.2], &[0.6], &[-1.4]);
+    check_gradient(&SPRING.kind(2), &[1.2, 1.7], &pair.0, &pair.1);
+    check_gradient(&DAMPED_SPRING.kind(2), &[1.2, 1.7, -0.5], &pair.0, &pair.1);
+    check_gradient(&BOUNCING.kind(2), &[], &[5.0, 20.0, 28.0, 3.0], &[-8.0, 3.1, 7.3, -2.2]);
+    check_gradient(&FALLING.kind(1), &[0.3], &[12.0, 9.0], &[2.0, -4.0]);
+    check_gradient(&FALLING_BOUNCING.kind(1), &[0.3], &[4.0, 27.0], &[-8.0, 4.0]);
+    check_gradient(&PENDULUM.kind(1), &[2.3, -0.2], &[0.6], &[-1.4]);
     let bodies = [18.0, 9.0, 26.0, 22.0, 10.0, 23.0];
     check_gradient(&GRAVITY, &[4.0, 0.1], &bodies, &[2.0, 0.3, -1.0, 1.5, -0.7, -1.9]);
 }

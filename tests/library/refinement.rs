@@ -35,7 +35,7 @@ fn spring() -> (Box<dyn Cell>, State) {
     let logs = [4f64.ln(), 6f64.ln()].map(|log| Tensor::from(log).to_kind(Kind::Double));
     let apart = Tensor::from_slice(&[6.0, 0.0, -6.0, 0.0]);
     let first = State { pos: uniform("p", 4, 14.0, 18.0) + apart, vel: uniform("v", 4, -6.0, 6.0) };
-    (build(&SPRING, &logs), first)
+    (build(&SPRING.kind(2), &logs), first)
 }
 
 #[test]
@@ -51,7 +51,7 @@ fn spring_states_are_found_from_positions_alone() {
 fn a_state_does_not_depend_on_the_unit_of_time() {
     let refined_by = |unit: f64| {
         let logs = [(4.0 / (unit * unit)).ln(), 6f64.ln()].map(|log| Tensor::from(log).to_kind(Kind::Double));
-        let cell = build(&SPRING, &logs);
+        let cell = build(&SPRING.kind(2), &logs);
         let (_, first) = spring();
         let (dt, first) = (0.3 * unit, State { pos: first.pos, vel: first.vel / unit });
         let mut states = cell.roll_out(&first, &Actions::none(), dt, INPUT - 1);
@@ -100,7 +100,7 @@ fn a_frame_that_was_misread_does_not_spoil_the_state() {
 
 #[test]
 fn bounces_during_the_input_are_seen_through() {
-    let cell = build(&BOUNCING, &[]);
+    let cell = build(&BOUNCING.kind(2), &[]);
     let first = State { pos: uniform("p", 4, 2.5, 29.5), vel: uniform("v", 4, -8.0, 8.0) };
     let last = cell.roll_out(&first, &Actions::none(), 0.3, INPUT - 1).pop().unwrap();
     let bounced = (&first.vel * &last.vel).amin([1i64].as_slice(), false).lt(0.0).to_kind(Kind::Double);
@@ -115,7 +115,7 @@ fn bounces_during_the_input_are_seen_through() {
 #[test]
 fn a_driven_pendulum_is_found_from_its_angles() {
     let logs = [10f64, 1.0].map(|value| Tensor::from(value.ln()).to_kind(Kind::Double));
-    let cell = build(&PENDULUM, &logs);
+    let cell = build(&PENDULUM.kind(1), &logs);
     let first = State { pos: uniform("p", 1, -3.0, 3.0), vel: uniform("v", 1, -4.0, 4.0) };
     let actions = Actions::new(Some(uniform("u", 3, -2.0, 2.0)));
     // As for the spring; the first error is 4 per time unit, a thousandth of it is left.

@@ -144,7 +144,7 @@ fn difference(a: &ControlState, b: &ControlState) -> f64 {
 #[test]
 fn the_models_agree() {
     let (g, a, dt): (f64, f64, f64) = (9.0, 1.3, 0.05);
-    let cell = PENDULUM.cell(&[g, a].map(|x| Tensor::from(x.ln() as f32)), Walls::new(64, 0.0));
+    let cell = PENDULUM.kind(1).cell(&[g, a].map(|x| Tensor::from(x.ln() as f32)), Walls::new(64, 0.0));
     // Two candidates of three decisions.
     let plans = Plans { actions: &[0.5, 1.5, -1.0, 0.0, 2.0, -2.0], candidates: 2, hold: 2 };
     let start = ControlState::turning(0.4, -1.0);

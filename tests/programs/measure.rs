@@ -148,7 +148,7 @@ fn a_long_motion_is_followed_between_the_frames() {
     let falling = find("falling").unwrap().system;
     let one = |cell: CellKind| System { objects: 1, cell: cell.into(), ..falling.clone() };
     let fall =
-        Dynamics::new(one(FALLING.clone()), dt).unwrap().positions(&[12.0_f64.ln()], &[3.0, 4.0, 1.0, -2.0], 0, frames);
+        Dynamics::new(one(FALLING.kind(1)), dt).unwrap().positions(&[12.0_f64.ln()], &[3.0, 4.0, 1.0, -2.0], 0, frames);
     let text = CellKind::of_text(&toml::from_str(swing).unwrap(), 1).unwrap();
     let swinging = Dynamics::new(one(text), dt).unwrap();
     let swing = swinging.positions(&[b.ln(), k.ln()], &[10.0, 0.0, 0.0, 0.0], 0, frames);

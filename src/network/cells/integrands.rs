@@ -126,32 +126,3 @@ impl<'a, F: Float, A: FnMut(&[F], &[F], F, &mut [F])> Integrand for OnRows<'a, F
         }
     }
 }
-
-/// One coordinate of one state in single precision: the acceleration of its position and velocity.
-#[derive(Debug)]
-pub(super) struct OnNumber<A>(pub A);
-
-impl<A: FnMut(f32, f32) -> f32> Integrand for OnNumber<A> {
-    type Values = f32;
-    type Scalar = f32;
-
-    fn acceleration(&mut self, pos: &f32, vel: &f32, _since: f32) -> f32 {
-        (self.0)(*pos, *vel)
-    }
-
-    fn along(&mut self, from: f32, rate: &f32, h: f32) -> f32 {
-        from + rate * h
-    }
-
-    fn plus(&mut self, a: f32, b: &f32) -> f32 {
-        a + b
-    }
-
-    fn twice(&mut self, value: f32) -> f32 {
-        value + value
-    }
-
-    fn copy(&mut self, value: &f32) -> f32 {
-        *value
-    }
-}

@@ -47,6 +47,8 @@ pub enum Build {
     Rust(fn(&[Tensor], Walls) -> Box<dyn Cell>),
     /// From the text of a task file.
     Text(Arc<Equation>),
+    /// From the text that the equation's name stands for.
+    Named(Arc<Equation>),
 }
 
 /// The same function, or the same text for as many objects.
@@ -54,7 +56,7 @@ impl PartialEq for Build {
     fn eq(&self, other: &Build) -> bool {
         match (self, other) {
             (Build::Rust(one), Build::Rust(other)) => std::ptr::fn_addr_eq(*one, *other),
-            (Build::Text(one), Build::Text(other)) => one == other,
+            (Build::Text(one), Build::Text(other)) | (Build::Named(one), Build::Named(other)) => one == other,
             _ => false,
         }
     }
@@ -102,7 +104,7 @@ impl CellKind {
         matches!(&self.build, Build::Text(equation) if equation.tells_time())
     }
 
-    /// Whether it matters which object is which: a text names a given one, there is one for each, or of a parameter that each
+    /// Whether it matters which object is which: the text of a file names a given one, there is one for each, or of a parameter that each
     /// object has some are held at other values than the rest. `held`: of each parameter the raw number, if it is not learned.
     pub(crate) fn tells_objects_apart(&self, held: &[Option<f64>]) -> bool {
         matches!(&self.build, Build::Text(equation) if equation.tells_objects_apart(held))
@@ -111,7 +113,7 @@ impl CellKind {
     /// Of the parameters that each object has of its own, the first object's places; those of the other objects follow each.
     pub fn of_each(&self) -> &[usize] {
         match &self.build {
-            Build::Text(equation) => equation.of_each(),
+            Build::Text(equation) | Build::Named(equation) => equation.of_each(),
             Build::Rust(_) => &[],
         }
     }
@@ -126,7 +128,7 @@ impl CellKind {
     pub fn cell(&self, raw: &[Tensor], walls: Walls) -> Box<dyn Cell> {
         match &self.build {
             Build::Rust(build) => build(raw, walls),
-            Build::Text(equation) => Box::new(TextCell::new(equation, raw, walls)),
+            Build::Text(equation) | Build::Named(equation) => Box::new(TextCell::new(equation, raw, walls)),
         }
     }
 
@@ -136,7 +138,7 @@ impl CellKind {
     /// An equation of Rust whose `text` is no table: a mistake in the program, never in its input.
     pub fn table(&self) -> Option<EquationTable> {
         match &self.build {
-            Build::Text(equation) => Some(equation.table().clone()),
+            Build::Text(equation) | Build::Named(equation) => Some(equation.table().clone()),
             Build::Rust(_) => {
                 let read = |text| toml::from_str(text).expect("the text of an equation of Rust is a table");
                 self.text.map(read)
@@ -150,7 +152,7 @@ impl CellKind {
     /// As for [`Equation::read`].
     pub fn equation(&self, objects: usize) -> Result<Option<Arc<Equation>>> {
         match &self.build {
-            Build::Text(equation) => Ok(Some(equation.clone())),
+            Build::Text(equation) | Build::Named(equation) => Ok(Some(equation.clone())),
             Build::Rust(_) => {
                 self.table().map(|table| Equation::read(&table, objects).context("equation").map(Arc::new)).transpose()
             }

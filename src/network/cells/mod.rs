@@ -5,10 +5,12 @@
 //! time unit, or one angle each, `[batch, objects]`, in radians (see [`Coordinates`]).
 //!
 //! A new equation is a few lines of [`text`] in a task file; or, in Rust, a [`Cell`] and its [`CellKind`], here or in a
-//! program of one's own: `docs/own-equation.md` goes through both.
+//! program of one's own: `docs/own-equation.md` goes through both. Those that come with the program are texts under a name,
+//! but for [`GRAVITY`].
 
 mod actions;
 mod bouncing;
+mod built_in;
 mod cell;
 mod damped_spring;
 mod equations;
@@ -28,6 +30,7 @@ pub mod text;
 
 pub use actions::Actions;
 pub use bouncing::BOUNCING;
+pub use built_in::BuiltIn;
 pub use cell::{Cell, scalars};
 pub use damped_spring::DAMPED_SPRING;
 pub use equations::Equations;

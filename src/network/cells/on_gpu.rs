@@ -179,14 +179,14 @@ mod tests {
     #[test]
     fn built_in_equations_are_those_of_their_cells() {
         let none = Actions::none();
-        check(&BOUNCING, 2, &[], &none);
-        check(&SPRING, 2, &[1.4, 1.1], &none);
-        check(&DAMPED_SPRING, 2, &[1.4, 1.1, -1.0], &none);
+        check(&BOUNCING.kind(2), 2, &[], &none);
+        check(&SPRING.kind(2), 2, &[1.4, 1.1], &none);
+        check(&DAMPED_SPRING.kind(2), 2, &[1.4, 1.1, -1.0], &none);
         check(&GRAVITY, 3, &[4.0, 0.1], &none);
-        check(&PENDULUM, 1, &[1.0, 0.3], &none);
-        check(&PENDULUM, 1, &[1.0, 0.3], &some_actions());
-        check(&FALLING, 2, &[0.4], &none);
-        check(&FALLING_BOUNCING, 2, &[0.4], &none);
+        check(&PENDULUM.kind(1), 1, &[1.0, 0.3], &none);
+        check(&PENDULUM.kind(1), 1, &[1.0, 0.3], &some_actions());
+        check(&FALLING.kind(2), 2, &[0.4], &none);
+        check(&FALLING_BOUNCING.kind(2), 2, &[0.4], &none);
     }
 
     #[test]
@@ -230,8 +230,13 @@ mod tests {
     /// A spring pulls both bodies alike: their pair is computed once.
     #[test]
     fn what_two_objects_share_is_computed_once() {
-        let equation = SPRING.equation(2).unwrap().unwrap();
-        let listing = listing(&equation, &SPRING.parameters, Walls::new(32, 2.0), 0.3).unwrap();
+        let spring = text(
+            "acceleration = \"others(-k * (norm(p - q) - 2*l) * (p - q) / (norm(p - q) + 1e-4))\"\n\
+             parameters.k = {}\nparameters.l = {}",
+            2,
+        );
+        let equation = spring.equation(2).unwrap().unwrap();
+        let listing = listing(&equation, &spring.parameters, Walls::new(32, 2.0), 0.3).unwrap();
         let count = |operation: Operation| listing.moving.iter().filter(|it| it.operation == operation).count();
         assert_eq!((count(Operation::Norm), count(Operation::Over)), (1, 2));
         // The one is pushed where the other is pulled.

@@ -1,7 +1,7 @@
 //! The operations on tensors.
 //!
 //! The last axis of a tensor holds a scalar (1) or a vector (2); the axes before it, as far as they are there, are batch,
-//! object and other object. What has fewer axes is the same along those it lacks.
+//! object and other object. What has fewer axes, down to a parameter that has none, is the same along those it lacks.
 
 use tch::{Device, Kind, Tensor};
 
@@ -66,6 +66,11 @@ pub(super) fn binary(operation: Binary, a: &Value, b: &Value, options: (Kind, De
     }
 }
 
+/// The dot product of vectors with themselves.
+pub(super) fn squared_norm(x: &Tensor) -> Tensor {
+    x.square().sum_dim_intlist([-1i64].as_slice(), true, None)
+}
+
 fn of_tensors(operation: Binary, a: &Tensor, b: &Tensor) -> Tensor {
     match operation {
         Binary::Plus => a + b,
@@ -75,12 +80,17 @@ fn of_tensors(operation: Binary, a: &Tensor, b: &Tensor) -> Tensor {
         Binary::Power => a.pow(b),
         Binary::Dot => (a * b).sum_dim_intlist([-1i64].as_slice(), true, None),
         Binary::Cross => part(a, 0) * part(b, 1) - part(a, 1) * part(b, 0),
-        Binary::Vec if a.size() == b.size() => Tensor::cat(&[a, b], -1),
-        Binary::Vec => Tensor::cat(&Tensor::broadcast_tensors(&[a, b]), -1),
+        Binary::Vec if a.dim() > 0 && a.size() == b.size() => Tensor::cat(&[a, b], -1),
+        Binary::Vec => Tensor::cat(&Tensor::broadcast_tensors(&[with_axis(a), with_axis(b)]), -1),
         Binary::Atan2 => a.atan2(b),
         Binary::Min => a.minimum(b),
         Binary::Max => a.maximum(b),
     }
+}
+
+/// A parameter is a scalar without axes.
+fn with_axis(x: &Tensor) -> Tensor {
+    if x.dim() == 0 { x.unsqueeze(0) } else { x.shallow_clone() }
 }
 
 fn part(x: &Tensor, axis: u8) -> Tensor {

@@ -270,17 +270,16 @@ fn binary<'a, F: Number + 'a>(
 ) {
     let [object, other, part] = at;
     let coordinate = |part: usize| [object, other, part];
-    let mut of_both = |f: fn(F, F) -> F| map2(a(at), b(at), into, f);
     match operation {
-        Binary::Plus => of_both(|x, y| x + y),
-        Binary::Minus => of_both(|x, y| x - y),
-        Binary::Times => of_both(|x, y| x * y),
-        Binary::Over => of_both(|x, y| x / y),
-        Binary::Power => of_both(F::powf),
-        Binary::Atan2 => of_both(F::atan2),
+        Binary::Plus => map2(a(at), b(at), into, |x, y| x + y),
+        Binary::Minus => map2(a(at), b(at), into, |x, y| x - y),
+        Binary::Times => map2(a(at), b(at), into, |x, y| x * y),
+        Binary::Over => map2(a(at), b(at), into, |x, y| x / y),
+        Binary::Power => map2(a(at), b(at), into, F::powf),
+        Binary::Atan2 => map2(a(at), b(at), into, F::atan2),
         // As the tensors' a number that is none stays one.
-        Binary::Min => of_both(|x, y| if x < y || x.is_nan() { x } else { y }),
-        Binary::Max => of_both(|x, y| if x > y || x.is_nan() { x } else { y }),
+        Binary::Min => map2(a(at), b(at), into, |x, y| if x < y || x.is_nan() { x } else { y }),
+        Binary::Max => map2(a(at), b(at), into, |x, y| if x > y || x.is_nan() { x } else { y }),
         Binary::Dot => {
             map2(a(coordinate(0)), b(coordinate(0)), into, |x, y| x * y);
             add_products(into, a(coordinate(1)), b(coordinate(1)), F::one());

@@ -11,6 +11,7 @@ use super::parse::{Expression, parse};
 use super::table::{Accelerations, EquationTable};
 use super::walls::TextWalls;
 use crate::network::cells::parameter::PhysicalParameter;
+use crate::network::cells::plain::PlainCell;
 use crate::network::cells::state::MOST_OBJECTS;
 
 /// Most steps for a frame.
@@ -25,6 +26,24 @@ pub struct Equation {
     of_each: Vec<usize>,
     pub(super) program: Program,
     pub(super) walls: Option<TextWalls>,
+    /// Whether the parameters are computed in every substep instead of once for a roll-out. Their gradients then round as those
+    /// of the original, which does so.
+    pub(super) renews_parameters: bool,
+    pub(super) plain: PlainForms,
+}
+
+/// Faster forms of an equation in plain numbers, made from the values of its parameters in their order. Without one a fit or a
+/// plan computes the text.
+#[derive(Debug, Clone, Copy)]
+pub struct PlainForms {
+    /// For fits.
+    pub fit: Option<fn(&[f64]) -> Box<dyn PlainCell<f64>>>,
+    /// For planning.
+    pub plan: Option<fn(&[f64]) -> Box<dyn PlainCell>>,
+}
+
+impl PlainForms {
+    pub const NONE: PlainForms = PlainForms { fit: None, plan: None };
 }
 
 /// The rest of an equation follows from its text and the number of objects.
@@ -58,7 +77,7 @@ impl Equation {
         &self.of_each
     }
 
-    /// Its parameters, sorted by name; those of each object follow each other.
+    /// Its parameters, those of a file's text sorted by name; those of each object follow each other.
     pub fn parameters(&self) -> &[PhysicalParameter] {
         &self.parameters
     }
@@ -89,13 +108,26 @@ impl Equation {
     /// A text that is none of the language, a name that is not known, ranks or units that do not go together (the message
     /// shows the place), a parameter that no text names, a number out of range.
     pub fn read(table: &EquationTable, objects: usize) -> Result<Self> {
+        Self::read_in_order(table, objects, &[])
+    }
+
+    /// The equation that a name stands for; its parameters are in the `order` of these names.
+    ///
+    /// # Errors
+    /// As for [`Self::read`].
+    pub(crate) fn read_named(table: &EquationTable, objects: usize, order: &[&str], plain: PlainForms) -> Result<Self> {
+        Ok(Equation { renews_parameters: true, plain, ..Self::read_in_order(table, objects, order)? })
+    }
+
+    /// Parameters that are not in the `order` follow those that are, by name.
+    fn read_in_order(table: &EquationTable, objects: usize, order: &[&str]) -> Result<Self> {
         ensure!((1..=MOST_OBJECTS).contains(&objects), "objects = {objects}: must be 1 to {MOST_OBJECTS} for a text");
         ensure!(
             (1..=MOST_SUBSTEPS).contains(&table.substeps),
             "substeps = {}: must be 1 to {MOST_SUBSTEPS}",
             table.substeps
         );
-        let parameters = Parameters::of(&table.parameters, objects)?;
+        let parameters = Parameters::of(&table.parameters, objects, order)?;
         let definitions = definitions(table, &parameters)?;
         let mut compiler = Compiler::new(table.state, objects, &parameters, &definitions);
         let texts = match &table.acceleration {
@@ -126,13 +158,21 @@ impl Equation {
         if let Some(unused) = compiler.unused_definition() {
             bail!("where: no acceleration names {unused}; use it, or take it out");
         }
-        let program = Program { graph: compiler.graph, accelerations, objects };
+        let program = Program::new(compiler.graph, accelerations, objects);
         ensure!(
             !(program.acts() && program.tells_time()),
             "the equation names both u and t, and a dataset holds one number for each frame: what acts, or its time"
         );
         let of_each = parameters.each.values().copied().collect();
-        Ok(Equation { table: table.clone(), parameters: parameters.physical(), of_each, program, walls })
+        Ok(Equation {
+            table: table.clone(),
+            parameters: parameters.physical(),
+            of_each,
+            program,
+            walls,
+            renews_parameters: false,
+            plain: PlainForms::NONE,
+        })
     }
 }
 

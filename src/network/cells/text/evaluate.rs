@@ -4,6 +4,7 @@ use tch::{Device, Kind, Tensor};
 
 use super::arithmetic::{self, Value};
 use super::graph::{Given, Graph, Operation, Place};
+use super::operation::Binary;
 
 /// The operations of an equation, ready to be computed.
 #[derive(Debug)]
@@ -12,6 +13,8 @@ pub(super) struct Program {
     /// The acceleration of all objects, or that of each.
     pub accelerations: Vec<Place>,
     pub objects: usize,
+    /// Whether values have an axis for objects. Without it each is about one object: `[batch, coordinates]`.
+    by_object: bool,
 }
 
 /// What stays the same during a roll-out.
@@ -24,14 +27,21 @@ pub(super) struct Constants {
     values: Vec<Option<Value>>,
 }
 
-/// A state, each of `[batch, objects, coordinates]`.
+/// A state, positions and velocities `[batch, objects * coordinates]` each.
 pub(super) struct Instant<'a> {
     pub pos: &'a Tensor,
     pub vel: &'a Tensor,
-    /// What the dataset holds for the frame, `[batch, 1, 1]`: what acts, or its time.
+    /// What the dataset holds for the frame, `[batch, 1]`: what acts, or its time.
     pub held: Option<&'a Tensor>,
     /// Time since the frame.
     pub since: f64,
+}
+
+/// The same with the axes of an equation's values: `[batch, objects, coordinates]` or `[batch, coordinates]`.
+struct Grid {
+    pos: Tensor,
+    vel: Tensor,
+    coordinates: i64,
 }
 
 /// Values of nodes while they are computed.
@@ -55,6 +65,16 @@ impl Constants {
 }
 
 impl Program {
+    pub(super) fn new(graph: Graph, accelerations: Vec<Place>, objects: usize) -> Self {
+        let of_one = |given| match given {
+            Given::Parameter(_) | Given::Action | Given::Time | Given::PositionOf(_) | Given::VelocityOf(_) => true,
+            _ => objects == 1,
+        };
+        let of_one = |operation| !matches!(operation, Operation::Given(given) if !of_one(given));
+        let apart = accelerations.len() == objects && graph.nodes.iter().all(|node| of_one(node.operation));
+        Program { graph, accelerations, objects, by_object: !apart }
+    }
+
     /// Whether anything acts from outside.
     pub(super) fn acts(&self) -> bool {
         self.names(Given::Action)
@@ -75,11 +95,19 @@ impl Program {
         self.graph.nodes.iter().any(|node| node.operation == Operation::Given(given))
     }
 
-    /// What depends on the parameters alone, each of them `[1]`.
+    /// What depends on the parameters alone, each of them a scalar.
     pub(super) fn constants(&self, parameters: &[Tensor], options: (Kind, Device)) -> Constants {
         let others = (0..self.objects).flat_map(|own| (0..self.objects).filter(move |other| *other != own));
         let others: Vec<i64> = others.map(|object| object as i64).collect();
-        let others = Tensor::from_slice(&others).to_device(options.1);
+        self.with_parameters(parameters, Tensor::from_slice(&others).to_device(options.1), options)
+    }
+
+    /// The same with the parameters computed once more.
+    pub(super) fn renewed(&self, constants: &Constants, parameters: &[Tensor]) -> Constants {
+        self.with_parameters(parameters, constants.others.shallow_clone(), constants.options)
+    }
+
+    fn with_parameters(&self, parameters: &[Tensor], others: Tensor, options: (Kind, Device)) -> Constants {
         let mut values = Values { constants: &[], moving: Vec::with_capacity(self.graph.nodes.len()) };
         for node in &self.graph.nodes {
             let value = (!node.moves).then(|| match node.operation {
@@ -91,30 +119,43 @@ impl Program {
         Constants { options, others, values: values.moving }
     }
 
-    /// Accelerations, of a shape that goes with `[batch, objects, coordinates]`.
+    /// Accelerations, `[batch, objects * coordinates]`.
     pub(super) fn acceleration(&self, constants: &Constants, at: &Instant) -> Tensor {
+        let size = at.pos.size();
+        let (batch, objects) = (size[0], self.objects as i64);
+        let coordinates = size[1] / objects;
+        let axes = |x: &Tensor| match self.by_object {
+            true => x.reshape([batch, objects, coordinates]),
+            false => x.shallow_clone(),
+        };
+        let grid = Grid { pos: axes(at.pos), vel: axes(at.vel), coordinates };
         let mut values = Values { constants: &constants.values, moving: Vec::with_capacity(self.graph.nodes.len()) };
         for node in &self.graph.nodes {
             let value = node.moves.then(|| match node.operation {
-                Operation::Given(given) => Value::Tensor(self.of_state(given, constants, at)),
+                Operation::Given(given) => Value::Tensor(self.of_state(given, constants, &grid, at)),
                 operation => computed(operation, &values, constants.options),
             });
             values.moving.push(value);
         }
         let result = |place: Place| values.at(place).tensor(constants.options);
         match self.accelerations[..] {
-            [of_all] => result(of_all),
+            [of_all] if self.by_object => {
+                of_shape(result(of_all), &[batch, objects, coordinates]).reshape([batch, objects * coordinates])
+            }
+            [of_one] => of_shape(result(of_one), &[batch, coordinates]),
             ref of_each => {
-                let one = at.pos.narrow(1, 0, 1);
-                let rows: Vec<_> = of_each.iter().map(|place| result(*place).expand_as(&one)).collect();
-                Tensor::cat(&rows, 1)
+                let row = |place: &Place| match self.by_object {
+                    true => of_shape(result(*place), &[batch, 1, coordinates]).squeeze_dim(1),
+                    false => of_shape(result(*place), &[batch, coordinates]),
+                };
+                Tensor::cat(&of_each.iter().map(row).collect::<Vec<_>>(), 1)
             }
         }
     }
 
     fn parameter(&self, given: Given, parameters: &[Tensor], others: &Tensor) -> Tensor {
         let objects = self.objects as i64;
-        let row = |first: usize| Tensor::cat(&parameters[first..first + self.objects], 0);
+        let row = |first: usize| Tensor::stack(&parameters[first..first + self.objects], 0);
         match given {
             Given::Parameter(place) => parameters[place].shallow_clone(),
             Given::Parameters(first) => row(first).reshape([1, objects, 1]),
@@ -125,7 +166,7 @@ impl Program {
         }
     }
 
-    fn of_state(&self, given: Given, constants: &Constants, at: &Instant) -> Tensor {
+    fn of_state(&self, given: Given, constants: &Constants, grid: &Grid, at: &Instant) -> Tensor {
         let of_others = |x: &Tensor| {
             // Of two objects each other's is the row turned round.
             if self.objects == 2 {
@@ -134,24 +175,41 @@ impl Program {
             let (batch, objects, coordinates) = x.size3().expect("[batch, objects, coordinates]");
             x.index_select(1, &constants.others).reshape([batch, objects, objects - 1, coordinates])
         };
-        let held = || at.held.map_or_else(|| Tensor::zeros([1, 1, 1], constants.options), Tensor::shallow_clone);
+        let held = || match at.held {
+            Some(held) if self.by_object => held.unsqueeze(-1),
+            Some(held) => held.shallow_clone(),
+            None => constants.zero(),
+        };
+        let of_one = |x: &Tensor, object: usize| match self.by_object {
+            true => x.narrow(1, object as i64, 1),
+            false => x.narrow(1, object as i64 * grid.coordinates, grid.coordinates),
+        };
         match given {
-            Given::Positions => at.pos.shallow_clone(),
-            Given::Velocities => at.vel.shallow_clone(),
-            Given::PositionOf(object) => at.pos.narrow(1, object as i64, 1),
-            Given::VelocityOf(object) => at.vel.narrow(1, object as i64, 1),
-            Given::PositionsOfOthers => of_others(at.pos),
-            Given::VelocitiesOfOthers => of_others(at.vel),
+            Given::Positions => grid.pos.shallow_clone(),
+            Given::Velocities => grid.vel.shallow_clone(),
+            Given::PositionOf(object) => of_one(&grid.pos, object),
+            Given::VelocityOf(object) => of_one(&grid.vel, object),
+            Given::PositionsOfOthers => of_others(&grid.pos),
+            Given::VelocitiesOfOthers => of_others(&grid.vel),
             Given::Time => held() + at.since,
             _ => held(),
         }
     }
 }
 
+/// The same along the axes that it lacks.
+fn of_shape(x: Tensor, shape: &[i64]) -> Tensor {
+    if x.size() == shape { x } else { x.expand(shape, false) }
+}
+
 fn computed(operation: Operation, values: &Values, options: (Kind, Device)) -> Value {
     match operation {
         Operation::Number(bits) => Value::Number(f64::from_bits(bits)),
         Operation::Unary(operation, of) => Value::Tensor(arithmetic::unary(operation, values.at(of), options)),
+        // A square: one product backward instead of two.
+        Operation::Binary(Binary::Dot, a, b) if a == b => {
+            Value::Tensor(arithmetic::squared_norm(&values.at(a).tensor(options)))
+        }
         Operation::Binary(operation, a, b) => {
             Value::Tensor(arithmetic::binary(operation, values.at(a), values.at(b), options))
         }

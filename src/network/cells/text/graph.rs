@@ -20,7 +20,7 @@ pub(super) type Place = usize;
 /// What comes from outside the equation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Given {
-    /// One parameter, `[1]`.
+    /// One parameter, a scalar.
     Parameter(usize),
     /// That of each object, `[1, objects, 1]`; the first of them stands here.
     Parameters(usize),

@@ -33,16 +33,10 @@ struct Run<'a> {
 
 /// The walls with the parameters as they are now.
 struct Barrier {
-    /// Near and far ones, `[2]` each or one number for both axes.
+    /// Near and far ones, of each coordinate or one number for all.
     places: [Tensor; 2],
     /// What they leave of a speed; none for all of it.
     left: Option<Tensor>,
-}
-
-/// Positions and velocities, each `[batch, objects, coordinates]`.
-struct Grid {
-    pos: Tensor,
-    vel: Tensor,
 }
 
 impl TextCell {
@@ -51,37 +45,44 @@ impl TextCell {
         TextCell { equation: equation.clone(), raw: raw.iter().map(Tensor::shallow_clone).collect(), walls }
     }
 
-    fn begin(&self, state: &State) -> Run<'_> {
+    /// The values of the parameters, scalars.
+    fn parameters(&self) -> Vec<Tensor> {
         let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
-        let parameters: Vec<_> = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.values(raw).reshape([1])).collect();
-        let options = (state.pos.kind(), state.pos.device());
+        bounds.zip(&self.raw).map(|(bounds, raw)| bounds.values(raw)).collect()
+    }
+
+    /// The same as numbers.
+    fn values(&self) -> Vec<f64> {
+        let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
+        bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[]))).collect()
+    }
+
+    fn begin(&self, state: &State) -> Run<'_> {
+        let (parameters, options) = (self.parameters(), (state.pos.kind(), state.pos.device()));
         let constants = self.equation.program.constants(&parameters, options);
         let barrier = |walls: &TextWalls| Barrier {
-            places: walls.tensors(self.walls, &parameters, options),
+            places: walls.tensors(self.walls, &parameters, options).map(|place| match place.numel() {
+                1 => place,
+                _ => place.repeat([self.equation.program.objects as i64]),
+            }),
             left: walls.left_tensor(&parameters, options),
         };
         Run { cell: self, constants, barrier: self.equation.walls.as_ref().map(barrier) }
-    }
-
-    fn grid(&self, state: &State) -> Grid {
-        let shape = [-1, self.equation.program.objects as i64, self.equation.table.state.per_object() as i64];
-        Grid { pos: state.pos.reshape(shape), vel: state.vel.reshape(shape) }
     }
 }
 
 impl Cell for TextCell {
     fn substep(&self, state: &State, action: Option<&Tensor>, h: f64) -> State {
-        self.begin(state).go_on(self.grid(state), action, h, 1).state()
+        self.begin(state).go_on(state, action, h, 1)
     }
 
     fn step(&self, state: &State, action: Option<&Tensor>, dt: f64) -> State {
-        self.begin(state).frame(self.grid(state), action, dt).state()
+        self.begin(state).frame(state, action, dt)
     }
 
     fn roll_out(&self, initial: &State, actions: &Actions, dt: f64, frames: usize) -> Vec<State> {
         let run = self.begin(initial);
-        let mut grid = self.grid(initial);
-        let mut states = Vec::with_capacity(frames);
+        let mut states: Vec<State> = Vec::with_capacity(frames);
         let mut held = None;
         for frame in 0..frames {
             held = match actions.at(frame) {
@@ -91,8 +92,8 @@ impl Cell for TextCell {
                 }
                 known => known,
             };
-            grid = run.frame(grid, held.as_ref(), dt);
-            states.push(grid.state());
+            let next = run.frame(states.last().unwrap_or(initial), held.as_ref(), dt);
+            states.push(next);
         }
         states
     }
@@ -101,55 +102,54 @@ impl Cell for TextCell {
         if self.equation.program.objects > 1 || self.equation.tells_time() {
             return None;
         }
-        let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
-        let values = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[])) as f32);
-        Some(Box::new(PlainText::new(&self.equation, values.collect(), self.walls)))
+        let values = self.values();
+        if let Some(plan) = self.equation.plain.plan {
+            return Some(plan(&values));
+        }
+        let values = values.into_iter().map(|value| value as f32).collect();
+        Some(Box::new(PlainText::new(&self.equation, values, self.walls)))
     }
 
     fn plain_double(&self) -> Option<Box<dyn PlainCell<f64>>> {
-        let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
-        let values = bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[])));
-        Some(Box::new(PlainText::new(&self.equation, values.collect(), self.walls)))
-    }
-}
-
-impl Grid {
-    /// `[batch, objects * coordinates]` each.
-    fn state(&self) -> State {
-        State { pos: self.pos.flatten(1, 2), vel: self.vel.flatten(1, 2) }
+        let values = self.values();
+        if let Some(fit) = self.equation.plain.fit {
+            return Some(fit(&values));
+        }
+        Some(Box::new(PlainText::new(&self.equation, values, self.walls)))
     }
 }
 
 impl Run<'_> {
-    fn frame(&self, grid: Grid, held: Option<&Tensor>, dt: f64) -> Grid {
+    fn frame(&self, state: &State, held: Option<&Tensor>, dt: f64) -> State {
         let substeps = self.cell.equation.table.substeps;
-        self.go_on(grid, held, dt / substeps as f64, substeps)
+        self.go_on(state, held, dt / substeps as f64, substeps)
     }
 
-    fn go_on(&self, mut grid: Grid, held: Option<&Tensor>, h: f64, substeps: usize) -> Grid {
-        let held = held.map(|held| held.unsqueeze(-1));
+    fn go_on(&self, state: &State, held: Option<&Tensor>, h: f64, substeps: usize) -> State {
         // Backwards a frame begins at its end.
         let begin = if h < 0.0 { -(substeps as f64) * h } else { 0.0 };
-        let Equation { table, program, .. } = &*self.cell.equation;
+        let Equation { table, program, renews_parameters, .. } = &*self.cell.equation;
+        let [mut pos, mut vel] = [&state.pos, &state.vel].map(Tensor::shallow_clone);
         for substep in 0..substeps {
             let begin = begin + substep as f64 * h;
+            let renewed = renews_parameters.then(|| program.renewed(&self.constants, &self.cell.parameters()));
+            let constants = renewed.as_ref().unwrap_or(&self.constants);
             let mut accelerated = OnTensors(|pos: &Tensor, vel: &Tensor, since: f64| {
-                let at = Instant { pos, vel, held: held.as_ref(), since: begin + since };
-                program.acceleration(&self.constants, &at)
+                let at = Instant { pos, vel, held, since: begin + since };
+                program.acceleration(constants, &at)
             });
-            let now = [&grid.pos, &grid.vel].map(Tensor::shallow_clone);
-            let [pos, vel] = table.integrator.step(&mut accelerated, now, h);
-            grid = self.turned_back(&grid, Grid { pos, vel }, h);
+            let before = [&pos, &vel].map(Tensor::shallow_clone);
+            let after = table.integrator.step(&mut accelerated, [pos, vel], h);
+            [pos, vel] = self.turned_back(before, after, h);
         }
-        grid
+        State { pos, vel }
     }
 
     /// The state after the walls have turned back what has passed them, each with what is left of its speed.
-    fn turned_back(&self, before: &Grid, after: Grid, h: f64) -> Grid {
+    fn turned_back(&self, before: [Tensor; 2], after: [Tensor; 2], h: f64) -> [Tensor; 2] {
         let Some(Barrier { places: [near, far], left }) = &self.barrier else { return after };
         let gained = |left: &Tensor| left.clamp_min(LEAST_RESTITUTION).reciprocal();
         let left = left.as_ref().map(|left| if h < 0.0 { gained(left) } else { left.shallow_clone() });
-        let [pos, vel] = turned_back([&before.pos, &before.vel], [&after.pos, &after.vel], [near, far], left.as_ref());
-        Grid { pos, vel }
+        turned_back(before.each_ref(), after.each_ref(), [near, far], left.as_ref())
     }
 }

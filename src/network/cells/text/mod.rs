@@ -25,7 +25,7 @@ mod table;
 mod units;
 mod walls;
 
-pub use equation::Equation;
+pub use equation::{Equation, PlainForms};
 pub use plain::SingleEquation;
 pub use table::{Accelerations, EquationTable, Given, ParameterTable, Sides, WallTable};
 

@@ -46,11 +46,15 @@ pub(super) struct Parameters {
 }
 
 impl Parameters {
+    /// Those in the `order` first, then the others by name.
+    ///
     /// # Errors
     /// A name that cannot be one or is taken, bounds without room between them, a value outside of them, too many.
-    pub(super) fn of(table: &BTreeMap<String, ParameterTable>, objects: usize) -> Result<Self> {
+    pub(super) fn of(table: &BTreeMap<String, ParameterTable>, objects: usize, order: &[&str]) -> Result<Self> {
         let mut parameters = Parameters::default();
-        for (name, entry) in table {
+        let mut entries: Vec<_> = table.iter().collect();
+        entries.sort_by_key(|(name, _)| order.iter().position(|first| first == name).unwrap_or(order.len()));
+        for (name, entry) in entries {
             let of_name = || format!("parameters.{name}");
             check_name(name).with_context(of_name)?;
             let declared = declared(name, entry).with_context(of_name)?;

@@ -35,10 +35,10 @@ impl Value {
         }
     }
 
-    /// `[1]`, differentiable by the parameter.
+    /// A scalar, differentiable by the parameter.
     fn tensor(self, parameters: &[Tensor], options: (Kind, tch::Device)) -> Tensor {
         match self {
-            Value::Number(number) => Tensor::full([1], number, options),
+            Value::Number(number) => Tensor::full([0_i64; 0], number, options),
             Value::Parameter(place) => parameters[place].shallow_clone(),
         }
     }
@@ -133,7 +133,7 @@ impl TextWalls {
     pub(super) fn tensors(&self, edges: Walls, parameters: &[Tensor], options: (Kind, tch::Device)) -> [Tensor; 2] {
         let Some([near, far]) = self.stand else { return edges.tensors(options) };
         let place = |value: Option<Value>, none| value.unwrap_or(Value::Number(none)).tensor(parameters, options);
-        let both = |[x, y]: [Option<Value>; 2], none| Tensor::cat(&[place(x, none), place(y, none)], 0);
+        let both = |[x, y]: [Option<Value>; 2], none| Tensor::stack(&[place(x, none), place(y, none)], 0);
         [both(near, f64::NEG_INFINITY), both(far, f64::INFINITY)]
     }
 
@@ -142,7 +142,7 @@ impl TextWalls {
         self.restitution.map_or(1.0, |value| value.among(parameters))
     }
 
-    /// The same as a tensor `[1]`; none for all of it.
+    /// The same as a scalar tensor; none for all of it.
     pub(super) fn left_tensor(&self, parameters: &[Tensor], options: (Kind, tch::Device)) -> Option<Tensor> {
         self.restitution.map(|value| value.tensor(parameters, options))
     }

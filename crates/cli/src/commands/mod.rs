@@ -11,9 +11,11 @@ mod measure;
 mod measurements;
 mod predict;
 mod report;
+mod scene_options;
 mod stress;
 mod sweep;
 mod track;
+mod track_options;
 mod train;
 mod train_baseline;
 
@@ -32,7 +34,7 @@ pub enum Command {
     Predict(predict::Arguments),
     Convert(convert::Arguments),
     Import(Box<import::Arguments>),
-    Measure(measure::Arguments),
+    Measure(Box<measure::Arguments>),
     Measurements(measurements::Arguments),
     Track(track::Arguments),
     Sweep(sweep::Arguments),

@@ -7,9 +7,11 @@ use clap::Args;
 use paig::support::atomic;
 use paig_terminal::progress::Progress;
 use paig_terminal::say;
-use paig_track::{Hint, Options, Region};
+use paig_track::Options;
 use paig_video::import::sources::Video;
 use paig_video::track::{track, write_picture, write_table};
+
+use super::track_options::TrackOptions;
 
 /// Tracks the objects that move in a video, at its own resolution and without an equation: positions with standard deviations.
 ///
@@ -35,12 +37,8 @@ pub struct Arguments {
     /// Only these frames, counted from 0, without the last: 118..202
     #[arg(long, value_name = "START..END")]
     frames: Option<String>,
-    /// A point on the object: frame, then x,y in pixels; may be repeated
-    #[arg(long, value_name = "FRAME:X,Y")]
-    at: Vec<String>,
-    /// A rectangle in which nothing is looked for: its left, top, width and height in pixels; may be repeated
-    #[arg(long, value_name = "X,Y,WIDTH,HEIGHT")]
-    ignore: Vec<String>,
+    #[command(flatten)]
+    objects_shown: TrackOptions,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -50,11 +48,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ensure!(*path != arguments.video, "{} is the video; choose another file to write", path.display());
     }
     let video = Video::open(&arguments.video)?;
+    let (hints, ignore) = arguments.objects_shown.read()?;
     let options = Options {
         frames: arguments.frames.as_deref().map(|text| frames(text, video.frames)).transpose()?,
         objects: arguments.objects,
-        hints: arguments.at.iter().map(|text| hint(text)).collect::<Result<_>>()?,
-        ignore: arguments.ignore.iter().map(|text| region(text)).collect::<Result<_>>()?,
+        hints,
+        ignore,
         ..Options::default()
     };
     let waiting = Progress::busy("tracking");
@@ -82,36 +81,13 @@ fn frames(text: &str, count: usize) -> Result<std::ops::Range<usize>> {
     Ok(range)
 }
 
-fn hint(text: &str) -> Result<Hint> {
-    let parse = || {
-        let (frame, place) = text.split_once(':')?;
-        let (x, y) = place.split_once(',')?;
-        let position = [x.trim().parse::<f64>().ok()?, y.trim().parse::<f64>().ok()?];
-        // The tracker counts from the middle of the first pixel.
-        let position = position.map(|place| place - 0.5);
-        position.iter().all(|place| place.is_finite()).then_some(Hint { frame: frame.trim().parse().ok()?, position })
-    };
-    parse().with_context(|| format!("--at {text:?}: expected FRAME:X,Y, for example 12:340,220"))
-}
-
-fn region(text: &str) -> Result<Region> {
-    let numbers: Option<Vec<usize>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-    let wrong = || format!("--ignore {text:?}: expected X,Y,WIDTH,HEIGHT in whole pixels");
-    let [x, y, width, height] = numbers.with_context(wrong)?[..] else { anyhow::bail!(wrong()) };
-    ensure!(width > 0 && height > 0, "--ignore {text:?}: width and height must be at least 1");
-    let end = |from: usize, length: usize| from.saturating_add(length - 1);
-    Ok(Region { first: [x, y], last: [end(x, width), end(y, height)] })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn hints_regions_and_frames_are_read() {
-        assert_eq!(hint("12: 340, 220.5").unwrap(), Hint { frame: 12, position: [339.5, 220.0] });
-        assert_eq!(region("5,6,10,1").unwrap(), Region { first: [5, 6], last: [14, 6] });
+    fn frames_are_read() {
         assert_eq!((frames("3..", 9).unwrap(), frames("..4", 9).unwrap()), (3..9, 0..4));
-        assert!(hint("1,2").is_err() && region("1,2,0,4").is_err() && frames("4..2", 9).is_err());
+        assert!(frames("4..2", 9).is_err());
     }
 }

@@ -26,7 +26,7 @@ mod units;
 mod walls;
 
 pub use equation::{Equation, PlainForms};
-pub use plain::SingleEquation;
+pub use plain::{Ensemble, SingleEquation};
 pub use table::{Accelerations, EquationTable, Given, ParameterTable, Sides, WallTable};
 
 pub(super) use integrate::TextCell;

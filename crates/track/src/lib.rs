@@ -36,6 +36,7 @@
 mod appearance;
 mod background;
 mod boundary;
+pub mod calibration;
 mod camera;
 mod candidates;
 mod components;

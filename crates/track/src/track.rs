@@ -55,6 +55,8 @@ pub struct Point {
     pub misfit: Option<f64>,
     /// Contrast relative to the template; 1 where the object looks as usual.
     pub contrast: Option<f64>,
+    /// Diameter of a disc of the moving region's area, pixels.
+    pub diameter: Option<f64>,
 }
 
 /// Kind of a mover.

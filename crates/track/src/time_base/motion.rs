@@ -140,6 +140,7 @@ mod tests {
                 centroid: None,
                 misfit: None,
                 contrast: None,
+                diameter: None,
             }
         };
         Track {

@@ -40,8 +40,9 @@ FITTING = ".".join(pinned.TORCH_VERSION.split(".")[:2])
 CACHED = f"libtorch-{pinned.TORCH_VERSION}-cpu"
 STAMP = "COMPLETE.json"
 # In the package: forwards to libtorch_cpu alone, where the wheel's own forwards to the CUDA library, too.
-STUB = Path(__file__).with_name("libtorch.so")
+STUB = Path(__file__).parent / "lib" / "libtorch.so"
 SPARE_DISK = 1 << 30
+ATTEMPTS = 3
 SUFFIX = ".dylib" if sys.platform == "darwin" else ".so"
 # Threads of OpenMP sleep while they wait: to spin, its default, costs several times the time as soon as anything else runs.
 WAITING = ("OMP_WAIT_POLICY", "passive")
@@ -213,9 +214,11 @@ def _fetch(folder: Path) -> None:
     if free < SPARE_DISK:
         raise OSError(errno.ENOSPC, f"{free / 1e9:.1f} GB free")
     _say(f"fetching libtorch {pinned.TORCH_VERSION} into {folder} (130 MB, once)")
-    for requirement, names in pinned.LIBRARIES.items():
-        _drop_damaged(folder, names)
-        _fetch_from(requirement, names, folder)
+    _drop_damaged(folder)
+    missing = {
+        requirement: names for requirement, names in pinned.LIBRARIES.items()
+        if not all((folder / name).exists() for name in names)}
+    _fetch_missing(missing, folder)
     for name, expected in pinned.SHA256.items():
         if wheel_parts.sha256(folder / name) != expected:
             (folder / name).unlink()
@@ -229,30 +232,31 @@ def _fetch(folder: Path) -> None:
     partial.replace(folder / STAMP)
 
 
-def _drop_damaged(folder: Path, names: Sequence[str]) -> None:
-    for name in names:
+def _drop_damaged(folder: Path) -> None:
+    for name, expected in pinned.SHA256.items():
         path = folder / name
-        if path.exists() and wheel_parts.sha256(path) != pinned.SHA256[name]:
+        if path.exists() and wheel_parts.sha256(path) != expected:
             _say(f"{path} is damaged; fetching it again")
             path.unlink()
 
 
-def _fetch_from(requirement: str, names: Sequence[str], folder: Path) -> None:
-    if all((folder / name).exists() for name in names):
-        return
+def _fetch_missing(missing: dict[str, tuple[str, ...]], folder: Path) -> None:
     failure: Exception | None = None
-    for _ in range(3):
+    for _ in range(ATTEMPTS if missing else 0):
         try:
-            url = wheel_parts.wheel_url(requirement, pinned.PYTHON_TAG, pinned.PLATFORMS)
-            with _Bar(requirement) as bar:
-                return wheel_parts.fetch(url, requirement, names, folder, bar.show)
+            urls = wheel_parts.wheel_urls(list(missing), pinned.PYTHON_TAG, pinned.PLATFORMS)
+            for (requirement, names), url in zip(missing.items(), urls):
+                with _Bar(requirement) as bar:
+                    wheel_parts.fetch(url, requirement, names, folder, bar.show)
+            return
         except wheel_parts.Damaged as error:
             failure = error
         except wheel_parts.UNREADABLE as error:
             if getattr(error, "errno", None) in (errno.ENOSPC, errno.EACCES, errno.EROFS):
                 raise
             failure = error
-    raise OSError(f"{requirement}: {failure}")
+    if failure is not None:
+        raise OSError(str(failure))
 
 
 def _repair(folder: Path) -> None:

@@ -96,18 +96,19 @@ class RangeReader(io.RawIOBase):
         return self.read(count)
 
 
-def wheel_url(requirement: str, python_tag: str, platforms: Sequence[str]) -> str:
-    """The address of a wheel: from the index that pip is set up for, without pip from that of the environment or PyPI."""
-    if pip("--version")[0]:
-        return wheel_of_index(requirement, python_tag, platforms)
+def wheel_urls(requirements: Sequence[str], python_tag: str, platforms: Sequence[str]) -> list[str]:
+    """The addresses of wheels: from the index that pip is set up for, without pip from that of the environment or PyPI."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder, "report.json")
         code, output = pip("install", "--dry-run", "--ignore-installed", "--no-deps", "--quiet", "--target", folder,
-                           "--report", str(report), *pip_tags(python_tag, platforms), requirement)
+                           "--report", str(report), *pip_tags(python_tag, platforms), *requirements)
+        if code and "No module named pip" in output:
+            return [wheel_of_index(requirement, python_tag, platforms) for requirement in requirements]
         if code:
             raise OSError(last_line(output))
-        url: str = json.loads(report.read_text())["install"][0]["download_info"]["url"]
-        return url
+        installed = json.loads(report.read_text())["install"]
+    urls = {item["metadata"]["name"].lower().replace("_", "-"): item["download_info"]["url"] for item in installed}
+    return [urls[requirement.split("==")[0]] for requirement in requirements]
 
 
 def wheel_of_index(requirement: str, python_tag: str, platforms: Sequence[str]) -> str:

@@ -56,12 +56,13 @@ class Equation:
         Raises:
             paig.errors.InputError: A text that is no equation; the message shows the place.
         """
-        given = parameters.items() if isinstance(parameters, Mapping) else ((name, {}) for name in parameters)
+        given: Mapping[str, ParameterSettings]
+        given = parameters if isinstance(parameters, Mapping) else {name: {} for name in parameters}
         table: dict[str, Any] = {
             "acceleration": acceleration if isinstance(acceleration, str) else list(acceleration),
             "state": state, "integrator": integrator, "substeps": substeps,
             "walls": dict(walls) if isinstance(walls, Mapping) else walls,
-            "parameters": {name: dict(settings) for name, settings in given},
+            "parameters": {name: dict(settings) for name, settings in given.items()},
         }
         if where:
             table["where"] = dict(where)

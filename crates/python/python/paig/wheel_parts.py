@@ -107,7 +107,8 @@ def wheel_urls(requirements: Sequence[str], python_tag: str, platforms: Sequence
         if code:
             raise OSError(last_line(output))
         installed = json.loads(report.read_text())["install"]
-    urls = {item["metadata"]["name"].lower().replace("_", "-"): item["download_info"]["url"] for item in installed}
+    urls: dict[str, str] = {
+        item["metadata"]["name"].lower().replace("_", "-"): item["download_info"]["url"] for item in installed}
     return [urls[requirement.split("==")[0]] for requirement in requirements]
 
 
@@ -120,6 +121,7 @@ def wheel_of_index(requirement: str, python_tag: str, platforms: Sequence[str]) 
     with urllib.request.urlopen(request, timeout=60) as answer:
         links = re.findall(r'href="([^"]+)"', answer.read().decode())
     stem = f"{project.replace('-', '_')}-{version}-"
+    link: str
     for link in links:
         name = urllib.parse.unquote(urllib.parse.urlsplit(link).path.rsplit("/", 1)[-1])
         fits = f"-{python_tag}-" in name or "-py3-" in name

@@ -3,7 +3,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use paig::kernels::{self, AdamStep, ConvolutionKernel, Instructions, Kernels, UNetKernel};
+use paig::kernels::{self, Convolution, Instructions, Kernels, Rate, Rule, UNetOperation, Updated};
 use paig::network::System;
 use paig::network::blocks::{Layers, Precision, UNet};
 use paig::network::cells::Actions;
@@ -73,10 +73,11 @@ fn logits_and_gradients_are_those_of_libtorch() {
         let their_gradients = gradients(&layers, &theirs, &weight);
         let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
         for instructions in Instructions::all() {
-            let kernel = UNetKernel::new(instructions, UNet::shape(side, channels, objects));
+            let shape = UNet::shape(side, channels, objects);
+            let operation = UNetOperation::with_instructions(Kernels::Own, shape, instructions);
             // Twice: the second pass is in used memory.
             for _ in 0..2 {
-                let ours = kernel.forward(&borrowed, &frames);
+                let ours = operation.on_cpu(&borrowed, &frames);
                 let context = format!("{instructions:?}, {side} pixels, {channels} channels, {objects} objects");
                 let off = departure(&ours, &theirs);
                 assert!(off < FORWARD, "{context}: logits off by {off:e}");
@@ -107,8 +108,9 @@ fn what_is_not_a_number_reaches_the_logits() {
                 let Some((weight, _)) = layers.get(layer) else { break };
                 let _ = weight.view(-1).narrow(0, 0, 1).fill_(wrong);
                 let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
-                let logits =
-                    UNetKernel::new(instructions, UNet::shape(side, channels, objects)).forward(&borrowed, &frames);
+                let shape = UNet::shape(side, channels, objects);
+                let operation = UNetOperation::with_instructions(Kernels::Own, shape, instructions);
+                let logits = operation.on_cpu(&borrowed, &frames);
                 let all_finite = bool::try_from(logits.isfinite().all()).unwrap();
                 assert!(!all_finite, "{instructions:?}: {wrong} in layer {layer}");
             }
@@ -121,10 +123,10 @@ fn what_is_not_a_number_reaches_the_logits() {
 fn nothing_gives_nothing() {
     let numbers = |size: [i64; 2]| Tensor::ones(size, (Kind::Float, Device::Cpu)).set_requires_grad(true);
     let (x, weight, bias) = (numbers([0, 5]), numbers([3, 5]), numbers([3, 1]));
-    let result = kernels::linear(&x, &weight, &bias.view(-1));
+    let result = kernels::linear(Kernels::Own, &x, &weight, &bias.view(-1));
     assert_eq!(result.size(), [0, 3]);
     let clips = Tensor::ones([0, 2, 4], (Kind::Float, Device::Cpu)).set_requires_grad(true);
-    let error = kernels::squared_error(&clips, &clips.detach());
+    let error = kernels::squared_error(Kernels::Own, &clips, &clips.detach());
     (result.sum(Kind::Float) + &error).backward();
     assert_eq!(error.double_value(&[]), 0.0);
     for (tensor, size) in [(x, [0, 5]), (weight, [3, 5]), (bias, [3, 1])] {
@@ -190,10 +192,10 @@ fn threads_do_not_change_a_bit() {
         let (_store, _, layers) = network(side, 3, 2);
         let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
         let frames = Tensor::rand([frames, 3, side as i64, side as i64], (Kind::Float, Device::Cpu));
-        let kernel = UNetKernel::new(Instructions::best(), UNet::shape(side, 3, 2));
+        let operation = UNetOperation::new(Kernels::Own, UNet::shape(side, 3, 2));
         let [once, again] = [1, 3].map(|threads| {
             tch::set_num_threads(threads);
-            let logits = kernel.forward(&borrowed, &frames);
+            let logits = operation.on_cpu(&borrowed, &frames);
             let gradients = gradients(&layers, &logits, &frames.narrow(1, 0, 2));
             (logits.detach(), gradients)
         });
@@ -224,9 +226,12 @@ fn products_of_a_dense_layer_are_those_of_libtorch() {
     for [rows, inputs, outputs] in [[1, 7, 3], [13, 1, 5], [70, 300, 17], [500, 3072, 200]] {
         let [x, weight, bias, pull] = [&[rows, inputs][..], &[outputs, inputs], &[outputs], &[rows, outputs]]
             .map(|size| Tensor::randn(size, (Kind::Float, Device::Cpu)));
-        let own = || linear_and_gradients(kernels::linear, [&x, &weight, &bias], &pull);
-        let by_libtorch = |x: &Tensor, weight: &Tensor, bias: &Tensor| x.linear(weight, Some(bias));
-        let theirs = linear_and_gradients(by_libtorch, [&x, &weight, &bias], &pull);
+        let by = |kernels: Kernels| {
+            let linear = |x: &Tensor, weight: &Tensor, bias: &Tensor| kernels::linear(kernels, x, weight, bias);
+            linear_and_gradients(linear, [&x, &weight, &bias], &pull)
+        };
+        let own = || by(Kernels::Own);
+        let theirs = by(Kernels::Libtorch);
         for (part, (ours, theirs)) in own().iter().zip(&theirs).enumerate() {
             let off = departure(ours, theirs);
             assert!(off < FORWARD, "{rows} x {inputs} x {outputs}: part {part} off by {off:e}");
@@ -245,7 +250,7 @@ fn products_of_a_dense_layer_are_those_of_libtorch() {
 fn second_derivatives_are_refused() {
     let [x, weight, bias] = [&[2i64, 3][..], &[4, 3], &[4]]
         .map(|size| Tensor::ones(size, (Kind::Float, Device::Cpu)).set_requires_grad(true));
-    let sum = kernels::linear(&x, &weight, &bias).square().sum(Kind::Float);
+    let sum = kernels::linear(Kernels::Own, &x, &weight, &bias).square().sum(Kind::Float);
     assert!(Tensor::f_run_backward(&[&sum], &[&x], true, false).is_ok());
     let refused = Tensor::f_run_backward(&[&sum], &[&x], true, true).unwrap_err().to_string();
     assert!(refused.contains("no second derivatives"), "{refused}");
@@ -267,7 +272,8 @@ fn a_prepared_convolution_is_that_of_libtorch() {
     tch::manual_seed(11);
     let given = tch::get_num_threads();
     // One kernel for all: its memory of one size is not taken for another.
-    let kernels: Vec<_> = Instructions::all().into_iter().map(ConvolutionKernel::new).collect();
+    let of = |instructions| Convolution::with_instructions(Kernels::Own, instructions);
+    let convolutions: Vec<_> = Instructions::all().into_iter().map(of).collect();
     for [pictures, inputs, outputs, side] in [[25, 112, 256, 8], [3, 8, 16, 9], [40, 24, 32, 9], [1, 8, 8, 1]] {
         let bound = |inputs: i64| (1.0 / (9 * inputs) as f64).sqrt();
         let draw = |size: &[i64], scale: f64| {
@@ -278,10 +284,10 @@ fn a_prepared_convolution_is_that_of_libtorch() {
         let pull = Tensor::randn([pictures, outputs, side, side], (Kind::Float, Device::Cpu));
         let by_libtorch = |x: &Tensor| x.conv2d(&weight, Some(&bias), 1, 1, 1, 1);
         let theirs = applied_twice(by_libtorch, [&x, &weight, &bias], &pull);
-        for (instructions, kernel) in Instructions::all().iter().zip(&kernels) {
-            assert!(kernel.serves(&weight));
+        for (instructions, convolution) in Instructions::all().iter().zip(&convolutions) {
+            assert!(convolution.has_kernel_for(&weight));
             let own = || {
-                let prepared = kernel.prepared(&weight, &bias);
+                let prepared = convolution.prepared(&weight, &bias);
                 applied_twice(|x| prepared.forward(x), [&x, &weight, &bias], &pull)
             };
             for (part, (ours, theirs)) in own().iter().zip(&theirs).enumerate() {
@@ -320,7 +326,7 @@ fn steps_of_a_memory_are_those_of_libtorch() {
             ((&second * &of_h) + (&memory * &of_c)).sum(Kind::Float).backward();
             [first.detach(), second.detach(), memory.detach(), gates.grad().copy(), c.grad().copy()]
         };
-        let ours = twice(&|gates, c| kernels::memory_step(gates, c, 1.0));
+        let ours = twice(&|gates, c| kernels::lstm_cell(Kernels::Own, gates, c, 1.0));
         for (part, (ours, theirs)) in ours.iter().zip(&twice(&by_libtorch)).enumerate() {
             let off = departure(ours, theirs);
             assert!(off < FORWARD, "{size:?}: part {part} off by {off:e}");
@@ -393,12 +399,12 @@ fn steps_of_adam_are_those_of_libtorch() {
 #[test]
 #[should_panic(expected = "each has memory of its own")]
 fn adam_refuses_numbers_that_overlap() {
-    let mut apart = [(); 2].map(|()| Tensor::zeros([4], (Kind::Float, Device::Cpu)));
-    let [variable, square] = &mut apart;
+    let [variable, square] = [(); 2].map(|()| Tensor::zeros([4], (Kind::Float, Device::Cpu)));
     let both = Tensor::zeros([5], (Kind::Float, Device::Cpu));
-    let [gradient, mut mean] = [0, 1].map(|start| both.narrow(0, start, 4));
-    let step = AdamStep { betas: [0.9, 0.999], rate: 0.1, epsilon: 1e-8 };
-    kernels::adam(step, &gradient, [variable, &mut mean, square]);
+    let [gradient, mean] = [0, 1].map(|start| both.narrow(0, start, 4));
+    let rule = Rule::Adam { decays: (0.9, 0.999), epsilon: 1e-8 };
+    let updated = Updated { variable, gradient, slots: vec![mean, square], rate: Rate::Number(0.1) };
+    kernels::descend(Kernels::Own, rule, None, vec![updated]);
 }
 
 /// Positions that teach the masks and positions that do not, from one product: the same numbers and the same gradients as from

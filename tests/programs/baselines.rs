@@ -7,6 +7,7 @@ use std::process::Output;
 
 use crate::programs::{baseline, paig};
 use crate::random::numbers;
+use paig::kernels::Kernels;
 use paig::network::cells::Actions;
 use paig::tasks;
 use paig_experiments::baselines::list::Comparison;
@@ -25,7 +26,11 @@ fn text(output: &Output) -> String {
 }
 
 fn built(model: WholeModel) -> Box<dyn FrameModel> {
-    model.build(&tasks::builtin("spring_color").unwrap().system, 3, Device::Cpu)
+    built_with(model, Kernels::Own)
+}
+
+fn built_with(model: WholeModel, kernels: Kernels) -> Box<dyn FrameModel> {
+    model.build(&tasks::builtin("spring_color").unwrap().system, kernels, 3, Device::Cpu)
 }
 
 fn clips(count: i64, time: i64) -> Tensor {
@@ -49,6 +54,22 @@ fn whole_models_see_only_the_input() {
         assert!((long.narrow(1, 0, 3) - short).abs().max().double_value(&[]) < 1e-6);
         assert!(long.min().double_value(&[]) >= 0.0 && long.max().double_value(&[]) <= 1.0);
     }
+}
+
+/// VideoLSTM by libtorch alone is the same model: float32 in another order, so not to the bit.
+#[test]
+fn video_lstm_honours_the_kernels() {
+    let [own, libtorch] = [Kernels::Own, Kernels::Libtorch].map(|kernels| {
+        let model = built_with(WholeModel::VideoLstm, kernels);
+        let batch = Batch { frames: clips(2, 8), actions: Actions::none(), rewards: None, noise: None };
+        let loss = model.loss(&batch);
+        loss.backward();
+        let gradients = named_variables(model.as_ref()).into_iter().map(|(_, variable)| variable.grad().flatten(0, -1));
+        (loss.double_value(&[]), Tensor::cat(&gradients.collect::<Vec<_>>(), 0))
+    });
+    assert!((own.0 / libtorch.0 - 1.0).abs() < 1e-5, "{} and {}", own.0, libtorch.0);
+    let off = ((&own.1 - &libtorch.1).norm() / libtorch.1.norm()).double_value(&[]);
+    assert!(off > 0.0 && off < 1e-4, "gradients off by {off:e}");
 }
 
 /// No part is left without a gradient but what stands still, which is taken from the clips.

@@ -84,7 +84,7 @@ pub fn train(
     }
     let device = data.train.device();
     own_stream(device)?;
-    let model = config.model.build(system, config.seed, device);
+    let model = config.model.build(system, config.kernels, config.seed, device);
     let mut run = Running::new(config, model.as_ref(), data.checksums, folder)?;
     if run.descend(system, data, stop, tell)? == Outcome::Interrupted {
         return Ok(Outcome::Interrupted);
@@ -152,7 +152,8 @@ impl<'a> Running<'a> {
     /// From the last checkpoint, if there is one. `clips`: their checksums.
     fn new(config: &'a WholeConfig, model: &'a dyn FrameModel, clips: &str, folder: &'a Path) -> Result<Self> {
         let variables = named_variables(model);
-        let mut optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
+        let optimizer = Optimizer::new(OptimizerKind::Adam, None, &variables);
+        let mut optimizer = optimizer.with_kernels(config.kernels);
         let mut progress = Progress::default();
         if checkpoint::is_in(folder) {
             progress = checkpoint::read(folder, &variables, &mut optimizer)?;
@@ -294,6 +295,7 @@ mod tests {
     use super::super::config::WholeModel;
     use super::*;
     use paig::tasks;
+    use paig_kernels::Kernels;
 
     /// With a rate at which it leaps about, so that the last weights are not the best ones; also where it was cut off.
     #[test]
@@ -310,6 +312,7 @@ mod tests {
             batch: 2,
             steps: 6,
             checkpoint_every: 1,
+            kernels: Kernels::Own,
         };
         let pixels = Array5::from_shape_fn((6, 8, 16, 16, 3), |(clip, time, y, x, colour)| {
             (clip * 31 + time * 17 + y * x * 7 + colour * 90) as u8
@@ -340,7 +343,7 @@ mod tests {
         assert!(least < errors[6], "the test shows nothing: {errors:?}");
         assert_eq!((best.error, errors[best.step as usize]), (least, least));
         for name in ["whole", "cut"] {
-            let model = config.model.build(&system, 9, Device::Cpu);
+            let model = config.model.build(&system, config.kernels, 9, Device::Cpu);
             checkpoint::load_weights(&folder.path().join(name), model.as_ref()).unwrap();
             assert_eq!(prediction_error(model.as_ref(), &system, &clips, VALIDATION_CLIPS).unwrap(), least, "{name}");
         }

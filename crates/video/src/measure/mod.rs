@@ -45,6 +45,7 @@ use paig::network::cells::CellKind;
 use paig::runs::checkpoint::{SavedWeights, clips_of};
 use paig::runs::summary::Summary;
 use paig::support::atomic;
+use paig::support::device::set_tf32;
 use paig::support::storage::storage;
 use paig::tasks::equation_file::EquationFile;
 use paig::training::saved::load_model;
@@ -108,6 +109,7 @@ pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> 
     let _guard = tch::no_grad_guard();
     let begun = Instant::now();
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;
+    set_tf32(device, config.model.tf32);
     let mut subject = Subject::read(&config, &model, &clips_of(folder)?, device)?;
     // Only for what can be measured: a name that is misspelt makes no folder.
     storage().create_folder(out).with_context(|| format!("cannot make the folder {}", out.display()))?;

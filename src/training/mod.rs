@@ -23,5 +23,6 @@ pub mod recorder;
 pub mod saved;
 pub mod schedule;
 pub mod tensorboard;
+pub mod trained;
 pub mod trainer;
 pub mod verdict;

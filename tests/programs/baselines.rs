@@ -9,6 +9,7 @@ use crate::programs::{baseline, paig};
 use crate::random::numbers;
 use paig::kernels::Kernels;
 use paig::network::cells::Actions;
+use paig::runs::checkpoint::{SavedWeights, find_weights};
 use paig::tasks;
 use paig_experiments::baselines::list::Comparison;
 use paig_experiments::baselines::whole_models::config::WholeModel;
@@ -235,10 +236,16 @@ fn a_small_comparison_runs_to_its_report() {
     assert!(!missing.status.success() && text(&missing).contains("nowhere/results.json"), "{}", text(&missing));
 }
 
-/// All of a whole model's checkpoint by name, but its step and seconds.
+/// All tensors of a whole model's last checkpoint, and of its best validation, by file and name.
 fn of_checkpoint(run: &Path) -> BTreeMap<String, Tensor> {
-    let all = Tensor::read_safetensors(run.join("checkpoint.safetensors")).unwrap();
-    all.into_iter().filter(|(name, _)| name != "progress").collect()
+    let checkpoints = run.join("checkpoints");
+    let last = find_weights(run, SavedWeights::Last).unwrap();
+    let files = [last.clone(), last.with_file_name("slots.safetensors"), checkpoints.join("best_train.safetensors")];
+    let named = files.iter().enumerate().flat_map(|(number, file)| {
+        let all = Tensor::read_safetensors(file).unwrap();
+        all.into_iter().map(move |(name, tensor)| (format!("{number} {name}"), tensor))
+    });
+    named.collect()
 }
 
 fn assert_same_bits(one: &BTreeMap<String, Tensor>, other: &BTreeMap<String, Tensor>) {
@@ -286,7 +293,8 @@ fn a_whole_model_goes_on_to_the_same_bits() {
     // As if it had been killed after its checkpoint at step 2: the later one and the results are gone.
     train("start", "2");
     let [whole, half, start] = ["whole", "half", "start"].map(|name| folder.path().join(name));
-    fs::copy(start.join("checkpoint.safetensors"), half.join("checkpoint.safetensors")).unwrap();
+    fs::remove_dir_all(half.join("checkpoints")).unwrap();
+    fs::rename(start.join("checkpoints"), half.join("checkpoints")).unwrap();
     fs::remove_file(half.join("scores.json")).unwrap();
     let said = train("half", "6");
     assert!(said.contains("step 4: validation") && !said.contains("step 2: validation"), "{said}");

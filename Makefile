@@ -1,5 +1,6 @@
 # make demo      set up, build what it needs, generate the spring data, train, score
-# make test      set up, run the tests, check format, lints and docs
+# make test      set up, run the tests, check format, lints and docs; the last line counts passed and failed tests
+# make test-vector-paths  the short tests of the kernels' portable and AVX2 paths alone (part of make test)
 # make lint      check format, lints and docs alone
 # make build     build paig and the runners, into target/release
 # make data      generate the spring data alone
@@ -35,7 +36,7 @@ JOBS ?= 2
 # Stands where the references' Python environment is complete.
 COMPARE_READY := compare/.venv/installed
 
-.PHONY: demo test lint libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
+.PHONY: demo test test-vector-paths lint format clippy documentation libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
 
 demo: libtorch
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -43,12 +44,20 @@ demo: libtorch
 
 # Lints come last: those that a newer compiler brings hide no test.
 test: libtorch
-	$(CARGO) test --release --workspace
-	$(MAKE) lint
+	@CARGO="$(CARGO)" MAKE="$(MAKE)" setup/test.sh all
 
-lint: libtorch
+test-vector-paths: libtorch
+	@CARGO="$(CARGO)" setup/test.sh paths
+
+lint: format clippy documentation
+
+format:
 	$(CARGO) fmt --check
+
+clippy: libtorch
 	$(CARGO) clippy --release --workspace --all-targets -- -D warnings
+
+documentation: libtorch
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --workspace --no-deps --document-private-items
 
 build: libtorch
@@ -61,10 +70,10 @@ data: build
 STRESS_SEEDS ?= 4-8,10,11
 
 stress: build
-	$(PAIG) stress --data-seeds $(STRESS_SEEDS) --jobs $(JOBS) --out reports/stress
+	$(PAIG) stress --data-seeds $(STRESS_SEEDS) --jobs $(JOBS) --no-pictures --out reports/stress
 
 baselines: build
-	$(PAIG) baselines --jobs $(JOBS) --efficiency --out reports/baselines
+	$(PAIG) baselines --jobs $(JOBS) --efficiency --no-pictures --out reports/baselines
 
 # Two tasks and two scenes of the stress suite; what is left out or changed, each alone.
 ABLATED := spring_color 3bp_color configs/stress/spring_noise_10.toml configs/stress/spring_same_colour.toml
@@ -87,7 +96,7 @@ ablations: build
 	for task in $(ABLATED); do set -- "$$@" --task $$task; done; \
 	$(PAIG) sweep "$$@" --seeds $(ABLATION_SEEDS) --data data/ablations \
 		--out runs/ablations --jobs $(JOBS) --threads-per-run 1 || [ $$? -eq 1 ]
-	$(PAIG) report runs/ablations --out reports/ablations
+	$(PAIG) report runs/ablations --no-pictures --out reports/ablations
 
 # Of the float on water no clips can be generated: it sinks with the water from the first frame on.
 GALLERY := $(filter-out %/torricelli.toml,$(wildcard configs/gallery/*.toml))
@@ -100,7 +109,7 @@ gallery: build
 	for task in $(GALLERY); do set -- "$$@" --task $$task; done; \
 	$(PAIG) sweep "$$@" --seeds $(GALLERY_SEEDS) --data data/gallery \
 		--out runs/gallery --jobs $(JOBS) --threads-per-run 1 || [ $$? -eq 1 ]
-	$(PAIG) report runs/gallery --out reports/gallery
+	$(PAIG) report runs/gallery --no-pictures --out reports/gallery
 
 # Each part leaves what it printed in target/torture; the last one makes the report of all. What fails stops no other part.
 KILLS ?= 300

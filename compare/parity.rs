@@ -2,7 +2,7 @@
 //!
 //! Exit code 0: no row fails. 1: a row fails, or a file has no case. 2: bad input. A row that rounding alone moves too
 //! far to say anything is counted as uninformative and fails only if its tensor's single steps do (see
-//! [`tolerances`](crate::tolerances)).
+//! `tolerances.rs`).
 
 use std::fmt::Write;
 use std::fs;

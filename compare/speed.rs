@@ -209,7 +209,7 @@ fn repetition<'a>(
             Box::new(move || {
                 // Kept as long as this is repeated.
                 let _folder = &folder;
-                threads.install(|| generate(&job, &|_| ()))
+                Ok(threads.install(|| generate(&job, &|_| ()))?)
             })
         }
     })

@@ -43,3 +43,4 @@ pub mod training;
 pub mod viz;
 
 pub use paig_kernels as kernels;
+pub use support::error::{Error, ErrorKind, Result};

@@ -41,6 +41,7 @@ use paig::training::trainer::Trainer;
 use paig::{tasks, viz};
 use paig_experiments::sweep::{self, SweepPlan};
 use paig_report as report;
+use paig_report::Pictures;
 use paig_video::import::crop::CropChoice;
 use paig_video::import::import;
 use paig_video::import::request::Request;
@@ -221,7 +222,7 @@ fn datasets_appear_whole_or_not_at_all() {
     let tried = at_every_operation(
         stride(5),
         temporary,
-        |folder| generate(&job(folder.path()), &|_| {}),
+        |folder| Ok(generate(&job(folder.path()), &|_| {})?),
         |folder, fault, at| {
             for (file, shape) in
                 [(&task.train_file, ClipShape::training(&task)), (&task.test_file, ClipShape::test(&task))]
@@ -303,10 +304,10 @@ fn a_report_is_the_old_or_the_new_at_the_latest_after_the_next() {
         stride(5),
         || {
             let folder = temporary();
-            report::write(&runs, &folder.path().join("report")).unwrap();
+            report::write(&runs, &folder.path().join("report"), Pictures::Shown).unwrap();
             folder
         },
-        |folder| report::write(&runs, &folder.path().join("report")).map(drop),
+        |folder| Ok(report::write(&runs, &folder.path().join("report"), Pictures::Shown).map(drop)?),
         |folder, fault, at| {
             let out = folder.path().join("report");
             // A run that could not be read is said to be so. Otherwise its records, from which a report is made again when
@@ -314,7 +315,7 @@ fn a_report_is_the_old_or_the_new_at_the_latest_after_the_next() {
             let records = ["records", ".new/records"].map(|name| out.join(name).join("spring_color"));
             let said = || fs::read_to_string(out.join("report.md")).unwrap().contains("cannot be read");
             assert!(records.iter().any(|place| place.exists()) || said(), "{fault:?} at {at}: the records are gone");
-            report::write(&runs, &out).unwrap_or_else(|error| panic!("{fault:?} at {at}: {error:#}"));
+            report::write(&runs, &out, Pictures::Shown).unwrap_or_else(|error| panic!("{fault:?} at {at}: {error:#}"));
             for name in ["report.md", "report.html", "results.json", "records", "pictures"] {
                 assert!(out.join(name).exists(), "{fault:?} at {at}: {name} is missing");
             }
@@ -343,7 +344,7 @@ fn an_imported_task_is_whole_or_not_there() {
     let tried = at_every_operation(
         stride(5),
         temporary,
-        |folder| import(&request(folder.path()), &|_, _| {}).map(drop),
+        |folder| Ok(import(&request(folder.path()), &|_, _| {}).map(drop)?),
         |folder, fault, at| {
             let out = folder.path().join("task");
             if out.exists() {

@@ -12,6 +12,8 @@ use crate::harness::npz::{self, Array, Values};
 /// Stored gradients and variables of more elements keep every [`STRIDE`]th of them only.
 const STORED_WHOLE: i64 = 4096;
 const STRIDE: i64 = 97;
+/// Names the arrays that another file of the folder holds: texts `array=file`.
+const SHARED: &str = "shared";
 
 /// The arrays of a file. Every accessor's error names the tensor.
 #[derive(Debug)]
@@ -23,11 +25,34 @@ pub struct Golden {
 }
 
 impl Golden {
+    /// Reads a file, and from its neighbours the arrays that it shares with them.
+    ///
     /// # Errors
-    /// See [`npz::read`].
+    /// See [`npz::read`]; a shared array that the file holds itself or that the other one lacks.
     pub fn read(path: &Path) -> Result<Self> {
         let stem = path.file_stem().context("has no name")?.to_string_lossy().into_owned();
-        Ok(Golden { stem, arrays: npz::read(path)?, looked_at: RefCell::default() })
+        let mut golden = Golden { stem, arrays: npz::read(path)?, looked_at: RefCell::default() };
+        if golden.has(SHARED) {
+            let shared = golden.shared(path)?;
+            golden.arrays.extend(shared);
+        }
+        Ok(golden)
+    }
+
+    fn shared(&self, path: &Path) -> Result<BTreeMap<String, Array>> {
+        let mut files: BTreeMap<&str, BTreeMap<String, Array>> = BTreeMap::new();
+        let mut shared = BTreeMap::new();
+        for text in self.texts(SHARED)? {
+            let (name, stem) = text.split_once('=').with_context(|| format!("tensor {SHARED}: {text:?} has no ="))?;
+            ensure!(!self.has(name), "tensor {name} is in the file and shared with {stem}.npz");
+            if !files.contains_key(stem) {
+                let read = npz::read(&path.with_file_name(format!("{stem}.npz")));
+                files.insert(stem, read.with_context(|| format!("{stem}.npz, with which it shares {name}"))?);
+            }
+            let array = files.get_mut(stem).and_then(|file| file.remove(name));
+            shared.insert(name.to_string(), array.with_context(|| format!("tensor {name} is missing in {stem}.npz"))?);
+        }
+        Ok(shared)
     }
 
     pub fn has(&self, name: &str) -> bool {

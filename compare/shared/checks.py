@@ -40,8 +40,13 @@ def tolerance(stem, name):
 
 
 def load(path):
+    """All arrays of a golden-format file, with those that `shared` names of the files beside it."""
     with np.load(path) as file:
-        return {name: file[name] for name in file.files}
+        arrays = {name: file[name] for name in file.files}
+    for name, stem in (text.split("=") for text in arrays.pop("shared", [])):
+        with np.load(path.with_name(f"{stem}.npz")) as other:
+            arrays[name] = other[name]
+    return arrays
 
 
 def check_folder(evaluate, title):

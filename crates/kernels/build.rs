@@ -80,7 +80,7 @@ fn cuda_headers(library: &str) -> Option<String> {
 ///
 /// This script runs whenever a source changes, and libtorch's headers take long: what is there already is used again.
 fn compile_bridge(library: &str, cuda: Option<&str>) {
-    const SOURCES: [&str; 2] = ["src/autograd.cpp", "src/cuda.cpp"];
+    const SOURCES: [&str; 3] = ["src/autograd.cpp", "src/capability.cpp", "src/cuda.cpp"];
     SOURCES.iter().for_each(|source| println!("cargo:rerun-if-changed={source}"));
     println!("cargo:rerun-if-env-changed=LIBTORCH_INCLUDE");
     println!("cargo:rerun-if-env-changed=LIBTORCH_CXX11_ABI");

@@ -102,8 +102,8 @@ impl ClipShape {
         match (self.origin, tasks::builtin(&self.task)) {
             (Origin::Generated, Some(_)) => format!("make it with {}, or put the authors' file there", self.command()),
             (Origin::Generated, None) => format!("make it with {}, or put your own file there", self.command()),
-            (Origin::Filmed, _) => "`import` the videos again".into(),
-            (Origin::Own, _) => "save your clips there (docs/own-data.md), or `import` a video".into(),
+            (Origin::Filmed, _) => "`paig import` the videos again".into(),
+            (Origin::Own, _) => "save your clips there (docs/own-data.md), or `paig import` a video".into(),
         }
     }
 
@@ -118,8 +118,8 @@ impl ClipShape {
 
     fn command(&self) -> String {
         match tasks::builtin(&self.task) {
-            Some(task) => format!("`generate --task {}`", task.name),
-            None => "`generate --task` and the task's file".into(),
+            Some(task) => format!("`paig generate --task {}`", task.name),
+            None => "`paig generate --task` and the task's file".into(),
         }
     }
 }

@@ -180,14 +180,14 @@ impl Clips {
     }
 
     /// The places of `count` frames drawn at random from all clips for a step.
-    pub fn random_places(&self, count: usize, seed: u64, step: u64) -> Vec<i64> {
+    pub(crate) fn random_places(&self, count: usize, seed: u64, step: u64) -> Vec<i64> {
         let all = (self.len() * self.time()) as i64;
         let mut random = named_generator(seed, &format!("frames of step {step}"));
         (0..count).map(|_| random.random_range(0..all)).collect()
     }
 
     /// For each frame, by its place, the median over time of the clip it is of: `[places, channels, S, S]` in \[0, 1\].
-    pub fn clip_medians(&self, places: &[i64]) -> Tensor {
+    pub(crate) fn clip_medians(&self, places: &[i64]) -> Tensor {
         let clips: Vec<i64> = places.iter().map(|place| place / self.time() as i64).collect();
         self.batch(&clips, self.time()).median_dim(1, false).0
     }
@@ -230,7 +230,7 @@ fn to_float(pixels: &Tensor) -> Tensor {
 }
 
 /// Steps in one pass over so many clips; of fewer than a batch all make one.
-pub fn steps_per_epoch(clips: usize, batch: usize) -> u64 {
+pub(crate) fn steps_per_epoch(clips: usize, batch: usize) -> u64 {
     (clips / batch.max(1)).max(1) as u64
 }
 
@@ -259,7 +259,7 @@ impl ShuffledBatches {
     }
 
     /// Steps in one pass.
-    pub fn steps_per_epoch(&self) -> u64 {
+    pub(crate) fn steps_per_epoch(&self) -> u64 {
         steps_per_epoch(self.clips, self.batch)
     }
 

@@ -10,4 +10,4 @@ mod reader;
 pub mod settings;
 mod shown;
 pub mod states;
-pub mod unpacked;
+pub(crate) mod unpacked;

@@ -8,6 +8,7 @@ use ndarray::ArrayD;
 use ndarray_npy::{NpzReader, NpzWriter, ReadNpyError, ReadNpzError, ReadableElement};
 use zip::write::SimpleFileOptions;
 
+use crate::support::error::{Error, ErrorKind};
 use crate::support::storage::{self, Input, storage};
 use crate::support::{atomic, memory};
 
@@ -102,16 +103,14 @@ impl Archive {
         let mut entry = archive.by_index(entry.with_context(|| format!("{:?} has no array {name:?}", self.path))?)?;
         let (held, packed) = (entry.size(), entry.compressed_size());
         let damaged = || format!("array {name:?} of {:?}: the file is damaged; delete it and get it again", self.path);
-        ensure!(
-            held <= packed.saturating_mul(MOST_PACKED).saturating_add(MOST_HEADER),
-            "{}: it claims {held} bytes, which {packed} cannot be unpacked to",
-            damaged()
-        );
+        let damage = |what: String| Error::new(ErrorKind::Corrupt, anyhow!("{}: {what}", damaged()));
+        if held > packed.saturating_mul(MOST_PACKED).saturating_add(MOST_HEADER) {
+            return Err(damage(format!("it claims {held} bytes, which {packed} cannot be unpacked to")).into());
+        }
         let mut header = Header::read(&mut entry).with_context(damaged)?;
         let claimed = header.shape.iter().try_fold(header.bytes_each(), |product, count| product.checked_mul(*count));
         let claimed = claimed.filter(|bytes| *bytes <= held);
-        header.bytes =
-            claimed.with_context(|| format!("{}: its header claims more numbers than it holds", damaged()))?;
+        header.bytes = claimed.ok_or_else(|| damage("its header claims more numbers than it holds".into()))?;
         read(header, &mut entry)
     }
 
@@ -176,18 +175,18 @@ impl Header {
 }
 
 /// Collects arrays into a compressed npz and puts it at `path` in one step.
-pub fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
     write_whole(path, &compressed(path, fill)?)
 }
 
 /// The same for floating-point numbers.
-pub fn write_floats(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub(crate) fn write_floats(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
     let options = SimpleFileOptions::default().compression_level(Some(FASTEST));
     write_whole(path, &collected(path, options, fill)?)
 }
 
 /// Collects arrays into a compressed npz that is to be written to `path`.
-pub fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
+pub(crate) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
     collected(path, SimpleFileOptions::default(), fill)
 }
 
@@ -198,13 +197,13 @@ fn collected(path: &Path, options: SimpleFileOptions, fill: impl FnOnce(&mut Wri
 }
 
 /// Makes the folders in which a file is to lie where missing.
-pub fn make_folder(path: &Path) -> Result<()> {
+pub(crate) fn make_folder(path: &Path) -> Result<()> {
     let Some(folder) = path.parent() else { return Ok(()) };
     storage().create_folder(folder).with_context(|| format!("cannot make the folder {folder:?}"))
 }
 
 /// Writes a file in one step, and the folders it lies in where missing.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     make_folder(path)?;
     atomic::write_file(path, |file| Ok(file.write_all(bytes)?)).with_context(|| {
         format!(

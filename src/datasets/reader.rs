@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use ndarray::{Array2, Array5, Ix2, Ix5};
 
 use super::files::{ClipShape, DatasetFile, Split};
 use super::npz;
+use crate::support::error::{Error, ErrorKind};
 
 impl DatasetFile {
     /// Reads and checks all arrays: the three of frames and, where expected, the three of actions.
@@ -30,7 +31,10 @@ pub(super) struct Reader<'a> {
 impl<'a> Reader<'a> {
     pub(super) fn open(path: &'a Path, expected: &'a ClipShape) -> Result<Self> {
         let there = path.try_exists().with_context(|| format!("the dataset file {path:?} cannot be reached"))?;
-        ensure!(there, "there is no dataset file {path:?}; {}", expected.get());
+        if !there {
+            let missing = anyhow!("there is no dataset file {path:?}; {}", expected.get());
+            return Err(Error::new(ErrorKind::Missing, missing).into());
+        }
         Ok(Reader { archive: npz::Archive::open(path)?, path, expected })
     }
 

@@ -109,7 +109,7 @@ impl Settings {
     }
 
     /// Whether pictures are drawn in such clips.
-    pub fn draws_pictures(look: Look, background: Background) -> bool {
+    pub(crate) fn draws_pictures(look: Look, background: Background) -> bool {
         let from_files = matches!(background, Background::Cifar | Background::RandomCifar | Background::Picture);
         from_files || look == Look::Digits
     }

@@ -101,7 +101,7 @@ impl States {
         ensure!(
             checksums.iter().eq(&frames.checksums()),
             "the true states in {path:?} belong to other frames than those in {dataset:?}; \
-             delete {path:?}, or make both again with `generate --force`"
+             delete {path:?}, or make both again with `paig generate --force`"
         );
         let settings = read_settings(&mut archive, &path)?;
         let truth = archive.has("truth").then(|| archive.array::<f64>("truth", "float64")).transpose()?;
@@ -115,7 +115,7 @@ impl States {
                 ensure!(
                     fits,
                     "array {name:?} of {path:?} has shape {:?}, expected [{clips}, {length}, coordinates]; \
-                     make it again with `generate --force`",
+                     make it again with `paig generate --force`",
                     array.shape()
                 );
                 Ok(array.into_dimensionality::<Ix3>()?)

@@ -85,7 +85,7 @@ impl UnpackedFrames {
     }
 
     /// S, S and the channels.
-    pub fn frame_shape(&self) -> [usize; 3] {
+    pub(crate) fn frame_shape(&self) -> [usize; 3] {
         [self.shape[2], self.shape[3], self.shape[4]]
     }
 

@@ -16,8 +16,10 @@ use crate::datasets::iterators::Clips;
 use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::losses::{LossAccumulator, Losses, MeanLosses};
 use crate::runs::scores::Scores;
+use crate::support::error::Error;
 
-pub use passes::{batch, each_pass};
+pub use passes::batch;
+pub(crate) use passes::each_pass;
 pub use scored_clips::ScoredClips;
 
 /// The losses on the first `limit` clips, `batch` at a time. The whole clips are predicted. Original: `base.py`, `eval`.
@@ -37,7 +39,11 @@ pub fn mean_losses(model: &PhysicsNet, clips: &Clips, limit: usize, batch: usize
 ///
 /// # Errors
 /// Clips shorter than L + T_pred, states of another number of objects, losses that are not finite.
-pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
+pub fn evaluate(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores, Error> {
+    scores(model, scored).map_err(Error::of_work)
+}
+
+fn scores(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
     let ScoredClips { clips, states, .. } = scored;
     let system = &model.system;
     let mut losses = LossAccumulator::default();

@@ -52,7 +52,7 @@ impl Outputs {
     }
 
     /// The L input frames of a clip and the predicted ones after them, `[T, C, S, S]`.
-    pub fn input_and_prediction(&self, clip: usize) -> Tensor {
+    pub(crate) fn input_and_prediction(&self, clip: usize) -> Tensor {
         let predicted = self.predictions.get(clip as i64);
         let input = self.time() as i64 - predicted.size()[0];
         Tensor::cat(&[self.clips.get(clip as i64).narrow(0, 0, input), predicted], 0)

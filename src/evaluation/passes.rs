@@ -21,7 +21,7 @@ pub fn batch(clips: &Clips) -> usize {
 ///
 /// # Errors
 /// Clips shorter than L + T_pred, an error of `see`.
-pub fn each_pass(
+pub(crate) fn each_pass(
     model: &PhysicsNet,
     clips: &Clips,
     count: usize,

@@ -13,7 +13,7 @@ pub struct Film {
 
 impl Film {
     /// The channels of all frames, one after the other.
-    pub fn planes_mut(&mut self) -> impl Iterator<Item = &mut [f64]> {
+    pub(crate) fn planes_mut(&mut self) -> impl Iterator<Item = &mut [f64]> {
         let pixels = self.side * self.side;
         self.frames.iter_mut().flat_map(move |frame| frame.chunks_exact_mut(pixels))
     }

@@ -5,7 +5,7 @@
 
 pub mod effects;
 pub mod film;
-pub mod forecast;
+pub(crate) mod forecast;
 mod initial;
 pub mod noise_floor;
 pub mod render;
@@ -17,7 +17,7 @@ pub mod streams;
 pub mod variant;
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -37,6 +37,7 @@ use crate::datasets::npz;
 pub use crate::datasets::settings::Counts;
 use crate::datasets::settings::{self, GENERATOR_VERSION, Provenance, Settings};
 use crate::datasets::states::{SplitStates, States};
+use crate::support::error::Error;
 use crate::support::random::fnv1a;
 use crate::support::{atomic, memory};
 use crate::tasks::Task;
@@ -107,7 +108,17 @@ impl DatasetJob {
 /// # Errors
 /// Settings under which no clip can be made, files that cannot be written, or a file in the way that was generated with
 /// other settings.
-pub fn generate(job: &DatasetJob, watcher: Watcher) -> Result<()> {
+pub fn generate(job: &DatasetJob, watcher: Watcher) -> Result<(), Error> {
+    let begun = AtomicBool::new(false);
+    let watch = |event: GeneratorEvent| {
+        begun.fetch_or(matches!(event, GeneratorEvent::Begins { .. }), Ordering::Relaxed);
+        watcher(event);
+    };
+    let made = make(job, &watch);
+    if begun.into_inner() { made.map_err(Error::of_work) } else { Ok(made?) }
+}
+
+fn make(job: &DatasetJob, watcher: Watcher) -> Result<()> {
     for ((frames, file), counts) in job.variant.files().into_iter().zip([job.counts, of_test_file(job.counts)]) {
         let path = job.folder.join(file);
         let settings = settings(&job.variant, &job.images, frames, counts);

@@ -24,7 +24,7 @@ const TAKES: usize = 16;
 /// difference from the uncompressed mean counts. None where nothing but the motion is drawn by chance.
 ///
 /// A model that finds out more about a clip than its motion (how the light is, what lies behind) may get lower. Beside it
-/// stands what is left of a [forecast](forecast::errors) from the input frames.
+/// stands what is left of a forecast from the input frames.
 ///
 /// # Errors
 /// Settings under which no clip can be made.

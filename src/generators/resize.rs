@@ -22,7 +22,7 @@ pub struct Resize {
 
 impl Resize {
     /// From `side * factor` pixels down to `side`, anti-aliased.
-    pub fn shrink(side: usize, factor: usize) -> Self {
+    pub(crate) fn shrink(side: usize, factor: usize) -> Self {
         let input = side * factor;
         let sigma = (factor as f64 - 1.0) / 2.0;
         let reach = (4.0 * sigma + 0.5) as isize;
@@ -33,7 +33,7 @@ impl Resize {
     }
 
     /// From `input` pixels up to `output`, linear.
-    pub fn enlarge(input: usize, output: usize) -> Self {
+    pub(crate) fn enlarge(input: usize, output: usize) -> Self {
         Self { input, taps: (0..output).map(|pixel| taps(input, output, pixel, &[(0, 1.0)])).collect() }
     }
 
@@ -52,7 +52,7 @@ impl Resize {
 
     /// Computes only the given rows and columns of the output and leaves the rest of `output` as it is. `scratch` keeps
     /// its allocation between calls.
-    pub fn apply_window(
+    pub(crate) fn apply_window(
         &self,
         image: &[f64],
         rows: Range<usize>,

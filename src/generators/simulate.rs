@@ -156,7 +156,7 @@ impl World {
     }
 
     /// The states of a clip from another start, with the same actions and whatever rule they break.
-    pub fn replay(&self, clip: &[SceneState], positions: &[f64], velocities: &[f64]) -> Vec<SceneState> {
+    pub(crate) fn replay(&self, clip: &[SceneState], positions: &[f64], velocities: &[f64]) -> Vec<SceneState> {
         let mut state = SceneState { positions: positions.to_vec(), velocities: velocities.to_vec(), action: 0.0 };
         let frame = |as_before: &SceneState| {
             state.action = as_before.action;

@@ -12,7 +12,7 @@ use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
 use ndarray_npy::NpzReader;
 
 use super::variant::Variant;
-use crate::support::storage;
+use crate::support::{picture_file, storage};
 
 /// Side of an MNIST image, pixels.
 pub const DIGIT_SIDE: usize = 28;
@@ -73,7 +73,7 @@ impl SourceImages {
     /// # Errors
     /// No such file, or neither of both.
     pub fn with_picture(mut self, file: &Path, side: usize) -> Result<Self> {
-        let picture = image::open(file).with_context(|| format!("cannot read the picture {file:?}"))?;
+        let picture = picture_file::read(file)?;
         let scaled = picture.resize_exact(side as u32, side as u32, FilterType::Triangle).into_rgb8();
         self.pictures = Array4::from_shape_vec((1, side, side, 3), scaled.into_raw())?;
         Ok(self)

@@ -46,7 +46,7 @@ impl Streams {
 }
 
 /// The random numbers of what all clips of a dataset have in common.
-pub fn of_dataset(seed: u64) -> ChaCha8Rng {
+pub(crate) fn of_dataset(seed: u64) -> ChaCha8Rng {
     stream(seed, DATASET << 60)
 }
 

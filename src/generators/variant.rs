@@ -196,7 +196,7 @@ impl Variant {
 
     /// Of the equation and the values of its parameters, if the objects move by it: the same where only the bounds and starts
     /// of a fit are others.
-    pub fn equation_checksum(&self) -> Option<u64> {
+    pub(crate) fn equation_checksum(&self) -> Option<u64> {
         let cell = self.task.system.cell;
         let values: Vec<f64> = cell.parameters.iter().map(|parameter| self.value(parameter)).collect();
         let checksum = || fnv1a(format!("{} {values:?}", text::accelerations(cell)).as_bytes());

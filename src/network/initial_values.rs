@@ -20,7 +20,7 @@ pub fn glorot_uniform(variables: &VarStore, seed: u64) {
 }
 
 /// One kernel's initial values, `[out, in, ..]`, as float32 on the CPU.
-pub fn glorot_tensor(shape: &[i64], seed: u64, name: &str) -> Tensor {
+pub(crate) fn glorot_tensor(shape: &[i64], seed: u64, name: &str) -> Tensor {
     let receptive: i64 = shape[2..].iter().product();
     let limit = (6.0 / ((shape[0] + shape[1]) * receptive) as f64).sqrt();
     let mut random = named_generator(seed, name);

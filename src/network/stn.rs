@@ -10,13 +10,13 @@ use tch::{Kind, Tensor};
 use paig_kernels::{AxisSample, hat_matrix};
 
 /// Pixels of an axis of `size` pixels for one unit of source coordinate.
-pub fn pixel_scale(size: i64) -> f64 {
+pub(crate) fn pixel_scale(size: i64) -> f64 {
     (size as f64 - 1.01) / 2.0
 }
 
 /// Matrices `[objects, size, size]` that shift an axis of `size` pixels by `shifts` (`[objects]`, pixels), bilinearly, the
 /// edge pixels repeated.
-pub fn shift_matrices(shifts: &Tensor, size: i64) -> Tensor {
+pub(crate) fn shift_matrices(shifts: &Tensor, size: i64) -> Tensor {
     let index = Tensor::arange(size, (shifts.kind(), shifts.device()));
     hat_matrix(&(index - shifts.unsqueeze(1)).clamp(0.0, (size - 1) as f64), size)
 }
@@ -35,7 +35,7 @@ fn grid(size: i64, like: &Tensor) -> Tensor {
 /// source pixel of each output row and column, each `[objects, batch, side]`.
 /// * `scale`: one number, shared by all;
 /// * `shift`: `[objects, batch, 2]`, x then y.
-pub fn separable_pixels(scale: &Tensor, shift: &Tensor, side: i64, size: i64) -> [Tensor; 2] {
+pub(crate) fn separable_pixels(scale: &Tensor, shift: &Tensor, side: i64, size: i64) -> [Tensor; 2] {
     let grid = grid(side, shift) * scale;
     [1, 0].map(|axis| source_pixel(&(shift.select(2, axis).unsqueeze(-1) + &grid), size))
 }

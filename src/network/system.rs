@@ -73,7 +73,7 @@ impl System {
     }
 
     /// Side of the frames that the networks are given.
-    pub fn given_side(&self) -> usize {
+    pub(crate) fn given_side(&self) -> usize {
         if self.halved { self.side / 2 } else { self.side }
     }
 

@@ -40,7 +40,7 @@ pub fn from_tensorflow(name: &str) -> Result<String> {
 ///
 /// # Errors
 /// A name that is neither `<scope>.<layer>.<weight|bias>` nor `<scope>.<scalar>`.
-pub fn to_tensorflow(name: &str) -> Result<String> {
+pub(crate) fn to_tensorflow(name: &str) -> Result<String> {
     let form = || format!("{name:?} is not a variable of a model (<scope>.<layer>.<weight|bias>)");
     let parts: Vec<&str> = name.split('.').collect();
     match parts[..] {

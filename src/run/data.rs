@@ -54,7 +54,7 @@ impl TrainingData {
     }
 
     /// Refuses parameters that the config gives and the equation cannot have.
-    pub fn check_start(&self, config: &Config, device: Device) -> Result<()> {
+    pub(crate) fn check_start(&self, config: &Config, device: Device) -> Result<()> {
         let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
         Trainer::new(config, &model, &self.train, &self.valid)?.check_start()
     }

@@ -17,6 +17,7 @@ use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{SavedWeights, Store};
 use crate::runs::folder::RunFolder;
 use crate::runs::summary::Summary;
+use crate::support::error::Error;
 use crate::support::{device, memory};
 use crate::training::base::Outcome;
 use crate::training::config::Config;
@@ -85,7 +86,11 @@ impl Run {
     /// # Errors
     /// A device or data that are not there or do not fit the task, too little memory, parameters that the equation cannot
     /// have, a folder that cannot be taken.
-    pub fn prepare(self, observer: &mut dyn Observer) -> Result<Prepared> {
+    pub fn prepare(self, observer: &mut dyn Observer) -> Result<Prepared, Error> {
+        Ok(self.prepared(observer)?)
+    }
+
+    fn prepared(self, observer: &mut dyn Observer) -> Result<Prepared> {
         let Run { config, place, mode } = self;
         let device = device::parse(&config.device)?;
         let threads = device::set_threads(config.threads)?;
@@ -120,7 +125,16 @@ impl Prepared {
     ///
     /// # Errors
     /// A loss that is not finite, files that cannot be read or written, an observer's error.
-    pub fn execute(&self, program: Program, observer: &mut dyn Observer, stop: &dyn Fn() -> bool) -> Result<Ending> {
+    pub fn execute(
+        &self,
+        program: Program,
+        observer: &mut dyn Observer,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Ending, Error> {
+        self.go(program, observer, stop).map_err(Error::of_work)
+    }
+
+    fn go(&self, program: Program, observer: &mut dyn Observer, stop: &dyn Fn() -> bool) -> Result<Ending> {
         observer.observe(&Event::Begins(self))?;
         match &self.data {
             Some(data) => self.train(data, program, observer, stop),
@@ -173,7 +187,16 @@ impl Prepared {
         let results = scored(&model, test)?;
         observer.observe(&Event::Ended(Stage::Scoring))?;
         observer.observe(&Event::Scored { model: &model, results: &results })?;
-        let summary = summarize(config, &model, data, &results, verdict, &state, *threads, program)?;
+        let summary = summarize(
+            config,
+            &model,
+            [data.train.len(), data.valid.len()],
+            &results,
+            verdict,
+            &state,
+            *threads,
+            program,
+        )?;
         summary.write(folder.path())?;
         observer.observe(&Event::Begun(Stage::Pictures))?;
         viz::write_artifacts(folder.path(), &model, &results.clips.clips, config.output.examples)?;

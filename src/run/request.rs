@@ -7,6 +7,7 @@ use anyhow::{Context, Result, ensure};
 use super::Run;
 use crate::runs::folder::RunFolder;
 use crate::runs::names::CONFIG;
+use crate::support::error::Error;
 use crate::tasks;
 use crate::training::config::Config;
 use crate::training::layers::Overrides;
@@ -47,15 +48,19 @@ impl Request {
     ///
     /// # Errors
     /// A file that cannot be read, keys or values that no config has.
-    pub fn config(&self) -> Result<Config> {
-        Config::load(self.config.as_deref(), &self.overrides)
+    pub fn config(&self) -> Result<Config, Error> {
+        Ok(Config::load(self.config.as_deref(), &self.overrides)?)
     }
 
     /// Finds the run's folder and config.
     ///
     /// # Errors
     /// As [`Self::config`], a folder that is not free, no run to resume, or one with another config.
-    pub fn open(&self) -> Result<Run> {
+    pub fn open(&self) -> Result<Run, Error> {
+        Ok(self.find()?)
+    }
+
+    fn find(&self) -> Result<Run> {
         let own = |c: Config| Path::new("runs").join(&c.task.name).join(&c.recipe).join(format!("seed={}", c.seed));
         if self.mode == Mode::Begin {
             let out = self.out.clone().map_or_else(|| self.config().map(own), Ok)?;

@@ -6,7 +6,6 @@ use anyhow::Result;
 use tch::Device;
 
 use super::Program;
-use super::data::TrainingData;
 use crate::datasets::files::Split;
 use crate::evaluation::{self, ScoredClips};
 use crate::network::physics_models::PhysicsNet;
@@ -36,12 +35,12 @@ pub(super) fn scored(model: &PhysicsNet, mut clips: ScoredClips) -> Result<TestR
     Ok(TestResults { clips, scores })
 }
 
-/// The summary of a finished run.
+/// The summary of a finished run; `clips_learned`: training and validation clips.
 #[expect(clippy::too_many_arguments, reason = "each is one source of the summary")]
 pub(super) fn summarize(
     config: &Config,
     model: &PhysicsNet,
-    data: &TrainingData,
+    clips_learned: [usize; 2],
     results: &TestResults,
     verdict: Verdict,
     state: &RunState,
@@ -60,8 +59,8 @@ pub(super) fn summarize(
             .collect(),
         test: TestScores { scores: scores.clone(), made_with: clips.made_with.clone() },
         verdict: Some(verdict),
-        training_clips: Some(data.train.len()),
-        validation_clips: Some(data.valid.len()),
+        training_clips: Some(clips_learned[0]),
+        validation_clips: Some(clips_learned[1]),
         overrides: config.differences_from_recipe()?,
         steps: state.steps,
         wall_seconds: state.seconds,

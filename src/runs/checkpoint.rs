@@ -17,6 +17,7 @@ use tch::Tensor;
 use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
 use super::weights::{self, Named, first_not_finite};
 use crate::support::atomic;
+use crate::support::error::{self, Error};
 use crate::support::random::fnv1a;
 use crate::support::storage::{self, storage};
 
@@ -181,7 +182,7 @@ impl Store {
     ///
     /// # Errors
     /// A config that cannot be read.
-    pub fn config_checksum(&self) -> Result<String> {
+    pub(crate) fn config_checksum(&self) -> Result<String> {
         let path = self.run.join(CONFIG);
         if !path.exists() {
             return Ok(String::new());
@@ -190,7 +191,8 @@ impl Store {
         Ok(format!("{:016x}", fnv1a(&text)))
     }
 
-    /// Saves a checkpoint with all variables of the model, and removes those before the one before it. The lengths of the logs are written into the state.
+    /// Saves a checkpoint with all variables of a model, and removes those before the one before it. The lengths of the logs are
+    /// written into the state.
     ///
     /// # Errors
     /// A full disk; the earlier checkpoints stay as they are. A variable that is not finite.
@@ -222,7 +224,7 @@ impl Store {
     ///
     /// # Errors
     /// A full disk; the earlier ones stay. A variable that is not finite.
-    pub fn save_best(&self, weights: &[(String, Tensor)], steps: u64, of: BestOf) -> Result<()> {
+    pub(crate) fn save_best(&self, weights: &[(String, Tensor)], steps: u64, of: BestOf) -> Result<()> {
         let _guard = tch::no_grad_guard();
         ensure_finite(weights, steps)?;
         make_folder(&self.folder())?;
@@ -278,7 +280,7 @@ impl Store {
             let damaged = (!damage.is_empty()).then(|| damage.join("; "));
             return Ok(Some(Loaded { name, state, slots, damaged }));
         }
-        bail!("{}; {ADVICE}", damage.join("; "))
+        Err(Error::new(error::ErrorKind::Corrupt, anyhow!("{}; {ADVICE}", damage.join("; "))).into())
     }
 
     /// A run goes on with what it was begun with.

@@ -20,7 +20,7 @@ const GONE: [(&str, &str); 1] = [("discover.guide", "temperature")];
 ///
 /// # Errors
 /// Text that is no TOML.
-pub fn parse(text: &str) -> Result<Table> {
+pub(crate) fn parse(text: &str) -> Result<Table> {
     let mut table = text.parse::<Table>()?;
     for (place, then, now) in EARLIER_NAMES {
         if let Some(section) = section(&mut table, place)

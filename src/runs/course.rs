@@ -24,7 +24,7 @@ impl Course {
 
     /// The same up to the best validation of its last phase: the course of the weights that a phase with `end_at_best` ends
     /// with.
-    pub fn to_best(&self) -> Self {
+    pub(crate) fn to_best(&self) -> Self {
         let phase = self.phase();
         let valid = |record: &Record| record.kind == Kind::Valid && Some(record.phase.as_str()) == phase;
         let scores = self.records.iter().enumerate().filter(|(_, record)| valid(record));

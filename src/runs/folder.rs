@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::names::{CHECKPOINTS, CONFIG, DONE, LOCK, LOG, METRICS, OUTPUT, TENSORBOARD};
 use crate::support::atomic;
+use crate::support::error::{self, Error};
 use crate::support::storage::{Output, storage};
 
 /// What a folder may hold before a run begins in it: what `sweep` writes, and what a run that was killed at its start left.
@@ -42,7 +43,7 @@ impl RunFolder {
 
     /// # Errors
     /// A folder that holds a run or files of someone else already.
-    pub fn ensure_free(path: &Path) -> Result<()> {
+    pub(crate) fn ensure_free(path: &Path) -> Result<()> {
         // Checkpoints alone are of a run whose config was deleted: a new run must not go on from them.
         ensure!(
             !path.join(CONFIG).exists() && !path.join(CHECKPOINTS).exists(),
@@ -76,7 +77,10 @@ impl RunFolder {
     /// # Errors
     /// A folder without a run, or one that another process runs in.
     pub fn reopen(path: &Path) -> Result<Self> {
-        ensure!(path.join(CONFIG).exists(), "nothing to resume: {} holds no run", path.display());
+        if !path.join(CONFIG).exists() {
+            let missing = anyhow!("nothing to resume: {} holds no run", path.display());
+            return Err(Error::new(error::ErrorKind::Missing, missing).into());
+        }
         Self::open(path)
     }
 
@@ -136,6 +140,7 @@ const BETWEEN: Duration = Duration::from_millis(20);
 /// A folder that another program uses, or that cannot be written.
 pub fn lock(path: &Path) -> Result<File> {
     let place = path.join(LOCK);
+    ensure!(!atomic::is_stream(&place), "{} is a pipe or a device; a run locks a file there", place.display());
     let lock = OpenOptions::new().create(true).append(true).open(&place);
     let lock = lock.with_context(|| format!("cannot open {}", place.display()))?;
     for _ in 0..ATTEMPTS {

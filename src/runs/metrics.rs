@@ -148,7 +148,7 @@ impl Record {
     }
 
     /// `k=3.992 l=5.998`.
-    pub fn parameters_text(&self) -> String {
+    pub(crate) fn parameters_text(&self) -> String {
         self.parameters.iter().map(|(name, value)| format!("{name}={value:.3}")).collect::<Vec<_>>().join(" ")
     }
 

@@ -1,7 +1,7 @@
 //! The folder of a run: one typed writer and reader for each of its files.
 
 pub mod checkpoint;
-pub mod config_file;
+pub(crate) mod config_file;
 pub mod convert;
 pub mod course;
 pub mod find;
@@ -12,6 +12,6 @@ pub mod run;
 pub mod run_config;
 pub mod scores;
 pub mod summary;
-pub mod tensorboard;
+pub(crate) mod tensorboard;
 pub mod verdict;
 pub mod weights;

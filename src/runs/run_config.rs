@@ -45,11 +45,7 @@ impl RunConfig {
             let table = config_file::parse(&storage::read_to_string(path)?)?;
             let choices = choices(&table);
             let Circumstances { task, recipe, seed, threads, device } = table.try_into()?;
-            let task = match task {
-                // A run of an earlier version names its task.
-                Value::String(name) => tasks::find(&name)?,
-                task => task.try_into()?,
-            };
+            let task = Task::of_config(task)?;
             Ok::<_, anyhow::Error>(RunConfig { task, recipe, seed, threads, device, choices })
         };
         parse().with_context(|| format!("config {}", path.display()))
@@ -76,7 +72,7 @@ impl RunConfig {
     }
 
     /// Where the files are that a run learned from and was scored on, in TOML's notation.
-    pub fn data_files(&self) -> [Option<&String>; 3] {
+    pub(crate) fn data_files(&self) -> [Option<&String>; 3] {
         ["data.folder", "data.train_file", "data.test_file"].map(|key| self.choices.get(key))
     }
 }

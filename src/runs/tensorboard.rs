@@ -45,12 +45,12 @@ struct Value {
 }
 
 /// What a file begins with; `wall_time` is in seconds since 1970.
-pub fn beginning(wall_time: f64) -> Vec<u8> {
+pub(crate) fn beginning(wall_time: f64) -> Vec<u8> {
     framed(&Event { wall_time, file_version: Some(VERSION.into()), ..Event::default() })
 }
 
 /// The numbers of a record that was made at `wall_time`; nothing where it has none.
-pub fn scalars(record: &Record, wall_time: f64) -> Vec<u8> {
+pub(crate) fn scalars(record: &Record, wall_time: f64) -> Vec<u8> {
     let group = match record.kind {
         Kind::Train => "train",
         Kind::Valid => "valid",

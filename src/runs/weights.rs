@@ -10,6 +10,7 @@ use safetensors::{Dtype, SafeTensors};
 use tch::{Device, Kind, Tensor};
 
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
+use crate::support::error::{ErrorKind, OfKind};
 use crate::support::random::fnv1a;
 use crate::support::{atomic, storage};
 
@@ -76,6 +77,10 @@ pub struct Saved {
 /// # Errors
 /// Bytes that are no whole safetensors file, that do not fit their checksum, a tensor of another type.
 pub fn parse(bytes: &[u8]) -> Result<Saved> {
+    parsed(bytes).of_kind(ErrorKind::Corrupt)
+}
+
+fn parsed(bytes: &[u8]) -> Result<Saved> {
     let file = SafeTensors::deserialize(bytes)
         .map_err(|error| anyhow!("it is cut short, or no safetensors file ({error})"))?;
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| anyhow!("{error}"))?;
@@ -137,7 +142,7 @@ pub fn fill(variables: Named, saved: &[(String, Tensor)]) -> Result<()> {
 ///
 /// # Errors
 /// A missing or damaged file, a variable of encoder or decoder that is missing, of another shape or no number.
-pub fn load_vision(path: &Path, model: &PhysicsNet) -> Result<()> {
+pub(crate) fn load_vision(path: &Path, model: &PhysicsNet) -> Result<()> {
     let _guard = tch::no_grad_guard();
     let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let sees = |name: &str| matches!(model.group(name), VariableGroup::Encoder | VariableGroup::Decoder);
@@ -174,6 +179,6 @@ pub fn first_not_finite(variables: &[(String, Tensor)]) -> Option<&str> {
 }
 
 /// Whether every element is a number.
-pub fn is_finite(tensor: &Tensor) -> bool {
+pub(crate) fn is_finite(tensor: &Tensor) -> bool {
     tensor.to_kind(Kind::Double).isfinite().all().int64_value(&[]) == 1
 }

@@ -11,7 +11,7 @@ const LARGEST: f64 = 1e15;
 ///
 /// # Panics
 /// A matrix that is not square.
-pub fn best_assignment(costs: &[Vec<f64>]) -> Vec<usize> {
+pub(crate) fn best_assignment(costs: &[Vec<f64>]) -> Vec<usize> {
     let whole =
         costs.iter().map(|row| row.iter().map(|cost| (cost * UNIT).min(LARGEST).round() as i64).collect::<Vec<_>>());
     let (_, columns) = kuhn_munkres_min(&Matrix::from_rows(whole).expect("rows of one length"));

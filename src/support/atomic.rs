@@ -96,7 +96,7 @@ pub fn check_place(path: &Path) -> Result<()> {
 }
 
 /// Removes what processes that are gone left half-written in a folder.
-pub fn remove_partials(folder: &Path) {
+pub(crate) fn remove_partials(folder: &Path) {
     remove_abandoned(folder, |_| true);
 }
 

@@ -4,6 +4,8 @@ use anyhow::{Context, Result, bail, ensure};
 use paig_kernels::allow_tf32;
 use tch::{Cuda, Device};
 
+use super::error::{ErrorKind, OfKind};
+
 /// `cpu`, `cuda` or `cuda:n`.
 ///
 /// # Errors
@@ -17,6 +19,11 @@ pub fn parse(text: &str) -> Result<Device> {
         ),
         _ => bail!("unknown device {text:?}; expected cpu, cuda or cuda:n"),
     };
+    visible(text, device).of_kind(ErrorKind::Device)
+}
+
+/// Refuses a GPU that libtorch does not see.
+fn visible(text: &str, device: Device) -> Result<Device> {
     ensure!(
         Cuda::is_available(),
         "device {text:?} asked for, but this libtorch sees no GPU; use --device cpu, or install the GPU libraries with \

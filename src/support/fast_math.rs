@@ -14,7 +14,7 @@ pub fn nearest(x: f32) -> f32 {
 /// The sine, to some 1e-6 within a hundred turns. Without a branch or a call, so that several are computed at a time: the
 /// library's own takes some three times as long, which is most of a plan.
 #[inline]
-pub fn sine(x: f32) -> f32 {
+pub(crate) fn sine(x: f32) -> f32 {
     let half_turns = nearest(x * FRAC_1_PI);
     // Pi in two parts: the first has so few digits that its multiples are exact.
     let rest = (x - half_turns * 3.140_625) - half_turns * 9.676_536e-4;
@@ -27,13 +27,13 @@ pub fn sine(x: f32) -> f32 {
 
 /// The cosine, as exact as the [`sine`].
 #[inline]
-pub fn cosine(x: f32) -> f32 {
+pub(crate) fn cosine(x: f32) -> f32 {
     sine(x + FRAC_PI_2)
 }
 
 /// The natural logarithm of a positive number, to some 1e-7 of it or of 1. Without a branch or a call.
 #[inline]
-pub fn logarithm(x: f32) -> f32 {
+pub(crate) fn logarithm(x: f32) -> f32 {
     // x = mantissa * 2^exponent, the mantissa within a factor sqrt(2) of 1.
     let bits = x.to_bits();
     let exponent = (bits.wrapping_sub(SQRT_HALF) as i32) >> 23;

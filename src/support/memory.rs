@@ -2,7 +2,9 @@
 
 use std::fs;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, anyhow};
+
+use super::error::{Error, ErrorKind};
 
 /// As messages say it: `1.5 GiB`.
 pub fn gib(bytes: u64) -> String {
@@ -17,15 +19,15 @@ pub fn available() -> Option<u64> {
 
 /// # Errors
 /// More bytes than are available.
-pub fn ensure_free(bytes: u64) -> Result<()> {
+pub(crate) fn ensure_free(bytes: u64) -> Result<()> {
     let Some(free) = available() else { return Ok(()) };
-    ensure!(
-        bytes <= free,
-        "it takes {} of memory, {} are free; free some, raise the limit (ulimit -v), or take less",
-        gib(bytes),
-        gib(free)
-    );
-    Ok(())
+    if bytes <= free {
+        return Ok(());
+    }
+    let (bytes, free) = (gib(bytes), gib(free));
+    let short =
+        anyhow!("it takes {bytes} of memory, {free} are free; free some, raise the limit (ulimit -v), or take less");
+    Err(Error::new(ErrorKind::Resources, short).into())
 }
 
 /// The memory that this process holds now, bytes: all of it, and the most so far.

@@ -1,14 +1,18 @@
-//! What every other folder may use: the best assignment, files that appear whole or not at all, command lines, the device,
-//! memory, random numbers, significant digits, medians, fast arithmetic, processor time, the values of TOML files.
+//! What every other folder may use: the best assignment, files that appear whole or not at all, command lines, the device, errors by
+//! kind, JSON in lines, memory, picture files, random numbers, significant digits, medians, fast arithmetic, processor time, the
+//! values of TOML files.
 
-pub mod assignment;
+pub(crate) mod assignment;
 pub mod atomic;
 pub mod command_line;
 pub mod device;
+pub(crate) mod error;
 pub mod exit_codes;
 pub mod fast_math;
+pub mod json_lines;
 pub mod least_squares;
 pub mod memory;
+pub mod picture_file;
 pub mod random;
 pub mod significant;
 pub mod statistics;

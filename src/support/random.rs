@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use super::fast_math::{cosine, logarithm, sine};
 
 /// 64-bit FNV-1a: a fixed, documented hash, so that seeds and checksums mean the same on every platform and version.
-pub fn fnv1a<'a>(bytes: impl IntoIterator<Item = &'a u8>) -> u64 {
+pub(crate) fn fnv1a<'a>(bytes: impl IntoIterator<Item = &'a u8>) -> u64 {
     let mut hash = Fnv1a::default();
     hash.add(bytes);
     hash.sum()

@@ -132,7 +132,7 @@ pub fn storage() -> Rc<dyn Storage> {
 ///
 /// # Errors
 /// Neither folder can be written to.
-pub fn nameless(folder: &Path) -> io::Result<File> {
+pub(crate) fn nameless(folder: &Path) -> io::Result<File> {
     // The folder of a bare file name is empty, and means this one.
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     storage().nameless(folder).or_else(|_| storage().nameless(&std::env::temp_dir()))

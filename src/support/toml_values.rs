@@ -10,7 +10,7 @@ pub fn quoted(text: &str) -> String {
 }
 
 /// All values by their full key, in TOML's notation.
-pub fn leaves(table: &Table) -> BTreeMap<String, String> {
+pub(crate) fn leaves(table: &Table) -> BTreeMap<String, String> {
     fn walk(table: &Table, prefix: &str, leaves: &mut BTreeMap<String, String>) {
         for (key, value) in table {
             let key = format!("{prefix}{key}");

@@ -2,36 +2,53 @@
 
 use super::Task;
 
-const FILES: [&str; 9] = [
-    include_str!("../../configs/tasks/bouncing_balls.toml"),
-    include_str!("../../configs/tasks/spring_color.toml"),
-    include_str!("../../configs/tasks/spring_color_half.toml"),
-    include_str!("../../configs/tasks/damped_spring.toml"),
-    include_str!("../../configs/tasks/mnist_spring_color.toml"),
-    include_str!("../../configs/tasks/3bp_color.toml"),
-    include_str!("../../configs/tasks/pendulum.toml"),
-    include_str!("../../configs/tasks/falling.toml"),
-    include_str!("../../configs/tasks/falling_bouncing.toml"),
+/// Each by its name.
+const FILES: [(&str, &str); 9] = [
+    ("bouncing_balls", include_str!("../../configs/tasks/bouncing_balls.toml")),
+    ("spring_color", include_str!("../../configs/tasks/spring_color.toml")),
+    ("spring_color_half", include_str!("../../configs/tasks/spring_color_half.toml")),
+    ("damped_spring", include_str!("../../configs/tasks/damped_spring.toml")),
+    ("mnist_spring_color", include_str!("../../configs/tasks/mnist_spring_color.toml")),
+    ("3bp_color", include_str!("../../configs/tasks/3bp_color.toml")),
+    ("pendulum", include_str!("../../configs/tasks/pendulum.toml")),
+    ("falling", include_str!("../../configs/tasks/falling.toml")),
+    ("falling_bouncing", include_str!("../../configs/tasks/falling_bouncing.toml")),
 ];
 
 /// All of them, in the order of the report.
 pub fn all() -> impl Iterator<Item = Task> {
-    FILES.into_iter().map(|text| Task::from_toml(text).expect("the built-in tasks are sound, by a test"))
+    FILES.into_iter().map(|(_, text)| parsed(text))
 }
 
 /// The one of this name.
 pub fn builtin(name: &str) -> Option<Task> {
-    all().find(|task| task.name == name)
+    text(name).map(parsed)
+}
+
+/// The text of the one of this name.
+pub(super) fn text(name: &str) -> Option<&'static str> {
+    FILES.into_iter().find(|(known, _)| *known == name).map(|(_, text)| text)
+}
+
+fn parsed(text: &str) -> Task {
+    Task::from_toml(text).expect("the built-in tasks are sound, by a test")
 }
 
 /// Their names, for people to read.
 pub fn names() -> String {
-    all().map(|task| task.name).collect::<Vec<_>>().join(", ")
+    FILES.map(|(name, _)| name).join(", ")
 }
 
 #[cfg(test)]
 mod tests {
-    use super::builtin;
+    use super::{FILES, builtin};
+
+    #[test]
+    fn each_file_holds_the_task_of_its_name() {
+        for (name, _) in FILES {
+            assert_eq!(builtin(name).unwrap().name, name);
+        }
+    }
 
     /// Frames, clips, cuts, equations, rates and true values as in the original's README and `run_physics.py`.
     #[test]

@@ -139,12 +139,12 @@ impl BackgroundLook {
     }
 
     /// Whether nothing is seen of it.
-    pub fn is_black(&self) -> bool {
+    pub(crate) fn is_black(&self) -> bool {
         self.kind == Background::Plain && self.brightness() == 0.0
     }
 
     /// Whether it differs from clip to clip.
-    pub fn is_random(&self) -> bool {
+    pub(crate) fn is_random(&self) -> bool {
         matches!(self.kind, Background::RandomCifar | Background::RandomTexture | Background::Drifting)
     }
 
@@ -190,7 +190,7 @@ pub struct Distractor {
 
 impl Distractor {
     /// Whether it differs from clip to clip.
-    pub fn is_random(&self) -> bool {
+    pub(crate) fn is_random(&self) -> bool {
         self.position.is_none()
     }
 

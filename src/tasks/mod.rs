@@ -12,25 +12,25 @@ pub mod equation_file;
 pub mod looks;
 pub mod published;
 pub mod scene;
+mod source;
 mod success;
 pub mod video;
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow, ensure};
-use serde::de::{Deserializer, Error};
+use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
-use toml::Table;
+use toml::{Table, Value};
 
 use self::scene::{Motion, Scene};
 use self::video::Video;
 use crate::network::System;
 use crate::network::cells::{CellKind, PhysicalParameter};
 use crate::network::system::SystemTable;
-use crate::support::storage;
 
 pub use builtin::{all, builtin, names};
+pub(crate) use source::{TaskSource, folder_of, name_in};
 pub use success::Success;
 
 /// As `data.folder`: the files lie beside the task's own file.
@@ -144,6 +144,26 @@ impl Task {
         toml::from_str::<TaskTable>(text)?.try_into()
     }
 
+    /// Reads a task from the table of its file.
+    ///
+    /// # Errors
+    /// As for [`Self::from_toml`].
+    pub fn from_table(table: Table) -> Result<Self> {
+        table.try_into::<TaskTable>()?.try_into()
+    }
+
+    /// Reads the task of a saved config: its table, or its name in those of the first version.
+    ///
+    /// # Errors
+    /// As for [`find`] and [`Self::from_toml`].
+    pub fn of_config(task: Value) -> Result<Self> {
+        match task {
+            Value::String(name) => find(&name),
+            Value::Table(table) => Self::from_table(table).context("task"),
+            other => bail!("task = {other}: expected a table"),
+        }
+    }
+
     /// A task around a system, with clips of these lengths, without scene or truth: what a program builds that brings its
     /// own data.
     ///
@@ -176,7 +196,7 @@ impl Task {
     }
 
     /// Whether the dataset files lie beside the task's file, and not in a folder of the datasets folder.
-    pub fn data_lie_beside(&self) -> bool {
+    pub(crate) fn data_lie_beside(&self) -> bool {
         self.table.data.folder.as_deref() == Some(BESIDE_THE_TASK)
     }
 
@@ -187,11 +207,11 @@ impl Task {
 
     /// What the task changes in a recipe.
     pub fn recipe_changes(&self, recipe: &str) -> Table {
-        self.table.recipe.get(recipe).and_then(toml::Value::as_table).cloned().unwrap_or_default()
+        self.table.recipe.get(recipe).and_then(Value::as_table).cloned().unwrap_or_default()
     }
 
     /// The recipes in which the task changes something.
-    pub fn changed_recipes(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn changed_recipes(&self) -> impl Iterator<Item = &str> {
         self.table.recipe.keys().map(String::as_str)
     }
 
@@ -203,14 +223,6 @@ impl Task {
     /// Below the datasets folder, where the task's files are.
     pub fn data_folder(&self) -> &str {
         self.table.data.folder.as_deref().unwrap_or(&self.name)
-    }
-}
-
-/// By hand, so that an error tells all its causes.
-impl<'de> Deserialize<'de> for Task {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let table = TaskTable::deserialize(deserializer)?;
-        Task::try_from(table).map_err(|error| D::Error::custom(format!("{error:#}")))
     }
 }
 
@@ -372,16 +384,5 @@ pub fn check_name(name: &str) -> Result<()> {
 /// An unknown name, with the list of those there are; a file that cannot be read, is no task, or takes the name of a
 /// built-in one.
 pub fn find(name_or_file: &str) -> Result<Task> {
-    if !name_or_file.ends_with(".toml") {
-        return builtin(name_or_file).ok_or_else(|| {
-            anyhow!("unknown task {name_or_file:?}; give the path of a task file (.toml), or one of {}", names())
-        });
-    }
-    let read = || {
-        let task = Task::from_toml(&storage::read_to_string(Path::new(name_or_file))?)?;
-        let taken = builtin(&task.name).is_some_and(|other| other != task);
-        ensure!(!taken, "task name {:?} is that of a built-in task; choose another", task.name);
-        Ok(task)
-    };
-    read().with_context(|| format!("task file {name_or_file}"))
+    TaskSource::find(name_or_file)?.task()
 }

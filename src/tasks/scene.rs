@@ -111,7 +111,7 @@ impl Begin {
 }
 
 /// The number of a scene that is the model's parameter of this symbol.
-pub fn number_of(symbol: &str) -> &str {
+pub(crate) fn number_of(symbol: &str) -> &str {
     match symbol {
         "l" => "equil",
         "c" => "damping",

@@ -409,3 +409,242 @@ fn not_finite(loss: &StepLoss, variables: &[(String, Tensor)]) -> String {
     };
     format!("{culprit} is not finite")
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+    use std::path::Path;
+
+    use anyhow::ensure;
+    use ndarray::Array5;
+
+    use super::*;
+    use crate::network::physics_models::losses::MeanLosses;
+    use crate::network::physics_models::{ModelOptions, VariableGroup};
+    use crate::tasks;
+    use crate::training::schedule::{LrSchedule, Timetable};
+
+    const VALIDATE_EVERY: u64 = 2;
+    const STEPS: u64 = 6;
+    const RATE: f64 = 0.125;
+    /// Of validations before the first step and after every second one: the second is the best, the last the worst.
+    const WORSE: [f64; 4] = [3.0, 1.0, 2.0, 4.0];
+
+    /// What a scripted step is like.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    enum Wrong {
+        Loss,
+        /// The loss is 0.
+        Gradient,
+    }
+
+    /// A loss with gradient 1 for each physical parameter, and validations with given scores.
+    struct Scripted {
+        timetable: Timetable,
+        scores: &'static [f64],
+        validated: Cell<usize>,
+        /// The step that is not finite, and how.
+        wrong: Option<(u64, Wrong)>,
+        step: u64,
+        ends_at_best: bool,
+    }
+
+    impl Scripted {
+        fn new(scores: &'static [f64], wrong: Option<(u64, Wrong)>) -> Self {
+            let schedule = LrSchedule {
+                validate_every: VALIDATE_EVERY,
+                anneal_at: 1.0,
+                anneal_factor: 1.0,
+                anneal_gradually: false,
+                plateau: 0.0,
+                patience: 0,
+                end_without_gain: false,
+            };
+            let timetable = Timetable::new(schedule, STEPS, 1);
+            Scripted { timetable, scores, validated: Cell::new(0), wrong, step: 0, ends_at_best: true }
+        }
+    }
+
+    impl Objective for Scripted {
+        fn timetable(&self) -> &Timetable {
+            &self.timetable
+        }
+
+        fn inputs(&mut self, _model: &PhysicsNet, step: u64, _validations: &[f64]) -> Result<Vec<Tensor>> {
+            self.step = step;
+            Ok(Vec::new())
+        }
+
+        fn loss(&self, model: &PhysicsNet, _inputs: &[Tensor]) -> Result<StepLoss> {
+            let sum = model.learned().map(|it| it.raw.shallow_clone()).reduce(|sum, raw| sum + raw).unwrap();
+            let total = match self.wrong.filter(|(step, _)| *step == self.step) {
+                None => sum,
+                Some((_, Wrong::Loss)) => sum * f64::NAN,
+                // The square root has no derivative at 0.
+                Some((_, Wrong::Gradient)) => (&sum - sum.detach()).square().sqrt(),
+            };
+            Ok(StepLoss { total, reconstruction: None, prediction: None })
+        }
+
+        fn learning_rate(&self, _group: VariableGroup) -> f64 {
+            RATE
+        }
+
+        fn ends_at_best(&self) -> bool {
+            self.ends_at_best
+        }
+
+        fn validate(&self, _model: &PhysicsNet, _losses: &dyn Fn() -> Result<MeanLosses>) -> Result<Validated> {
+            let score = self.scores[self.validated.get()];
+            self.validated.set(self.validated.get() + 1);
+            Ok(Validated { score, recons_loss: None, pred_loss: None, extrap_loss: None })
+        }
+    }
+
+    /// Keeps notes and losses; fails at a step, as a process that is killed there.
+    #[derive(Default)]
+    struct Watch {
+        notes: Vec<String>,
+        losses: Vec<f64>,
+        killed_at: Option<u64>,
+    }
+
+    impl Observer for Watch {
+        fn observe(&mut self, event: &Event) -> Result<()> {
+            match event {
+                Event::Note(note) => self.notes.push((*note).to_string()),
+                Event::Step { loss, .. } => {
+                    self.losses.push(*loss);
+                    ensure!(self.killed_at != Some(self.losses.len() as u64), "killed");
+                }
+                _ => {}
+            }
+            Ok(())
+        }
+    }
+
+    fn model() -> PhysicsNet {
+        let system = tasks::builtin("spring_color").unwrap().system;
+        PhysicsNet::new(&system, &ModelOptions::original(), Device::Cpu, 1).unwrap()
+    }
+
+    /// Raw physical parameters.
+    fn raw(model: &PhysicsNet) -> Vec<f64> {
+        model.learned().map(|parameter| parameter.raw.double_value(&[])).collect()
+    }
+
+    /// Trains a model by a script, with a store in `folder` if there is one, from its last checkpoint on.
+    fn trained(model: &PhysicsNet, script: &mut Scripted, folder: Option<&Path>, watch: &mut Watch) -> Result<Outcome> {
+        let clips = Clips::new(&Array5::zeros([2, 12, 32, 32, 3]), None, Device::Cpu);
+        let mut session = Session {
+            model,
+            train: &clips,
+            valid: &clips,
+            seed: 0,
+            validation: Validation { clips: 2, pass: 2, batch: 2 },
+            intervals: Intervals { print: STEPS, checkpoint: 1 },
+            last_phase: true,
+            begun: raw(model),
+            best: None,
+            motion: OnceCell::new(),
+            state: RunState::new("spring_color"),
+            store: folder.map(Store::new),
+            observers: vec![watch],
+            stop: Box::new(|| false),
+            slots: None,
+            clock: Instant::now(),
+        };
+        session.load_last()?;
+        script.validated.set(session.state.validations.len());
+        session.train_phase("join", script, OptimizerKind::Sgd, 0.0)
+    }
+
+    /// Raw parameters after so many steps, exactly: the rate is a power of two, and the steps are few.
+    fn after(begun: &[f64], steps: u64) -> Vec<f64> {
+        let step = |raw: &f64| (0..steps).fold(*raw as f32, |raw, _| raw - RATE as f32);
+        begun.iter().map(|raw| f64::from(step(raw))).collect()
+    }
+
+    #[test]
+    fn weights_of_the_best_validation_return_after_worse_ones() {
+        let folder = tempfile::tempdir().unwrap();
+        for folder in [None, Some(folder.path())] {
+            let (model, mut watch) = (model(), Watch::default());
+            let begun = raw(&model);
+            let outcome = trained(&model, &mut Scripted::new(&WORSE, None), folder, &mut watch).unwrap();
+            assert_eq!((outcome, watch.losses.len()), (Outcome::Finished, STEPS as usize));
+            assert_eq!(watch.notes, ["join - back to its step 2, the best by validation"]);
+            assert_eq!(raw(&model), after(&begun, 2));
+        }
+    }
+
+    #[test]
+    fn the_last_weights_stay_where_they_are_the_best() {
+        let (model, mut watch) = (model(), Watch::default());
+        let begun = raw(&model);
+        trained(&model, &mut Scripted::new(&[4.0, 2.0, 3.0, 1.0], None), None, &mut watch).unwrap();
+        assert_eq!((watch.notes, raw(&model)), (Vec::<String>::new(), after(&begun, STEPS)));
+    }
+
+    /// Killed after each of its steps in turn, and resumed.
+    #[test]
+    fn killed_runs_return_to_the_same_weights() {
+        for wrong in [None, Some((4, Wrong::Loss)), Some((4, Wrong::Gradient))] {
+            let whole = model();
+            let begun = raw(&whole);
+            let mut watch = Watch::default();
+            trained(&whole, &mut Scripted::new(&WORSE, wrong), None, &mut watch).unwrap();
+            let steps = watch.losses.len() as u64;
+            for killed_at in 1..=steps {
+                let folder = tempfile::tempdir().unwrap();
+                let mut killed = Watch { killed_at: Some(killed_at), ..Watch::default() };
+                let error = trained(&model(), &mut Scripted::new(&WORSE, wrong), Some(folder.path()), &mut killed);
+                assert_eq!(error.unwrap_err().to_string(), "killed");
+                let (resumed, mut rest) = (model(), Watch::default());
+                trained(&resumed, &mut Scripted::new(&WORSE, wrong), Some(folder.path()), &mut rest).unwrap();
+                // The step in which it was killed is taken again.
+                assert_eq!(rest.losses.len() as u64, steps + 1 - killed_at, "{wrong:?}, killed at {killed_at}");
+                assert_eq!(rest.notes, watch.notes);
+                assert_eq!(raw(&resumed), raw(&whole));
+            }
+            assert_eq!(raw(&whole), after(&begun, 2), "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn a_loss_that_is_not_finite_ends_at_the_best_weights() {
+        let (model, mut watch) = (model(), Watch::default());
+        let begun = raw(&model);
+        let mut script = Scripted::new(&WORSE, Some((4, Wrong::Loss)));
+        trained(&model, &mut script, None, &mut watch).unwrap();
+        let expected = "join - the total loss is not finite at step 5: back to its step 2, the best by validation";
+        assert_eq!(watch.notes, [expected]);
+        assert_eq!((watch.losses.len(), raw(&model)), (4, after(&begun, 2)));
+    }
+
+    /// Before anything is saved or validated.
+    #[test]
+    fn a_gradient_that_is_not_finite_shows_in_the_weights() {
+        let (model, mut watch) = (model(), Watch::default());
+        let begun = raw(&model);
+        let mut script = Scripted::new(&WORSE, Some((4, Wrong::Gradient)));
+        trained(&model, &mut script, None, &mut watch).unwrap();
+        let [note] = &watch.notes[..] else { panic!("{:?}", watch.notes) };
+        assert!(note.starts_with("join - variable spring_ode_cell.log_k is not finite after step 5: "), "{note}");
+        assert!(note.ends_with("back to its step 2, the best by validation"), "{note}");
+        // The loss of the step itself was 0.
+        assert_eq!((watch.losses[4], raw(&model)), (0.0, after(&begun, 2)));
+    }
+
+    #[test]
+    fn what_is_not_finite_is_an_error_where_the_last_weights_count() {
+        for (wrong, words) in
+            [(Wrong::Loss, "is not finite at step 5"), (Wrong::Gradient, "is not finite after step 5")]
+        {
+            let mut script = Scripted { ends_at_best: false, ..Scripted::new(&WORSE, Some((4, wrong))) };
+            let error = trained(&model(), &mut script, None, &mut Watch::default()).unwrap_err().to_string();
+            assert!(error.starts_with("join: ") && error.contains(words), "{error}");
+            assert!(error.contains("lower learning rate"), "{error}");
+        }
+    }
+}

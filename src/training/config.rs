@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
-use toml::{Table, Value};
+use toml::Table;
 
 use super::discover::Discover;
 use super::identify::Identify;
@@ -31,10 +31,10 @@ const MOST_REFINEMENT_STEPS: usize = 100;
 /// Frames that a batch may have of however few clips: they are drawn with repetition.
 const LEAST_FRAMES: usize = 1000;
 
-/// A complete run: what, how, where.
+/// A complete run: what, how, where. `T` is `()` while the other values are parsed apart from the task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Config {
+pub struct Config<T = Task> {
     /// Version of the file's form.
     #[serde(default)]
     pub format: u32,
@@ -49,7 +49,8 @@ pub struct Config {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub start: BTreeMap<String, f64>,
     /// The whole task, so that a run's folder stands alone.
-    pub task: Task,
+    #[serde(default)]
+    pub task: T,
     pub data: Data,
     pub model: ModelOptions,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -113,11 +114,8 @@ impl Config {
     pub fn read(path: &Path) -> Result<Config> {
         let read = || {
             let mut table = config_file::parse(&storage::read_to_string(path)?)?;
-            // A run of an earlier version names its task.
-            if let Some(Value::String(name)) = table.get("task") {
-                table.insert("task".into(), Value::Table(tasks::find(name)?.to_table()));
-            }
-            let config: Config = Value::Table(table).try_into()?;
+            let task = Task::of_config(table.remove("task").context("missing field `task`")?)?;
+            let config = parsed(table)?.with_task(task);
             ensure!(
                 config.format <= FORMAT,
                 "it has form {}; this program knows forms up to {FORMAT}: use a newer one",
@@ -168,11 +166,12 @@ impl Config {
     }
 
     fn of_layers(layers: ConfigLayers) -> Result<Config> {
-        let parsed = |table: Table| Value::Table(table).try_into::<Config>();
-        let config = parsed(layers.merged).with_context(|| {
-            let wrong = layers.below.into_iter().find(|(_, table)| parsed(table.clone()).is_err());
+        let ConfigLayers { task, merged, below } = layers;
+        let config = parsed(merged).with_context(|| {
+            let wrong = below.into_iter().find(|(_, table)| parsed(table.clone()).is_err());
             wrong.map_or("config, as the command line has it".to_string(), |(place, _)| place)
         })?;
+        let config = config.with_task(task);
         config.check()?;
         Ok(Config { format: FORMAT, ..config })
     }
@@ -251,6 +250,32 @@ impl Config {
             );
         }
         Ok(())
+    }
+}
+
+/// The values of a config's table, which holds no task.
+fn parsed(table: Table) -> Result<Config<()>, toml::de::Error> {
+    table.try_into()
+}
+
+impl Config<()> {
+    fn with_task(self, task: Task) -> Config {
+        Config {
+            format: self.format,
+            recipe: self.recipe,
+            seed: self.seed,
+            device: self.device,
+            threads: self.threads,
+            start: self.start,
+            task,
+            data: self.data,
+            model: self.model,
+            discover: self.discover,
+            identify: self.identify,
+            pretrain: self.pretrain,
+            join: self.join,
+            output: self.output,
+        }
     }
 }
 

@@ -13,7 +13,7 @@ const FLOAT: f64 = 4.0;
 
 /// Bytes that a training on so many clips takes on a CPU beyond what its program and its data hold, about: what the largest
 /// step leaves in all layers for its gradient, or the median frame of what it is sorted from.
-pub fn footprint(config: &Config, clips: usize) -> u64 {
+pub(crate) fn footprint(config: &Config, clips: usize) -> u64 {
     let system = &config.task.system;
     let pixels = (system.side * system.side) as f64;
     let layers = UNet::shape(system.side, system.channels, system.objects).numbers_per_pixel();

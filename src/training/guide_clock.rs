@@ -42,7 +42,7 @@ impl GuideClock {
     }
 
     /// How many of these validations, from the first, were made under the guides.
-    pub fn guided(&self, validations: &[f64]) -> usize {
+    pub(crate) fn guided(&self, validations: &[f64]) -> usize {
         let end = self.zero_from + self.delay(u64::MAX, validations);
         (end.div_ceil(self.validate_every) as usize).min(validations.len())
     }

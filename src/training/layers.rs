@@ -9,7 +9,7 @@ use toml::{Table, Value};
 use crate::runs::config_file;
 use crate::support::storage;
 use crate::support::toml_values::quoted;
-use crate::tasks::{self, Task};
+use crate::tasks::{self, Task, TaskSource, folder_of};
 
 /// The recipes that come with the program, by name.
 const RECIPES: &[(&str, &str)] =
@@ -29,9 +29,10 @@ pub struct Overrides {
     pub set: Vec<String>,
 }
 
-/// All layers in one table.
+/// All layers in one table, apart from the task, which is parsed.
 #[derive(Debug)]
 pub struct ConfigLayers {
+    pub task: Task,
     pub merged: Table,
     /// Where each layer below the command line comes from, and the table up to it: tells where a wrong value stands.
     pub below: Vec<(String, Table)>,
@@ -41,30 +42,112 @@ pub struct ConfigLayers {
 ///
 /// # Errors
 /// An unreadable file, an unknown task or recipe, an assignment that is no TOML.
-pub fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
-    let (file_layer, command_line) = (file_layer(file)?, command_line_layer(overrides)?);
-    let task = task_table(&file_layer, &command_line)?;
-    let named = [overrides.task.as_deref(), file_layer.get("task").and_then(Value::as_str)];
-    let folder = named.into_iter().flatten().next().and_then(folder_of).map(String::from);
-    merged(task, folder.as_deref(), file_layer, command_line, file)
+pub(crate) fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
+    let Given { file: file_layer, command_line } = Given::read(file, overrides)?;
+    check_task(&file_layer.task, || command_line.task.name())?;
+    let changes = [file_layer.task.changes, command_line.task.changes];
+    let source = command_line.task.named.or(file_layer.task.named);
+    let task = task(source.as_ref(), changes)?;
+    let folder = source.as_ref().and_then(|source| folder_of(source.named()));
+    merged(task, folder, [file_layer.values, command_line.values], file)
 }
 
 /// The same for a task that is at hand.
 ///
 /// # Errors
 /// As for [`load`]; a file that is for another task.
-pub fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
-    let (file_layer, command_line) = (file_layer(file)?, command_line_layer(overrides)?);
-    check_task(task_name(&file_layer)?, Some(&task.name))?;
-    let mut table = task.to_table();
-    changes_of_task([&file_layer, &command_line]).for_each(|changes| merge(&mut table, changes.clone()));
-    merged(table, None, file_layer, command_line, file)
+pub(crate) fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
+    let Given { file: file_layer, command_line } = Given::read(file, overrides)?;
+    check_task(&file_layer.task, || Ok(Some(task.name.clone())))?;
+    let changes = [file_layer.task.changes, command_line.task.changes];
+    let task = if changes.iter().all(Table::is_empty) { task } else { changed(task.to_table(), changes)? };
+    merged(task, None, [file_layer.values, command_line.values], file)
 }
 
-/// The folder that a task's file lies in; none of the name of a built-in task.
-fn folder_of(named: &str) -> Option<&str> {
-    let folder = Path::new(named).parent().filter(|_| named.ends_with(".toml"))?.to_str()?;
-    Some(if folder.is_empty() { "." } else { folder })
+/// What is given on top of recipe and task.
+struct Given {
+    file: Layer,
+    command_line: Layer,
+}
+
+impl Given {
+    fn read(file: Option<&Path>, overrides: &Overrides) -> Result<Self> {
+        let mut command_line = Layer::of(command_line_values(overrides)?)?;
+        if let Some(task) = &overrides.task {
+            command_line.task.name_by_option(task)?;
+        }
+        Ok(Given { file: Layer::of(file_values(file)?)?, command_line })
+    }
+}
+
+/// A config file or the command line: what it says of the task, and the other values.
+struct Layer {
+    task: TaskLayer,
+    values: Table,
+}
+
+impl Layer {
+    fn of(mut values: Table) -> Result<Self> {
+        let task = match values.remove("task") {
+            None => TaskLayer::default(),
+            Some(Value::String(named)) => TaskLayer { named: Some(TaskSource::find(&named)?), changes: Table::new() },
+            Some(Value::Table(changes)) => TaskLayer { named: None, changes },
+            Some(other) => bail!("config: task = {other}: expected the name of a task, its file, or a table"),
+        };
+        Ok(Layer { task, values })
+    }
+}
+
+/// What a layer says of the task: which it is, or what is changed in it. A config file may hold a whole task.
+#[derive(Default)]
+struct TaskLayer {
+    named: Option<TaskSource>,
+    changes: Table,
+}
+
+impl TaskLayer {
+    /// `--task`, beside what `--set` says.
+    fn name_by_option(&mut self, task: &str) -> Result<()> {
+        if let Some(other) = self.named.as_ref().map(TaskSource::named).filter(|other| *other != task) {
+            bail!("--set task={} contradicts task {}, which is given, too", quoted(other), quoted(task));
+        }
+        self.named = Some(TaskSource::find(task)?);
+        Ok(())
+    }
+
+    /// The task's name, as far as this layer says it.
+    fn name(&self) -> Result<Option<String>> {
+        let named = || self.named.as_ref().map_or(Ok(None), TaskSource::name);
+        tasks::name_in(&self.changes).map_or_else(named, |name| Ok(Some(name.into())))
+    }
+}
+
+/// A config file is for one task.
+fn check_task(file: &TaskLayer, asked: impl FnOnce() -> Result<Option<String>>) -> Result<()> {
+    let Some(of_file) = file.name()? else { return Ok(()) };
+    let asked = asked()?.unwrap_or_else(|| of_file.clone());
+    ensure!(of_file == asked, "config: the file is for task {of_file}, not for {asked}");
+    Ok(())
+}
+
+/// The task that is named, or that the file holds, with what the layers change in it.
+fn task(source: Option<&TaskSource>, changes: [Table; 2]) -> Result<Task> {
+    let unchanged = changes.iter().all(Table::is_empty);
+    match source {
+        None if unchanged => bail!("no task given; use --task, or `task = \"..\"` in the config"),
+        None => changed(Table::new(), changes),
+        Some(source) if unchanged => source.task(),
+        Some(source) => changed(source.table()?, changes).or_else(|error| {
+            // What is wrong in the task's own file is reported with its line.
+            source.task()?;
+            Err(error)
+        }),
+    }
+}
+
+fn changed(mut task: Table, changes: [Table; 2]) -> Result<Task> {
+    changes.into_iter().for_each(|changes| merge(&mut task, changes));
+    Task::from_table(task).context("config: task")
 }
 
 /// Where datasets lie if nothing is said of it.
@@ -80,60 +163,20 @@ fn data_folder<'a>(task: &Task, folder: Option<&'a str>) -> &'a str {
     folder.filter(|_| task.data_lie_beside()).unwrap_or(USUAL_DATA)
 }
 
-fn file_layer(file: Option<&Path>) -> Result<Table> {
+fn file_values(file: Option<&Path>) -> Result<Table> {
     let Some(path) = file else { return Ok(Table::new()) };
     let read = || config_file::parse(&storage::read_to_string(path)?);
     read().with_context(|| format!("config {}", path.display()))
 }
 
-/// Name of the task that a layer names, alone or in the table that holds it.
-fn task_name(layer: &Table) -> Result<Option<String>> {
-    Ok(match layer.get("task") {
-        Some(Value::String(task)) => Some(tasks::find(task)?.name),
-        Some(task) => task.get("name").and_then(Value::as_str).map(String::from),
-        None => None,
-    })
-}
-
-/// A config file is for one task.
-fn check_task(of_file: Option<String>, asked: Option<&str>) -> Result<()> {
-    if let (Some(of_file), Some(asked)) = (of_file, asked) {
-        ensure!(of_file == asked, "config: the file is for task {of_file}, not for {asked}");
-    }
-    Ok(())
-}
-
-/// What layers change in the task.
-fn changes_of_task(layers: [&Table; 2]) -> impl Iterator<Item = &Table> {
-    layers.into_iter().filter_map(|layer| layer.get("task")?.as_table())
-}
-
-/// The task as the layers have it: the one that is named, or that the file holds, with the tables over it.
-fn task_table(file_layer: &Table, command_line: &Table) -> Result<Table> {
-    check_task(task_name(file_layer)?, task_name(command_line)?.as_deref())?;
-    let named = [command_line, file_layer].into_iter().find_map(|layer| layer.get("task")?.as_str());
-    let mut task =
-        named.map_or_else(|| Ok(Table::new()), |name| Ok::<_, anyhow::Error>(tasks::find(name)?.to_table()))?;
-    changes_of_task([file_layer, command_line]).for_each(|changes| merge(&mut task, changes.clone()));
-    ensure!(!task.is_empty(), "no task given; use --task, or `task = \"..\"` in the config");
-    Ok(task)
-}
-
-/// `folder` is where the task's file lies, if it is one.
-fn merged(
-    task: Table,
-    folder: Option<&str>,
-    mut file_layer: Table,
-    mut command_line: Table,
-    file: Option<&Path>,
-) -> Result<ConfigLayers> {
-    let said = |key: &str| command_line.get(key).or(file_layer.get(key)).and_then(Value::as_str).map(String::from);
-    let recipe = said("recipe").unwrap_or_else(|| "fast".into());
+/// `folder` is where the task's file lies, if it is one; `given` are config file and command line.
+fn merged(task: Task, folder: Option<&str>, given: [Table; 2], file: Option<&Path>) -> Result<ConfigLayers> {
+    let recipe = given.iter().rev().find_map(|layer| layer.get("recipe")).and_then(Value::as_str);
+    let recipe = recipe.unwrap_or("fast").to_string();
     let names: Vec<_> = RECIPES.iter().map(|(name, _)| *name).collect();
     let Some((_, recipe_text)) = RECIPES.iter().find(|(name, _)| *name == recipe) else {
         bail!("unknown recipe {recipe:?}; the recipes are {}", names.join(", "));
     };
-    let task: Task = Value::Table(task).try_into().context("config: task")?;
     if let Some(changed) = task.changed_recipes().find(|name| !names.contains(name)) {
         bail!("task {}: [recipe.{changed}]: unknown recipe; the recipes are {}", task.name, names.join(", "));
     }
@@ -143,13 +186,11 @@ fn merged(
     merge(&mut merged, recipe_layer);
     merge(&mut merged, task.recipe_changes(&recipe));
     let mut below = vec![(format!("task {}: [recipe.{recipe}]", task.name), merged.clone())];
-    for layer in [&mut file_layer, &mut command_line] {
-        layer.remove("task");
-    }
+    let [file_layer, command_line] = given;
     merge(&mut merged, file_layer);
     below.extend(file.map(|path| (format!("config {}", path.display()), merged.clone())));
     merge(&mut merged, command_line);
-    Ok(ConfigLayers { merged, below })
+    Ok(ConfigLayers { task, merged, below })
 }
 
 /// Cuts a recipe's horizons off at the length of the clips.
@@ -164,8 +205,8 @@ fn shorten_horizons(recipe: &mut Table, clip_frames: usize) {
     }
 }
 
-/// What the command line says, its options above its `--set`.
-fn command_line_layer(overrides: &Overrides) -> Result<Table> {
+/// What the command line says, its options above its `--set`. `--task` is not among them.
+fn command_line_values(overrides: &Overrides) -> Result<Table> {
     let mut layer = Table::new();
     for assignment in &overrides.set {
         merge(&mut layer, parse_assignment(assignment)?);
@@ -174,49 +215,45 @@ fn command_line_layer(overrides: &Overrides) -> Result<Table> {
         i64::try_from(value).with_context(|| format!("--{name} {value}: must be at most {}", i64::MAX))
     };
     let options = [
-        ("task", overrides.task.clone().map(Value::from)),
         ("recipe", overrides.recipe.clone().map(Value::from)),
         ("seed", overrides.seed.map(|seed| integer("seed", seed)).transpose()?.map(Value::from)),
         ("device", overrides.device.clone().map(Value::from)),
         ("threads", overrides.threads.map(|n| integer("threads", n as u64)).transpose()?.map(Value::from)),
     ];
     for (key, value) in options.into_iter().filter_map(|(key, value)| Some((key, value?))) {
-        match (layer.get(key), value) {
-            // `--set task.system.dt=0.2` changes the task that --task names.
-            (Some(Value::Table(changes)), Value::String(task)) if key == "task" => {
-                let mut table = tasks::find(&task)?.to_table();
-                merge(&mut table, changes.clone());
-                layer.insert(key.into(), Value::Table(table));
-            }
-            (Some(other), value) if *other != value => {
+        match layer.get(key) {
+            Some(other) if *other != value => {
                 bail!("--set {key}={other} contradicts {key} {value}, which is given, too")
             }
-            (_, value) => drop(layer.insert(key.into(), value)),
+            _ => drop(layer.insert(key.into(), value)),
         }
     }
     if let Some(folder) = &overrides.data {
         let folder = folder.to_str().with_context(|| format!("data folder {}: not UTF-8", folder.display()))?;
-        let data = Table::from_iter([("folder".to_string(), Value::from(folder))]);
-        merge(&mut layer, Table::from_iter([("data".to_string(), Value::Table(data))]));
+        merge(&mut layer, section("data", [("folder", folder.into())]));
     }
     Ok(layer)
 }
 
-/// What a task contributes: itself, its files and the paper's rates, below the recipe.
+/// A layer with one section.
+fn section<const N: usize>(name: &str, values: [(&str, Value); N]) -> Table {
+    let values = values.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
+    Table::from_iter([(name.to_string(), Value::Table(values))])
+}
+
+/// What a task contributes beside itself, below the recipe: its files and the paper's rates.
 fn task_layer(task: &Task, folder: Option<&str>) -> Table {
-    let data = data_folder(task, folder);
-    let text = format!(
-        "seed = 0\ndevice = \"cpu\"\nthreads = 0\n\
-         [data]\nfolder = {}\ntrain_file = {}\ntest_file = {}\n\
-         [join]\nlearning_rate = {lr}\nphysics_learning_rate = {lr}\nalpha = {:?}\n",
-        quoted(data),
-        quoted(&task.train_file),
-        quoted(&task.test_file),
-        task.alpha,
-        lr = Value::from(task.base_lr),
-    );
-    let mut layer = config_file::parse(&text).expect("a task makes a sound layer");
-    layer.insert("task".into(), Value::Table(task.to_table()));
+    let values: [(&str, Value); 3] = [("seed", 0.into()), ("device", "cpu".into()), ("threads", 0.into())];
+    let mut layer: Table = values.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
+    let files = [
+        ("folder", data_folder(task, folder).into()),
+        ("train_file", task.train_file.as_str().into()),
+        ("test_file", task.test_file.as_str().into()),
+    ];
+    let rate = task.base_lr;
+    let rates = [("learning_rate", rate), ("physics_learning_rate", rate), ("alpha", task.alpha)];
+    merge(&mut layer, section("data", files));
+    merge(&mut layer, section("join", rates.map(|(key, value)| (key, value.into()))));
     layer
 }
 
@@ -233,7 +270,7 @@ fn parse_assignment(assignment: &str) -> Result<Table> {
 
 /// Whether the value of this key decides what is learned and from what. Of a task only its system and its scene do: the
 /// rest is resolved in the other keys, or scores a run.
-pub fn decides(key: &str) -> bool {
+pub(crate) fn decides(key: &str) -> bool {
     let of_task = |key: &str| key.starts_with("system.") || key.starts_with("scene.");
     !["format", "device", "threads", "data.folder"].contains(&key) && key.strip_prefix("task.").is_none_or(of_task)
 }
@@ -270,7 +307,7 @@ mod tests {
         let mut table = tasks::builtin("spring_color").unwrap().to_table();
         let data = table.get_mut("data").and_then(Value::as_table_mut).unwrap();
         data.insert("folder".into(), Value::from("."));
-        let task: Task = Value::Table(table).try_into().unwrap();
+        let task = Task::from_table(table).unwrap();
         let layer = task_layer(&task, Some(FOLDER));
         assert_eq!(layer["data"]["folder"].as_str(), Some(FOLDER));
         assert_eq!(layer["data"]["test_file"].as_str(), Some(task.test_file.as_str()));

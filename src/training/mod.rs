@@ -7,7 +7,7 @@
 pub mod base;
 pub mod config;
 pub mod discover;
-pub mod footprint;
+pub(crate) mod footprint;
 mod guide_clock;
 pub mod identify;
 pub mod join;
@@ -22,7 +22,7 @@ mod ranges;
 pub mod recorder;
 pub mod saved;
 pub mod schedule;
-pub mod tensorboard;
+pub(crate) mod tensorboard;
 pub mod trained;
 pub mod trainer;
 pub mod verdict;

@@ -15,7 +15,9 @@ pub(super) fn countable(key: &str, count: u64) -> Result<()> {
     Ok(())
 }
 
+/// Tensors are multiplied by it in float32.
 pub(super) fn not_negative(key: &str, number: f64) -> Result<()> {
     ensure!(number.is_finite() && number >= 0.0, "config: {key} = {number}: must be 0 or a positive number");
+    ensure!(number <= f64::from(f32::MAX), "config: {key} = {number:e}: at most {:e}, the largest float32", f32::MAX);
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
+use anyhow::anyhow;
 use tch::Device;
 
 use super::config::Config;
@@ -10,14 +10,22 @@ use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{self, SavedWeights};
 use crate::runs::names::CONFIG;
 use crate::runs::weights;
+use crate::support::error::{Error, ErrorKind, Result};
 
 /// A run's config and its model with the weights that it saved.
 ///
 /// # Errors
 /// A folder that holds no run or no such weights, or weights of another model.
 pub fn load_model(folder: &Path, which: SavedWeights, device: Device) -> Result<(Config, PhysicsNet)> {
+    Ok(load(folder, which, device)?)
+}
+
+fn load(folder: &Path, which: SavedWeights, device: Device) -> anyhow::Result<(Config, PhysicsNet)> {
     let path = folder.join(CONFIG);
-    ensure!(path.exists(), "{} is not a run folder: there is no {CONFIG} in it", folder.display());
+    if !path.exists() {
+        let missing = anyhow!("{} is not a run folder: there is no {CONFIG} in it", folder.display());
+        return Err(Error::new(ErrorKind::Missing, missing).into());
+    }
     let config = Config::read(&path)?;
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
     weights::load(&checkpoint::find_weights(folder, which)?, &model)?;

@@ -76,19 +76,19 @@ impl Timetable {
     }
 
     /// The same with guides.
-    pub fn with_guides(self, guides: GuideClock) -> Self {
+    pub(crate) fn with_guides(self, guides: GuideClock) -> Self {
         Timetable { guides, ..self }
     }
 
     /// From which of these validations on scores can be compared: the first without guides, or the first of all while none
     /// was made without them.
-    pub fn first_counted(&self, validations: &[f64]) -> usize {
+    pub(crate) fn first_counted(&self, validations: &[f64]) -> usize {
         let guided = self.guides.guided(validations);
         if guided < validations.len() { guided } else { 0 }
     }
 
     /// The guides' weight at a step.
-    pub fn guides_weight(&self, step: u64, validations: &[f64]) -> f64 {
+    pub(crate) fn guides_weight(&self, step: u64, validations: &[f64]) -> f64 {
         self.guides.weight(step, validations)
     }
 

@@ -10,6 +10,7 @@ use crate::datasets::iterators::Clips;
 use crate::datasets::npz;
 use crate::evaluation::outputs::Outputs;
 use crate::network::physics_models::PhysicsNet;
+use crate::support::error::Error;
 
 /// Clips of which the layers are written.
 const LAYERS_OF: usize = 25;
@@ -35,8 +36,8 @@ pub(super) fn write_outputs(path: &Path, outputs: &Outputs, count: usize) -> Res
 ///
 /// # Errors
 /// A file that cannot be written.
-pub fn write_predictions(path: &Path, clips: &Tensor, predictions: &Tensor) -> Result<()> {
-    write(path, &[("input", channels_last(clips)), ("output", channels_last(predictions))])
+pub fn write_predictions(path: &Path, clips: &Tensor, predictions: &Tensor) -> Result<(), Error> {
+    Ok(write(path, &[("input", channels_last(clips)), ("output", channels_last(predictions))])?)
 }
 
 /// Writes the decoder's and the encoder's layers for the first clips, each frame as it is reconstructed.

@@ -26,7 +26,7 @@ static REGISTERED: LazyLock<bool> =
     LazyLock::new(|| register_font(FONT, FontStyle::Normal, dejavu::sans::regular()).is_ok());
 
 /// The embedded font, `size` pixels high.
-pub fn font(size: u32) -> FontDesc<'static> {
+pub(crate) fn font(size: u32) -> FontDesc<'static> {
     assert!(*REGISTERED, "the embedded font is sound");
     (FontFamily::Name(FONT), size).into_font()
 }
@@ -69,7 +69,7 @@ impl Canvas {
         &self.pixels
     }
 
-    pub fn into_pixels(self) -> RgbImage {
+    pub(crate) fn into_pixels(self) -> RgbImage {
         self.pixels
     }
 

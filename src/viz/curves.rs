@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, anyhow};
 use plotters::chart::SeriesLabelPosition;
 use plotters::style::RGBColor;
 
 use super::chart::{self, BLUE, Chart, GREEN, GREY, Line, ORANGE, RED, Span, Stroke};
 use crate::runs::metrics::{self, Kind, Stretch, points};
 use crate::runs::names::METRICS;
+use crate::support::error::Error;
 use crate::tasks::{Task, TrueParameter};
 
 const LOSSES_HEIGHT: u32 = 900;
@@ -29,7 +30,7 @@ const LOSSES: [(&str, Kind, &str, RGBColor, Stroke); 6] = [
 ///
 /// # Errors
 /// A missing or damaged `metrics.jsonl` (with the line's number), one without losses, a folder that cannot be written.
-pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Result<()> {
+pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Result<(), Error> {
     let path = folder.join(METRICS);
     let records = metrics::read(&path)?;
     let stretches = metrics::stretches(&records);
@@ -50,7 +51,9 @@ pub fn write_curves(folder: &Path, task: &Task, truth: &[TrueParameter]) -> Resu
         legend: Some(SeriesLabelPosition::UpperRight),
     };
     let any = chart::write(&folder.join("losses.png"), LOSSES_HEIGHT, vec![losses])?;
-    ensure!(any, "{} holds no losses", path.display());
+    if !any {
+        return Err(anyhow!("{} holds no losses", path.display()).into());
+    }
     let parameter = |name: &'static str| {
         let learned = points(&records, None, name);
         let truth = truth.iter().find(|truth| truth.name == name).map(|truth| truth.value);

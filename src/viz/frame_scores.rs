@@ -11,6 +11,7 @@ use plotters::style::RGBColor;
 use super::chart::{self, BLUE, Chart, Line, ORANGE, Span, Stroke};
 use crate::network::System;
 use crate::runs::scores::FrameSpread;
+use crate::support::error::Error;
 use crate::support::statistics::Spread;
 use crate::tasks::Task;
 
@@ -21,8 +22,8 @@ pub const CHART_HEIGHT: u32 = 520;
 ///
 /// # Errors
 /// A file that cannot be written.
-pub fn write_frame_scores(path: &Path, task: &Task, frames: &[FrameSpread]) -> Result<bool> {
-    chart::write(path, CHART_HEIGHT, frame_charts(task, frames))
+pub fn write_frame_scores(path: &Path, task: &Task, frames: &[FrameSpread]) -> Result<bool, Error> {
+    Ok(chart::write(path, CHART_HEIGHT, frame_charts(task, frames))?)
 }
 
 /// SSIM and squared error over the place of a frame in the clip, of several runs with the band in which they lie.

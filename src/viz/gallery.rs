@@ -10,12 +10,13 @@ use tch::Tensor;
 use super::canvas::pictures;
 use super::grid::{Grid, enlargement};
 use crate::network::System;
+use crate::support::error::Error;
 
 /// Draws a row of frames (`[frames, C, S, S]` in \[0, 1\]) for each label; `places` are those of the frames in the clip.
 ///
 /// # Errors
 /// A file that cannot be written, frames with neither 1 nor 3 channels.
-pub fn write_gallery(path: &Path, system: &System, rows: &[(String, Tensor)], places: &[usize]) -> Result<()> {
+pub fn write_gallery(path: &Path, system: &System, rows: &[(String, Tensor)], places: &[usize]) -> Result<(), Error> {
     let frames = Grid::of_frames(system, rows.len(), places.len());
     let grid = Grid { left: 330, ..frames };
     let mut canvas = grid.canvas();
@@ -29,5 +30,5 @@ pub fn write_gallery(path: &Path, system: &System, rows: &[(String, Tensor)], pl
             canvas.paste(picture, grid.corner(row, column));
         }
     }
-    canvas.write_png(path)
+    Ok(canvas.write_png(path)?)
 }

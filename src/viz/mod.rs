@@ -22,12 +22,13 @@ mod strip;
 
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow};
 
 use crate::datasets::iterators::Clips;
 use crate::evaluation::outputs::Outputs;
 use crate::network::System;
 use crate::network::physics_models::PhysicsNet;
+use crate::support::error::Error;
 use crate::support::storage::storage;
 
 pub use arrays::write_predictions;
@@ -66,9 +67,11 @@ pub fn saved_clips(system: &System, frames: usize) -> usize {
 ///
 /// # Errors
 /// No test clips, clips shorter than L + T_pred, frames with neither 1 nor 3 channels, a folder that cannot be written.
-pub fn write_artifacts(folder: &Path, model: &PhysicsNet, test: &Clips, examples: usize) -> Result<()> {
+pub fn write_artifacts(folder: &Path, model: &PhysicsNet, test: &Clips, examples: usize) -> Result<(), Error> {
     let _guard = tch::no_grad_guard();
-    ensure!(!test.is_empty(), "there are no test clips to show");
+    if test.is_empty() {
+        return Err(anyhow!("there are no test clips to show").into());
+    }
     storage().create_folder(folder).with_context(|| format!("cannot create the run folder {}", folder.display()))?;
     let saved = saved_clips(&model.system, test.time());
     let outputs = Outputs::of(model, test, saved.max(examples))?;
@@ -79,7 +82,7 @@ pub fn write_artifacts(folder: &Path, model: &PhysicsNet, test: &Clips, examples
     }
     masks::write(&folder.join("encoder_masks.png"), model, test)?;
     arrays::write_outputs(&folder.join("outputs.npz"), &outputs, saved)?;
-    arrays::write_extra_outputs(&folder.join("extra_outputs.npz"), model, test)
+    Ok(arrays::write_extra_outputs(&folder.join("extra_outputs.npz"), model, test)?)
 }
 
 #[cfg(test)]

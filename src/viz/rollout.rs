@@ -5,7 +5,7 @@ use std::io::{ErrorKind, Write};
 use std::ops::Range;
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow};
 use image::RgbImage;
 use plotters::style::text_anchor::HPos;
 use tch::Tensor;
@@ -17,6 +17,7 @@ use super::{arrays, gif};
 use crate::evaluation::rollout::Rollout;
 use crate::network::System;
 use crate::network::cells::Coordinates;
+use crate::support::error::Error;
 use crate::support::significant::six_digits;
 use crate::support::storage::storage;
 use crate::support::{atomic, memory};
@@ -39,7 +40,7 @@ const CAPTION: u32 = 150;
 ///
 /// # Errors
 /// A folder that cannot be written, frames with neither 1 nor 3 channels.
-pub fn write_rollout(folder: &Path, system: &System, rollout: &Rollout) -> Result<()> {
+pub fn write_rollout(folder: &Path, system: &System, rollout: &Rollout) -> Result<(), Error> {
     storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     write_strip(&folder.join("frames.png"), &Moments::new(system, rollout, 1)?)?;
     write_animation(&folder.join("animation.gif"), &Moments::new(system, rollout, 2)?)?;
@@ -47,7 +48,7 @@ pub fn write_rollout(folder: &Path, system: &System, rollout: &Rollout) -> Resul
     let (positions, velocities) = (rollout.positions.shallow_clone(), rollout.velocities.shallow_clone());
     let frames = arrays::channels_last(&rollout.frames);
     let all = [("positions", positions), ("velocities", velocities), ("frames", frames)];
-    arrays::write(&folder.join("rollout.npz"), &all)
+    Ok(arrays::write(&folder.join("rollout.npz"), &all)?)
 }
 
 /// The files of a roll-out.
@@ -57,18 +58,20 @@ const FILES: [&str; 4] = ["frames.png", "animation.gif", "states.csv", "rollout.
 ///
 /// # Errors
 /// A run's folder, or one that holds anything but a roll-out.
-pub fn check_rollout_folder(folder: &Path) -> Result<()> {
+pub fn check_rollout_folder(folder: &Path) -> Result<(), Error> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         entries => entries.with_context(|| format!("cannot write into {}", folder.display()))?,
     };
     for entry in entries {
         let name = entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name();
-        ensure!(
-            FILES.iter().any(|file| name == *file) || atomic::is_partial(&name),
-            "{} holds {name:?}, which is of no prediction, and a prediction would write among it; choose another folder",
-            folder.display()
-        );
+        if !FILES.iter().any(|file| name == *file) && !atomic::is_partial(&name) {
+            let strange = anyhow!(
+                "{} holds {name:?}, which is of no prediction, and a prediction would write among it; choose another folder",
+                folder.display()
+            );
+            return Err(strange.into());
+        }
     }
     Ok(())
 }

@@ -2,23 +2,25 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use tch::{Kind, Tensor};
 
 use super::canvas::{Canvas, pictures};
+use crate::support::error::Error;
+use crate::support::picture_file;
 
 /// Writes frames `[frames, C, S, S]` in \[0, 1\] side by side, each of their pixels one pixel of 8 bits.
 ///
 /// # Errors
 /// A file that cannot be written, frames with neither 1 nor 3 channels.
-pub fn write_strip(path: &Path, frames: &Tensor) -> Result<()> {
+pub fn write_strip(path: &Path, frames: &Tensor) -> Result<(), Error> {
     let pictures = pictures(frames, 1)?;
     let side = frames.size()[2] as u32;
     let mut canvas = Canvas::new(side * pictures.len() as u32, side);
     for (place, picture) in (0..).zip(&pictures) {
         canvas.paste(picture, (place * side, 0));
     }
-    canvas.write_png(path)
+    Ok(canvas.write_png(path)?)
 }
 
 /// Reads such a picture: `[frames, 3, S, S]` in \[0, 1\].
@@ -26,7 +28,7 @@ pub fn write_strip(path: &Path, frames: &Tensor) -> Result<()> {
 /// # Errors
 /// A file that is no picture, or whose sides say that it holds another number of frames.
 pub fn read_strip(path: &Path, frames: usize) -> Result<Tensor> {
-    let picture = image::open(path).with_context(|| format!("cannot read {}", path.display()))?.to_rgb8();
+    let picture = picture_file::read(path)?.to_rgb8();
     let (width, side) = picture.dimensions();
     ensure!(
         u64::from(width) == u64::from(side) * frames as u64,

@@ -15,7 +15,7 @@ use paig::tasks::{self, Task};
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
 use paig_cli::Paig;
-use paig_terminal::arguments::parse_seeds;
+use paig_experiments::sweep::parse_seeds;
 use paig_video::import::sources::Video;
 use paig_video::import::tracker::TrackerFile;
 use rand::Rng;

@@ -180,7 +180,7 @@ const METRICS: &str = r#"{"kind":"valid","phase":"discover","step":0,"score":50,
 {"kind":"something new","phase":"join","step":100}
 "#;
 
-fn curves(metrics: &str, task: &str) -> (tempfile::TempDir, anyhow::Result<()>) {
+fn curves(metrics: &str, task: &str) -> (tempfile::TempDir, paig::Result<()>) {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("metrics.jsonl"), metrics).unwrap();
     let task = find(task).unwrap();

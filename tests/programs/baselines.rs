@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use crate::programs::{baseline, paig};
+use crate::project::project;
 use crate::random::numbers;
 use paig::kernels::Kernels;
 use paig::network::cells::Actions;
@@ -92,13 +93,13 @@ fn every_weight_of_a_whole_model_learns() {
 
 #[test]
 fn the_list_is_sound_and_says_what_is_wrong() {
-    let list = Comparison::read(Path::new("configs/baselines.toml")).unwrap();
+    let list = Comparison::read(&project("configs/baselines.toml")).unwrap();
     assert_eq!(list.tasks.len(), 5);
     assert!(list.model("interaction_network").is_ok());
     assert!(format!("{:#}", list.model("alchemy").unwrap_err()).contains("physics, physics_unrefined, lstm"));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("list.toml");
-    let text = fs::read_to_string("configs/baselines.toml").unwrap();
+    let text = fs::read_to_string(project("configs/baselines.toml")).unwrap();
     for (change, complaint) in [
         (("name = \"gru\"", "name = \"lstm\""), "lstm stands there twice"),
         (("name = \"gru\"", "name = \"objects\""), "model objects: runs that find objects"),
@@ -221,6 +222,17 @@ fn a_small_comparison_runs_to_its_report() {
     for file in ["report.md", "results.json", "search.json", "pictures/spring_color-gallery.png"] {
         let read = |of: &Path| fs::read(of.join(file)).unwrap();
         assert!(read(&report) == read(&folder.path().join("copy")), "{file}");
+    }
+    // A report without figures holds all that a later one draws them of.
+    let plain = compare(&["--add", "kept", "--report-only", "--no-pictures", "--out", "plain"]);
+    assert!(plain.status.success(), "{}", text(&plain));
+    let page = fs::read_to_string(folder.path().join("plain/report.md")).unwrap();
+    assert!(!page.contains("![") && page.contains("draws them"), "{page}");
+    let drawn = compare(&["--add", "plain", "--report-only", "--out", "drawn"]);
+    assert!(drawn.status.success(), "{}", text(&drawn));
+    for file in ["report.md", "results.json", "pictures/spring_color-gallery.png"] {
+        let read = |of: &Path| fs::read(of.join(file)).unwrap();
+        assert!(read(&report) == read(&folder.path().join("drawn")), "{file}");
     }
     // A row of a whole model with other steps than the list's is none of it, nor one of other clips.
     let text_of_list = fs::read_to_string(&list).unwrap();

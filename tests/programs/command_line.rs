@@ -5,6 +5,7 @@ use std::process::Command;
 
 use crate::common::{dataset, fresh, spring, write_config};
 use crate::programs::{paig, text};
+use crate::project::project;
 
 /// Runs a command that must be refused, and returns what it said: one line on standard error, no panic.
 #[track_caller]
@@ -255,7 +256,8 @@ fn missing_data_and_devices_are_named() {
 #[test]
 fn task_files_are_named_where_they_are_wrong() {
     let folder = tempfile::tempdir().unwrap();
-    let spring = fs::read_to_string("configs/tasks/spring_color.toml").unwrap().replace("spring_color", "springs");
+    let spring =
+        fs::read_to_string(project("configs/tasks/spring_color.toml")).unwrap().replace("spring_color", "springs");
     let path = folder.path().join("springs.toml");
     let said = |text: &str, options: &[&str]| {
         fs::write(&path, text).unwrap();
@@ -272,8 +274,8 @@ fn task_files_are_named_where_they_are_wrong() {
     );
     assert_says(&said(&text, &print), &["9.81", "{ unit = [1, -2] }"]);
     let own = said(&text.replace("g = 9.81", "g = {}"), &["--data", "nowhere"]);
-    assert_says(&own, &["there is no dataset file", "own-data.md", "`import` a video"]);
-    assert!(!own.contains("`generate"), "{own}");
+    assert_says(&own, &["there is no dataset file", "own-data.md", "`paig import` a video"]);
+    assert!(!own.contains("`paig generate"), "{own}");
 }
 
 #[test]

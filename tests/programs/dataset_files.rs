@@ -49,7 +49,7 @@ fn make(folder: &Path, seed: u64, force: bool) -> anyhow::Result<()> {
         folder: folder.to_owned(),
         force,
     };
-    generate(&job, &|_| {})
+    Ok(generate(&job, &|_| {})?)
 }
 
 fn files_in(folder: &Path) -> Vec<String> {

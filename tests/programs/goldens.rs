@@ -62,6 +62,11 @@ fn set_last_float(bytes: &mut [u8], value: impl Fn(f32) -> f32) {
     *last = value(f32::from_le_bytes(*last)).to_le_bytes();
 }
 
+/// As NumPy stores text.
+fn utf32(text: &str) -> Vec<u8> {
+    text.chars().flat_map(|c| (c as u32).to_le_bytes()).collect()
+}
+
 /// Replaces bytes by as many others, once.
 fn replace(bytes: &mut [u8], old: &[u8], new: &[u8]) {
     assert_eq!(old.len(), new.len());
@@ -208,6 +213,39 @@ fn unknown_tensor_is_bad_input() {
     assert_bad_input(folder.path(), &["cell_bouncing.npz", "out/energy"]);
 }
 
+/// A shared array is read from the other file and compared: neither a changed nor a missing one passes.
+#[test]
+fn shared_tensors_are_compared() {
+    let (file, other, text) = ("cell_spring-shared.npz", "cell_spring.npz", "out/pos=cell_spring");
+    let header = format!("{{'descr': '<U{}', 'fortran_order': False, 'shape': (1,), }}", text.len());
+    let mut shared = [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes()].concat();
+    shared.extend(utf32(text));
+    let folder = rewritten(&golden(other), |name, bytes| match name.as_str() {
+        "out/pos.npy" => ("shared.npy".into(), shared.clone()),
+        _ => (name, bytes),
+    });
+    let place = |name: &str| folder.path().join(name);
+    fs::rename(place(other), place(file)).unwrap();
+    fs::copy(golden(other), place(other)).unwrap();
+    let results = || {
+        let (stdout, stderr) = texts(&compare(folder.path()));
+        let of = |file: &str| {
+            let row = stdout.lines().find(|row| row.starts_with(&format!("{file} ")) && row.contains(" out/pos "));
+            row.unwrap_or_else(|| panic!("{file}: {stdout}{stderr}")).contains("FAIL")
+        };
+        [file, other].map(of)
+    };
+    assert_eq!(results(), [false, false]);
+    let changed = with_tensor(&golden(other), "out/pos", |bytes| set_last_float(bytes, |value| value * 1.01 + 0.01));
+    fs::copy(changed.path().join(other), place(other)).unwrap();
+    assert_eq!(results(), [true, true]);
+    let renamed = rewritten(&golden(other), |name, bytes| (name.replace("out/pos", "out/position"), bytes));
+    fs::copy(renamed.path().join(other), place(other)).unwrap();
+    assert_bad_input(folder.path(), &[file, "out/pos", "missing in cell_spring.npz"]);
+    fs::remove_file(place(other)).unwrap();
+    assert_bad_input(folder.path(), &[file, other, "cannot be opened"]);
+}
+
 #[test]
 fn wrong_shape_is_bad_input() {
     let folder =
@@ -217,7 +255,6 @@ fn wrong_shape_is_bad_input() {
 
 #[test]
 fn bad_meta_is_bad_input() {
-    let utf32 = |text: &str| text.chars().flat_map(|c| (c as u32).to_le_bytes()).collect::<Vec<u8>>();
     for (old, new, named) in [
         ("task=spring", "task=sprung", "tensor meta"),
         ("batch=2", "batch=x", "tensor meta"),

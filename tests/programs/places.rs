@@ -23,7 +23,7 @@ fn run() -> PathBuf {
         assert!(done.status.success(), "{}", text(&done));
         // What each phase took, and what comes next.
         let said = text(&done);
-        for words in ["(discover ", "identify ", "join ", "next: predict "] {
+        for words in ["(discover ", "identify ", "join ", "next: paig predict "] {
             assert!(said.contains(words), "{words:?} is not in {said}");
         }
         folder

@@ -228,6 +228,31 @@ fn a_report_can_be_made_again_from_its_records_and_counts_no_run_twice() {
     assert!(second.join("records/spring_color/fast/seed=0/summary.json").exists());
 }
 
+#[test]
+fn a_report_without_pictures_has_the_same_numbers_and_leaves_no_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    finished(&runs.join("spring_color/fast/seed=0"), 0, &[], (4.0, 6.0), 0.3);
+    let out = folder.path().join("report");
+    assert!(report(std::slice::from_ref(&runs), &out).status.success());
+    let (results, page) = (read(&out.join("results.json")), fs::read_to_string(out.join("report.md")).unwrap());
+    let picture = out.join("records/spring_color/fast/seed=0/example0.png");
+    assert!(page.contains("![") && picture.exists());
+    let mut command = paig("report");
+    assert!(command.arg(&runs).arg("--no-pictures").arg("--out").arg(&out).output().unwrap().status.success());
+    let plain = fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(
+        !plain.contains("![") && plain.contains(&format!("`paig report {}` draws them", runs.display())),
+        "{plain}"
+    );
+    assert_eq!(read(&out.join("results.json")), results);
+    assert!(!picture.exists() && fs::read_dir(out.join("pictures")).unwrap().next().is_none());
+    // All words and numbers are there, in their order.
+    let without = plain.lines().filter(|line| !line.is_empty() && !line.contains("draws them"));
+    let mut lines = page.lines();
+    without.for_each(|line| assert!(lines.any(|other| other == line), "{line}"));
+}
+
 /// Without truths there is nothing to be right about; a loss beyond its limit is a failure all the same.
 #[test]
 fn what_nobody_knows_is_not_judged() {

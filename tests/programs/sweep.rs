@@ -1,6 +1,5 @@
 //! The sweep: several runs at a time, one of which fails, then again.
 
-#[expect(dead_code, reason = "tests of single runs need more of it")]
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -10,7 +9,7 @@ use crate::common::{dataset, write_config};
 use crate::process::{Signal, signal};
 use crate::programs::{paig, text};
 use paig::tasks;
-use paig_terminal::arguments::parse_seeds;
+use paig_experiments::sweep::parse_seeds;
 
 /// A run that takes seconds.
 const TINY: &str = "[discover]\nframes = 8\nmax_steps = 6\n\

@@ -60,11 +60,10 @@ fn a_short_training_finds_balls_and_spring() {
     assert!(text(&scored).contains("T_ext begins") && text(&scored).contains("encoded positions"), "{}", text(&scored));
 }
 
-/// A run so small that it takes seconds, with checkpoints between validations and at phase ends. Its joint training is
-/// too fast to do any good.
+/// A run so small that it takes seconds, with checkpoints between validations and at phase ends.
 const TINY: &str = "[discover]\nframes = 8\nmax_steps = 14\n[discover.schedule]\nvalidate_every = 5\n[discover.guide]\nfull_until = 4\n\
     zero_from = 8\n[identify]\nclips = 6\nhorizons = [3, 5]\nmax_iterations = 3\n\
-    [join]\nbatch = 4\nmax_steps = 12\nlearning_rate = 0.1\nvalidation_clips = 4\n[join.schedule]\nvalidate_every = 5\n\
+    [join]\nbatch = 4\nmax_steps = 12\nlearning_rate = 1e-3\nvalidation_clips = 4\n[join.schedule]\nvalidate_every = 5\n\
     [output]\nprint_every = 2\ncheckpoint_every = 3\nexamples = 0\n";
 
 fn last_weights(run: &Path) -> Vec<u8> {
@@ -84,13 +83,25 @@ fn metrics(run: &Path) -> Vec<Value> {
         .collect()
 }
 
-/// Steps of `join` at its best validation and at its last.
-fn best_and_last_of_join(metrics: &[Value]) -> (u64, u64) {
+/// The step of `join` with its best validation, if a later one is worse.
+fn best_before_the_last_of_join(metrics: &[Value]) -> Option<u64> {
     let validations = metrics.iter().filter(|record| record["kind"] == "valid" && record["phase"] == "join");
     let scores: Vec<_> = validations.map(|it| (it["step"].as_u64().unwrap(), it["score"].as_f64().unwrap())).collect();
-    let begin = scores[0].0;
     let best = scores.iter().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
-    (best.0 - begin, scores.last().unwrap().0 - begin)
+    (best.1 < scores.last().unwrap().1).then(|| best.0 - scores[0].0)
+}
+
+/// The last weights are those of the best validation, and the log says so where a later one is worse.
+fn assert_ends_at_best(run: &Path) {
+    let log = fs::read_to_string(run.join("log.txt")).unwrap();
+    let returned = best_before_the_last_of_join(&metrics(run));
+    match returned {
+        Some(step) => {
+            assert!(log.contains(&format!("join - back to its step {step}, the best by validation")), "{log}")
+        }
+        None => assert!(!log.contains("back to its step"), "{log}"),
+    }
+    assert!(last_weights(run) == fs::read(run.join("checkpoints/best.safetensors")).unwrap());
 }
 
 /// Waits until a file holds some words, or the program has ended.
@@ -104,6 +115,9 @@ fn wait_for(file: &Path, words: &str, child: &mut Child) {
 
 /// There is something that a run can go on from.
 const SAVED: [&str; 2] = ["checkpoints/index.json", "last"];
+
+/// After as many a run goes on to its end, however slow the machine is.
+const MOST_KILLS: u64 = 12;
 
 /// Trains into `whole` by the command that `fresh` makes for a folder, and into `killed` by the same one, killed at ever
 /// later moments and taken up by `again`: the bits are the same, and are not those of a run that began anew. The first kills
@@ -119,14 +133,15 @@ fn resumes_to_the_same_bits(
 
     // Killed first where there is something to lose, then at ever later moments, wherever in a step, a save or a phase that is.
     let (mut kills, mut taken_up) = (0, Vec::new());
-    for attempt in 0.. {
+    for attempt in 0..=MOST_KILLS {
         let mut command = if killed.join("config.toml").exists() { again(killed) } else { fresh(killed) };
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         match when.get(attempt as usize) {
             Some([file, words]) => wait_for(&killed.join(file), words, &mut child),
-            None => std::thread::sleep(Duration::from_millis(400 + 450 * attempt)),
+            None if attempt < MOST_KILLS => std::thread::sleep(Duration::from_millis(400 + 450 * attempt)),
+            None => {}
         }
-        if child.try_wait().unwrap().is_none() {
+        if attempt < MOST_KILLS && child.try_wait().unwrap().is_none() {
             // SIGKILL: nothing can be saved any more.
             child.kill().unwrap();
             kills += 1;
@@ -137,7 +152,6 @@ fn resumes_to_the_same_bits(
             break;
         }
         assert!(output.status.code().is_none(), "a run failed by itself: {}", text(&output));
-        assert!(attempt < 40, "the run never finished");
     }
     assert!(kills > 0, "the run finished before it could be killed");
     assert!(taken_up.is_sorted() && taken_up.last() > Some(&0), "begun anew after {kills} kills: {taken_up:?}");
@@ -155,14 +169,15 @@ fn steps_done_before(output: &Output) -> Option<u64> {
     Some(rest.split(' ').next().unwrap().parse().unwrap())
 }
 
-#[test]
-fn a_killed_run_resumes_to_the_same_bits() {
-    let folder = tempfile::tempdir().unwrap();
-    let config = write_config(folder.path(), TINY);
-    let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
-    let begin = |run: &Path| {
+/// The command that trains into a folder.
+type StartOfRun = Box<dyn Fn(&Path) -> Command>;
+
+/// The training of the springs in a folder by a config, and its resumption.
+fn begin_and_resume(config: &Path, set: &'static [&'static str]) -> [StartOfRun; 2] {
+    let config = config.to_path_buf();
+    let begin = move |run: &Path| {
         let mut command = spring(run);
-        fresh(&mut command).arg("--config").arg(&config);
+        fresh(&mut command).arg("--config").arg(&config).args(set);
         command
     };
     let again = |run: &Path| {
@@ -170,12 +185,33 @@ fn a_killed_run_resumes_to_the_same_bits() {
         command.arg("--resume");
         command
     };
+    [Box::new(begin), Box::new(again)]
+}
+
+#[test]
+fn a_killed_run_resumes_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = write_config(folder.path(), TINY);
+    let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
+    let [begin, again] = begin_and_resume(&config, &[]);
     resumes_to_the_same_bits([&whole, &killed], &[SAVED], begin, again);
-    // At this rate joint training ends in harm: that must be undone, after kills as well.
+    assert_ends_at_best(&whole);
+}
+
+/// Settings with which the loss of `join` exceeds the largest float32, 3.4e38: L_rec is above 1.2 after so few steps, as a
+/// frame without its balls costs 18.5.
+const OVERFLOW: [&str; 4] = ["--set", "join.end_at_best=true", "--set", "join.alpha=3e38"];
+
+#[test]
+fn a_killed_run_whose_join_diverges_resumes_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = write_config(folder.path(), TINY);
+    let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
+    let [begin, again] = begin_and_resume(&config, &OVERFLOW);
+    resumes_to_the_same_bits([&whole, &killed], &[SAVED], begin, again);
     let log = fs::read_to_string(whole.join("log.txt")).unwrap();
-    let (best, last) = best_and_last_of_join(&metrics(&whole));
-    assert!(best < last, "{log}");
-    assert!(log.contains(&format!("join - back to its step {best}, the best by validation")), "{log}");
+    let expected = "join - the total loss is not finite at step 15: back to its step 0, the best by validation";
+    assert!(log.contains(expected), "{log}");
     assert!(last_weights(&whole) == fs::read(whole.join("checkpoints/best.safetensors")).unwrap());
 }
 
@@ -239,43 +275,45 @@ fn sigterm_saves_and_stops() {
     assert!(text(&output).contains("--resume"), "{}", text(&output));
 }
 
+/// Guides of this weight overflow float32: together they are far above 1.2 before the first step, the cross-entropies of masks
+/// that tell nothing alone 1.4 and 0.7.
 #[test]
 fn divergence_stops_the_run_and_names_tensor_and_step() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
     let config = write_config(folder.path(), TINY);
     let mut command = spring(&run);
-    fresh(&mut command).arg("--config").arg(&config).args(["--set", "discover.learning_rate=1e30"]);
+    fresh(&mut command).arg("--config").arg(&config);
+    for guide in ["coverage", "identity", "tie"] {
+        command.arg("--set").arg(format!("discover.guide.{guide}=3e38"));
+    }
     let output = command.output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", text(&output));
     let said = String::from_utf8(output.stderr).unwrap();
-    assert!(said.starts_with("error: discover: ") && said.contains("not finite at step "), "{said}");
+    assert!(said.starts_with("error: discover: the total loss is not finite at step 1; "), "{said}");
     assert!(!run.join("summary.json").exists());
 }
 
-/// What was found before the last phase is not lost where that diverges: seen by a loss, or, with a rate that takes all weights
-/// out of the numbers at once, by the weights that a validation would judge.
+/// What was found before the last phase is not lost where that diverges. At this weight of L_rec the loss is finite, but the
+/// squares of its gradients, which Adam averages, are not: the next validation would judge weights that are no numbers.
 #[test]
 fn a_join_that_diverges_goes_back_to_its_best() {
     let folder = tempfile::tempdir().unwrap();
     let config = write_config(folder.path(), TINY);
-    for (rate, every, said) in
-        [("1e30", None, "is not finite at step "), ("1e39", Some(1), "is not finite after step ")]
-    {
-        let run = folder.path().join(rate);
-        let mut command = spring(&run);
-        fresh(&mut command).arg("--config").arg(&config).args(["--set", "join.end_at_best=true"]);
-        command.arg("--set").arg(format!("join.learning_rate={rate}"));
-        if let Some(every) = every {
-            command.arg("--set").arg(format!("join.schedule.validate_every={every}"));
-        }
-        let output = command.output().unwrap();
-        assert!(output.status.success(), "{}", text(&output));
-        let log = fs::read_to_string(run.join("log.txt")).unwrap();
-        let line = log.lines().find(|line| line.contains(said)).unwrap_or_else(|| panic!("{log}"));
-        assert!(line.contains("join - ") && line.ends_with("back to its step 0, the best by validation"), "{line}");
-        assert!(run.join("summary.json").exists());
+    let run = folder.path().join("run");
+    let mut command = spring(&run);
+    fresh(&mut command).arg("--config").arg(&config);
+    let schedule = ["join.schedule.validate_every=1", "join.schedule.plateau=0"];
+    for setting in ["join.end_at_best=true", "join.alpha=1e36"].iter().chain(&schedule) {
+        command.args(["--set", setting]);
     }
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", text(&output));
+    let log = fs::read_to_string(run.join("log.txt")).unwrap();
+    let line = log.lines().find(|line| line.contains("is not finite after step ")).unwrap_or_else(|| panic!("{log}"));
+    assert!(line.contains("join - variable ") && line.ends_with(", the best by validation"), "{line}");
+    assert!(last_weights(&run) == fs::read(run.join("checkpoints/best.safetensors")).unwrap());
+    assert!(run.join("summary.json").exists());
 }
 
 /// The same file with all true positions and velocities ten times as large.

@@ -24,7 +24,7 @@ use paig::training::config::Config;
 use paig::training::layers::Overrides;
 use paig::training::observer::{Event, Observer};
 use paig::training::trainer::Trainer;
-use paig_terminal::arguments::parse_seeds;
+use paig_experiments::sweep::parse_seeds;
 use serde_json::json;
 use tch::Device;
 

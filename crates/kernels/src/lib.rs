@@ -21,6 +21,7 @@ mod adam;
 mod autograd;
 mod backend;
 mod bias_gradient;
+mod capability;
 mod conv1x1;
 mod convolution;
 mod cuda;
@@ -45,11 +46,13 @@ mod tensors;
 mod threads;
 mod unet;
 mod update;
+mod vector_path;
 mod weight_gradient;
 mod winograd;
 
 pub use autograd::forget_gradient;
 pub use backend::Kernels;
+pub use capability::libtorch_capability;
 pub use cuda::{Repeated, allow_tf32, own_stream};
 pub use interpolation::{AxisSample, hat_matrix, resize_bilinear_x2, sample_separable};
 pub use operations::{
@@ -62,6 +65,7 @@ pub use subnormals::{Flushing, flush_subnormals};
 pub use threads::{KernelsAlone, in_parallel};
 pub use unet::Shape;
 pub use update::{Rate, Rule, Updated};
+pub use vector_path::vector_path;
 
 /// Version of the libtorch that this was built with.
 pub const LIBTORCH_VERSION: &str = env!("PAIG_LIBTORCH_VERSION");

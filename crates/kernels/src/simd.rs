@@ -1,7 +1,5 @@
 //! Vectors of floats, one lane for each frame, in the three widths that a processor may have.
 
-use std::sync::OnceLock;
-
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
 
@@ -365,10 +363,15 @@ impl Instructions {
         sets
     }
 
-    /// The widest.
-    pub fn best() -> Self {
-        static BEST: OnceLock<Instructions> = OnceLock::new();
-        *BEST.get_or_init(|| Instructions::all()[0])
+    /// As `PAIG_INSTRUCTIONS` names them.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512 => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2 => "avx2",
+            Set::Portable => "portable",
+        }
     }
 
     /// Frames in a block.

@@ -1,10 +1,22 @@
 //! The memory of tensors as slices.
 
+use std::ops::Range;
+
 use tch::{Device, Kind, Tensor};
 
 /// A copy of a tensor's numbers.
 pub fn numbers(tensor: &Tensor) -> Vec<f32> {
     floats(&tensor.detach().contiguous()).to_vec()
+}
+
+/// The addresses from a tensor's first element to the end of its last; none of an empty tensor.
+pub fn address_span(tensor: &Tensor) -> Range<usize> {
+    let first = tensor.data_ptr() as usize;
+    if tensor.numel() == 0 {
+        return first..first;
+    }
+    let last: i64 = tensor.size().iter().zip(tensor.stride()).map(|(size, stride)| (size - 1) * stride).sum();
+    first..first + (last as usize + 1) * tensor.kind().elt_size_in_bytes()
 }
 
 /// The memory of a tensor.

@@ -33,6 +33,13 @@ pub struct Updated {
     pub rate: Rate,
 }
 
+impl Updated {
+    /// Variable, gradient and slots.
+    pub(super) fn tensors(&self) -> Vec<&Tensor> {
+        [&self.variable, &self.gradient].into_iter().chain(&self.slots).collect()
+    }
+}
+
 impl Rule {
     /// The number of its slots.
     pub fn slots(self) -> usize {

@@ -27,9 +27,11 @@ use anyhow::{Context, Result, ensure};
 
 use self::groups::Group;
 use self::results::Results;
-use paig::support::atomic;
+use paig::Error;
 use paig::support::storage::{self, storage};
+use paig::support::{atomic, json_lines};
 
+pub use self::pictures::Pictures;
 pub use self::template::{cell, code};
 
 /// How many runs were found.
@@ -41,12 +43,16 @@ pub struct RunCounts {
     pub unreadable: usize,
 }
 
-/// Reads all run folders in and under `folders` and writes the report of them into `out`.
+/// Reads all run folders in and under `folders` and writes the report of them into `out`, with or without pictures.
 ///
 /// # Errors
 /// A folder that cannot be listed or that the report would replace, no run at all, an output folder that cannot be
 /// written. A run that is damaged is no error: the report says so.
-pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
+pub fn write(folders: &[PathBuf], out: &Path, shown: Pictures) -> Result<RunCounts, Error> {
+    Ok(written(folders, out, shown)?)
+}
+
+fn written(folders: &[PathBuf], out: &Path, shown: Pictures) -> Result<RunCounts> {
     put_in_place(out)?;
     let found = records::find(folders, out)?;
     let places: Vec<_> = folders.iter().map(|folder| folder.display().to_string()).collect();
@@ -61,7 +67,7 @@ pub fn write(folders: &[PathBuf], out: &Path) -> Result<RunCounts> {
     storage().create_folder(out).with_context(|| format!("cannot create {}", out.display()))?;
     // Made aside, whole or not at all: whatever goes wrong, the earlier report and its records stay as they are.
     let new = out.join(NEW);
-    atomic::write_folder(&new, |new| fill(new, out, &groups, &found.unreadable, &places))?;
+    atomic::write_folder(&new, |new| fill(new, out, &groups, &found.unreadable, &places, shown))?;
     put_in_place(out)?;
     Ok(RunCounts { finished, unfinished, unreadable: found.unreadable.len() })
 }
@@ -105,13 +111,14 @@ fn fill(
     groups: &[Group],
     unreadable: &[(PathBuf, anyhow::Error)],
     searched: &[String],
+    shown: Pictures,
 ) -> Result<()> {
     let records = records::write(out, groups)?;
-    let pictures = pictures::write(out, groups, &records)?;
+    let pictures = pictures::write(out, groups, &records, shown)?;
     let records: Vec<Vec<_>> = records.iter().map(|runs| runs.iter().map(|run| place.join(run)).collect()).collect();
-    let markdown = page::page(groups, unreadable, &pictures, &records, searched)?;
+    let markdown = page::page(groups, unreadable, &pictures, &records, searched, shown)?;
     let results = Results::of(groups);
-    atomic::write_file(&out.join(records::RESULTS), |file| Ok(serde_json::to_writer_pretty(file, &results)?))?;
+    atomic::write_file(&out.join(records::RESULTS), |file| Ok(json_lines::write(file, &results, 2)?))?;
     atomic::write_file(&out.join(PAGE), |file| Ok(file.write_all(markdown.as_bytes())?))?;
     let html = html::render(template::TITLE, &markdown, out)?;
     atomic::write_file(&out.join(HTML), |file| Ok(file.write_all(html.as_bytes())?))

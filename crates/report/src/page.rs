@@ -7,7 +7,7 @@ use anyhow::Result;
 use minijinja::context;
 
 use super::groups::{Group, by_task};
-use super::pictures::GroupPictures;
+use super::pictures::{GroupPictures, Pictures};
 use super::protocol::protocol;
 use super::view::{of_group, of_task, value};
 use super::{hypotheses, template};
@@ -21,10 +21,11 @@ pub(super) fn page(
     pictures: &[GroupPictures],
     records: &[Vec<PathBuf>],
     folders: &[String],
+    shown: Pictures,
 ) -> Result<String> {
-    let shown = groups.iter().zip(pictures).zip(records);
+    let of_groups = groups.iter().zip(pictures).zip(records);
     let views: Vec<_> =
-        shown.map(|((group, pictures), records)| of_group(group, pictures, records)).collect::<Result<_>>()?;
+        of_groups.map(|((group, pictures), records)| of_group(group, pictures, records)).collect::<Result<_>>()?;
     let tasks = by_task(groups).into_iter();
     let tasks = tasks.map(|(task, places)| of_task(&task, &groups[places.clone()], &views[places]));
     let unreadable = unreadable.iter().map(|(folder, error)| {
@@ -33,6 +34,7 @@ pub(super) fn page(
     template::page(&context! {
         title => template::TITLE,
         folders => folders.to_vec(),
+        pictures => shown == Pictures::Shown,
         unreadable => unreadable.collect::<Vec<_>>(),
         losses => Loss::ALL.map(Loss::key).to_vec(),
         symbols => value(BTreeMap::from(Loss::ALL.map(|loss| (loss, loss.symbol())))),

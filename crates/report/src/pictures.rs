@@ -18,6 +18,13 @@ pub(super) const FOLDER: &str = "pictures";
 /// What is shown of a run, as far as it made it.
 const OF_RUN: [&str; 4] = ["example0", "example1", "templates", "encoder_masks"];
 
+/// Whether a report has pictures. One without is small: its page and its numbers stand for themselves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pictures {
+    Shown,
+    LeftOut,
+}
+
 /// A picture by its name, with its place relative to the report.
 #[derive(Debug, Serialize)]
 pub(super) struct Picture {
@@ -35,9 +42,18 @@ pub(super) struct GroupPictures {
 }
 
 /// Draws the pictures of each group into their folder in `out` and copies those of single runs to their records (`places`).
-pub(super) fn write(out: &Path, groups: &[Group], places: &[Vec<PathBuf>]) -> Result<Vec<GroupPictures>> {
+/// Without pictures the folder is empty: it replaces that of an earlier report.
+pub(super) fn write(
+    out: &Path,
+    groups: &[Group],
+    places: &[Vec<PathBuf>],
+    shown: Pictures,
+) -> Result<Vec<GroupPictures>> {
     let folder = out.join(FOLDER);
     storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    if shown == Pictures::LeftOut {
+        return Ok(groups.iter().map(|_| GroupPictures::default()).collect());
+    }
     let groups = groups.iter().zip(places).enumerate();
     groups.map(|(number, (group, places))| of_group(out, number, group, places)).collect()
 }

@@ -4,21 +4,20 @@
 //! little memory are no exception to that.
 
 use std::any::Any;
-use std::io::{self, ErrorKind};
+use std::io;
 use std::panic::{self, AssertUnwindSafe, PanicHookInfo};
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use anyhow::{Error, Result};
+use anyhow::{Result, anyhow};
 use nix::errno::Errno;
+use paig::{Error, ErrorKind};
 
 use super::interrupt;
 use super::progress::{ensure_written, write_error_line};
-use paig_kernels::flush_subnormals;
+use paig_kernels::{flush_subnormals, vector_path};
 
-/// The input is sound and the work has begun.
-static AT_WORK: AtomicBool = AtomicBool::new(false);
 /// Where the last panic came from.
 static PANIC: Mutex<Option<String>> = Mutex::new(None);
 
@@ -27,11 +26,6 @@ const REFUSED: u8 = 2;
 /// What libtorch says where it gets no memory.
 const NO_MEMORY: [&str; 3] = ["can't allocate memory", "CUDA out of memory", "bad_alloc"];
 
-/// Says that all input was found sound: what fails from now on is no fault of it.
-pub fn begin_work() {
-    AT_WORK.store(true, Ordering::SeqCst);
-}
-
 /// Runs a program to its end and gives its exit code. An error is printed with its causes on one line; where it marks a
 /// place in a text, with the lines that show it. Output that could not be written is an error, unless the terminal has
 /// closed and the program was asked to stop.
@@ -39,16 +33,14 @@ pub fn exit_code(program: impl FnOnce() -> Result<ExitCode>) -> ExitCode {
     flush_subnormals();
     panic::set_hook(Box::new(note));
     one_line_on_abort();
-    match panic::catch_unwind(AssertUnwindSafe(program)) {
+    let checked = || vector_path().as_ref().map_err(anyhow::Error::msg).and_then(|_| program());
+    match panic::catch_unwind(AssertUnwindSafe(checked)) {
         Ok(Ok(code)) => match ensure_written() {
-            Err(error) if !(interrupt::asked() && is_hung_up(&error)) => failed(&error),
+            Err(error) if !(interrupt::asked() && is_hung_up(&error)) => failed(error),
             _ => code,
         },
-        Ok(Err(error)) => failed(&error),
-        Err(panic) => {
-            write_error_line(&format!("error: {}", panicked(&*panic)));
-            ExitCode::FAILURE
-        }
+        Ok(Err(error)) => failed(error),
+        Err(panic) => failed(panicked(panic).into()),
     }
 }
 
@@ -63,32 +55,31 @@ fn one_line_on_abort() {
     );
 }
 
-fn failed(error: &Error) -> ExitCode {
-    let text = text(error);
+fn failed(error: anyhow::Error) -> ExitCode {
+    let text = text(&error);
     let marks = |line: &str| line.contains('^') && line.chars().all(|c| c == '^' || c.is_whitespace());
     let said = if text.lines().any(marks) { text.trim_end().to_string() } else { one_line(&text) };
     write_error_line(&format!("error: {said}"));
-    if AT_WORK.load(Ordering::SeqCst) || is_full(error) { ExitCode::FAILURE } else { ExitCode::from(REFUSED) }
+    code_of(Error::from(error).kind())
 }
 
-/// Whether a disk took no more: no fault of the input, whenever it shows.
-fn is_full(error: &Error) -> bool {
-    let full = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded, ErrorKind::WriteZero, ErrorKind::ReadOnlyFilesystem];
-    of_system(error).any(|error| full.contains(&error.kind()))
+/// The exit code of an error.
+fn code_of(kind: ErrorKind) -> ExitCode {
+    match kind {
+        ErrorKind::Input | ErrorKind::Missing | ErrorKind::Corrupt | ErrorKind::Device => ExitCode::from(REFUSED),
+        ErrorKind::Interrupted => interrupt::exit_code(),
+        ErrorKind::Resources | ErrorKind::Failed | ErrorKind::Defect => ExitCode::FAILURE,
+    }
 }
 
 /// Whether output was lost as it is on a terminal that has closed: no failure of a program that a signal told so.
-fn is_hung_up(error: &Error) -> bool {
-    of_system(error).any(|error| error.raw_os_error() == Some(Errno::EIO as i32))
-}
-
-/// What the system said of the causes of an error.
-fn of_system(error: &Error) -> impl Iterator<Item = &io::Error> {
-    error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>())
+fn is_hung_up(error: &anyhow::Error) -> bool {
+    let mut of_system = error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>());
+    of_system.any(|error| error.raw_os_error() == Some(Errno::EIO as i32))
 }
 
 /// An error with its causes, each said once: many an error repeats its cause in its own words.
-fn text(error: &Error) -> String {
+fn text(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain().map(ToString::to_string) {
         if text.is_empty() {
@@ -110,20 +101,23 @@ fn note(info: &PanicHookInfo) {
     *PANIC.lock().unwrap_or_else(PoisonError::into_inner) = Some(place);
 }
 
-fn panicked(panic: &(dyn Any + Send)) -> String {
+fn panicked(panic: Box<dyn Any + Send>) -> Error {
     // An error where there is no other way to hand it on, such as a disk that fails within a step.
-    if let Some(error) = panic.downcast_ref::<Error>() {
-        return one_line(&text(error));
-    }
+    let panic = match panic.downcast::<anyhow::Error>() {
+        Ok(error) => return Error::of_work(*error),
+        Err(panic) => panic,
+    };
     let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
     let text = text.unwrap_or("an unknown failure");
     if NO_MEMORY.iter().any(|words| text.contains(words)) {
-        return "out of memory; take smaller batches or fewer clips, or raise the limit (ulimit -v)".into();
+        let advice = "out of memory; take smaller batches or fewer clips, or raise the limit (ulimit -v)";
+        return Error::new(ErrorKind::Resources, anyhow!(advice));
     }
     // The lines after libtorch's first are a trace of its own calls.
     let what = text.split("Exception raised from").next().unwrap_or(text);
     let place = PANIC.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default();
-    format!("{} (at {place}; this is a defect of the program, please report it)", one_line(what))
+    let defect = anyhow!("{} (at {place}; this is a defect of the program, please report it)", one_line(what));
+    Error::new(ErrorKind::Defect, defect)
 }
 
 #[cfg(test)]
@@ -139,17 +133,23 @@ mod tests {
 
     #[test]
     fn a_terminal_that_closed_is_no_full_disk() {
-        let unwritten = |code: Errno| Error::from(io::Error::from_raw_os_error(code as i32)).context("cannot write");
+        let unwritten =
+            |code: Errno| anyhow::Error::from(io::Error::from_raw_os_error(code as i32)).context("cannot write");
         let (closed, full) = (unwritten(Errno::EIO), unwritten(Errno::ENOSPC));
-        assert!(is_hung_up(&closed) && !is_full(&closed) && is_full(&full) && !is_hung_up(&full));
+        assert!(is_hung_up(&closed) && !is_hung_up(&full));
+        assert_eq!([closed, full].map(|error| Error::from(error).kind()), [ErrorKind::Input, ErrorKind::Resources]);
     }
 
     #[test]
     fn exceptions_of_libtorch_lose_their_trace() {
         let words = "Torch(\"[enforce fail at alloc_cpu.cpp:118] err == 0. DefaultCPUAllocator: can't allocate memory: you \
                      tried to allocate 7 bytes.\\nException raised from ..\")";
-        assert!(panicked(&words.to_string()).starts_with("out of memory"));
-        let said = panicked(&"shapes differ\nException raised from f at g.cpp:1".to_string());
+        let panicked = |text: &str| panicked(Box::new(text.to_string()));
+        let full = panicked(words);
+        assert!(full.to_string().starts_with("out of memory") && full.kind() == ErrorKind::Resources);
+        let said = panicked("shapes differ\nException raised from f at g.cpp:1");
+        assert_eq!(said.kind(), ErrorKind::Defect);
+        let said = said.to_string();
         assert!(said.starts_with("shapes differ (at ") && !said.contains("g.cpp"), "{said}");
     }
 }

@@ -3,7 +3,6 @@
 use std::io::IsTerminal;
 use std::sync::{Mutex, PoisonError};
 
-use crate::ending::begin_work;
 use crate::progress::Progress;
 use crate::say;
 use paig::generators::{Counts, GeneratorEvent};
@@ -23,7 +22,6 @@ impl Display {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
             GeneratorEvent::Begins { frames, total } => {
-                begin_work();
                 *progress = Some(Progress::new(&format!("{frames} frames"), total as u64, 0));
             }
             GeneratorEvent::Ready { clips, total } => {

@@ -10,7 +10,6 @@ use paig::support::memory;
 use paig::tasks::Task;
 use paig::training::recorder;
 
-use crate::ending::begin_work;
 use crate::environment::banner;
 use crate::progress::Progress;
 use crate::say;
@@ -52,7 +51,6 @@ impl<'a> Screen<'a> {
             say!("memory - {} now, about {} in all", memory::gib(now), memory::gib(most));
         }
         self.run = Some(Shown { folder, task: run.config.task.clone() });
-        begin_work();
     }
 
     fn finish_bar(&mut self) {

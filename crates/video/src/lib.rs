@@ -1,8 +1,9 @@
 //! Filmed videos: [`import`] turns them into tasks, [`measure`] finds the parameters of their motion with intervals,
-//! [`run`] does both parts of a whole run.
+//! [`run`] does both parts of a whole run, [`track`] follows objects without an equation.
 
 #![deny(clippy::print_stdout, clippy::print_stderr, clippy::exit)]
 
 pub mod import;
 pub mod measure;
 pub mod run;
+pub mod track;

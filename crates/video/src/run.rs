@@ -1,9 +1,10 @@
 //! A whole run that ends with a measurement where its task was made from videos.
 
-use anyhow::{Context, Result};
+use anyhow::Context;
 use paig::run::{self, Observer, Prepared, Program};
 use paig::runs::summary::Summary;
 use paig::training::config::Config;
+use paig::{Error, Result};
 
 use crate::measure::results::Measurement;
 use crate::measure::{Request, measure};
@@ -14,7 +15,7 @@ pub enum Ending {
     Finished {
         summary: Box<Summary>,
         /// Of a task that was made from videos; a measurement that failed leaves the run finished.
-        measurement: Option<Result<Measurement>>,
+        measurement: Option<Result<Box<Measurement>>>,
     },
     /// An earlier run was scored.
     Scored,
@@ -36,9 +37,10 @@ pub fn execute(
         run::Ending::Finished(summary) => {
             let measurement = is_measured(&run.config).then(|| {
                 let out = run.folder.path();
-                measure(out, &Request::default(), out, run.device).with_context(|| {
+                let measured = measure(out, &Request::default(), out, run.device).with_context(|| {
                     format!("the run is finished, but not measured; `paig measure {}` does it", out.display())
-                })
+                });
+                measured.map(Box::new).map_err(Error::of_work)
             });
             Ending::Finished { summary, measurement }
         }

@@ -8,7 +8,7 @@ use image::{ExtendedColorType, ImageFormat, load_from_memory_with_format};
 ///
 /// # Errors
 /// None that is known: the encoder takes frames of one or three channels.
-pub fn compress(frames: &mut [u8], side: usize, channels: usize, quality: u8) -> Result<()> {
+pub(crate) fn compress(frames: &mut [u8], side: usize, channels: usize, quality: u8) -> Result<()> {
     let colours = if channels == 1 { ExtendedColorType::L8 } else { ExtendedColorType::Rgb8 };
     for frame in frames.chunks_exact_mut(side * side * channels) {
         let mut file = Vec::new();

@@ -11,7 +11,7 @@ use crate::support::random::normal;
 const TURN: f64 = 0.3;
 
 /// Multiplies each frame by one factor, drawn uniformly from 1 - a to 1 + a; `amount` is a in per cent.
-pub fn flicker(film: &mut Film, amount: f64, rng: &mut impl Rng) {
+pub(crate) fn flicker(film: &mut Film, amount: f64, rng: &mut impl Rng) {
     for frame in &mut film.frames {
         let factor = 1.0 + amount / 100.0 * rng.random_range(-1.0..=1.0);
         frame.iter_mut().for_each(|level| *level *= factor);
@@ -21,7 +21,7 @@ pub fn flicker(film: &mut Film, amount: f64, rng: &mut impl Rng) {
 /// Multiplies each place by 1 + a d, where d is its distance from the middle along the gradient's direction, in half
 /// sides; `amount` is a in per cent. The first direction is drawn uniformly; from each frame to the next it turns by a
 /// Gaussian angle of standard deviation 0.3 rad.
-pub fn gradient(film: &mut Film, amount: f64, rng: &mut impl Rng) {
+pub(crate) fn gradient(film: &mut Film, amount: f64, rng: &mut impl Rng) {
     let (side, half) = (film.side, film.side as f64 / 2.0);
     let mut direction: f64 = rng.random_range(0.0..TAU);
     for frame in &mut film.frames {

@@ -4,10 +4,10 @@
 //! Each effect draws from random numbers of its own.
 
 pub mod blur;
-pub mod jpeg;
-pub mod light;
-pub mod noise;
-pub mod shake;
+pub(crate) mod jpeg;
+pub(crate) mod light;
+pub(crate) mod noise;
+pub(crate) mod shake;
 
 use anyhow::Result;
 
@@ -16,7 +16,7 @@ use super::streams::{Purpose, Streams};
 use crate::tasks::camera::Camera;
 
 /// All effects up to the sensor's, on levels that are not cut off yet.
-pub fn expose(camera: &Camera, film: &mut Film, streams: &Streams) {
+pub(crate) fn expose(camera: &Camera, film: &mut Film, streams: &Streams) {
     let &Camera { flicker, gradient, blur, shake, noise, salt_and_pepper, jpeg: _ } = camera;
     if flicker > 0.0 {
         light::flicker(film, flicker, &mut streams.of(Purpose::Flicker));
@@ -42,7 +42,7 @@ pub fn expose(camera: &Camera, film: &mut Film, streams: &Streams) {
 ///
 /// # Errors
 /// A frame that cannot be compressed.
-pub fn develop(camera: &Camera, film: &Film, frames: &mut [u8]) -> Result<()> {
+pub(crate) fn develop(camera: &Camera, film: &Film, frames: &mut [u8]) -> Result<()> {
     film.quantise(frames);
     match camera.jpeg {
         Some(quality) => jpeg::compress(frames, film.side, film.channels, quality),

@@ -13,7 +13,7 @@ pub fn gaussian(film: &mut Film, deviation: f64, rng: &mut impl Rng) {
 }
 
 /// Makes `amount` per cent of the pixels black or white in all channels, each with the same chance.
-pub fn salt_and_pepper(film: &mut Film, amount: f64, rng: &mut impl Rng) {
+pub(crate) fn salt_and_pepper(film: &mut Film, amount: f64, rng: &mut impl Rng) {
     let pixels = film.side * film.side;
     for frame in &mut film.frames {
         for pixel in 0..pixels {

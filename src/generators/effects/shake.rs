@@ -6,7 +6,7 @@ use crate::generators::film::Film;
 
 /// Shifts each frame by a whole number of pixels along each axis, drawn uniformly from `-largest` to `largest`. The
 /// border's pixels go on outside.
-pub fn shake(film: &mut Film, largest: usize, rng: &mut impl Rng) {
+pub(crate) fn shake(film: &mut Film, largest: usize, rng: &mut impl Rng) {
     let side = film.side;
     let largest = largest as i64;
     for frame in &mut film.frames {

@@ -80,7 +80,7 @@ impl Overlay {
     }
 
     /// With these behind the objects; their positions come before those of the objects.
-    pub fn with_distractors(mut self, distractors: &[Distractor]) -> Self {
+    pub(crate) fn with_distractors(mut self, distractors: &[Distractor]) -> Self {
         let disc = |thing: &Distractor| {
             let disc = Disc { radius: thing.radius, colour: &thing.colour, shading: 0.0, half: None };
             Sprite::disc(&disc, self.scale)
@@ -91,7 +91,7 @@ impl Overlay {
     }
 
     /// With sprites that cover nothing: in each channel the brighter of both shows.
-    pub fn like_lights(self) -> Self {
+    pub(crate) fn like_lights(self) -> Self {
         Self { blending: Blending::Lighten, ..self }
     }
 
@@ -101,7 +101,7 @@ impl Overlay {
     }
 
     /// Prepares a square picture of three channels; `shade` turns its levels, 0..1, into those behind the sprites.
-    pub fn of_picture(&self, picture: ArrayView3<u8>, shade: impl Fn(f64) -> f64) -> Backdrop {
+    pub(crate) fn of_picture(&self, picture: ArrayView3<u8>, shade: impl Fn(f64) -> f64) -> Backdrop {
         let enlarge = Resize::enlarge(picture.dim().0, self.canvas_side());
         let plane = |channel: usize| {
             let level = |rgb: ArrayView1<u8>| match self.channels {
@@ -114,7 +114,7 @@ impl Overlay {
     }
 
     /// Prepares the levels of a frame, 0..1, channel by channel.
-    pub fn of_frame(&self, levels: &[f64]) -> Backdrop {
+    pub(crate) fn of_frame(&self, levels: &[f64]) -> Backdrop {
         let enlarge = Resize::enlarge(self.side, self.canvas_side());
         self.of_canvas(levels.chunks(self.side * self.side).flat_map(|plane| enlarge.apply(plane)).collect())
     }

@@ -98,7 +98,7 @@ impl Dense {
     }
 
     /// The same for many inputs, `[rows, in]`, in whichever way is the fastest for them.
-    pub fn forward_wide(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> Tensor {
+    pub(crate) fn forward_wide(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> Tensor {
         let product = match precision {
             Precision::Bfloat16 => {
                 let [x, weight] = [x, &self.weight].map(|factor| factor.to_kind(Kind::BFloat16));
@@ -110,7 +110,7 @@ impl Dense {
     }
 
     /// The same twice: once differentiable by the input and the layer, once by the layer alone. The products are shared.
-    pub fn forward_wide_twice(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> [Tensor; 2] {
+    pub(crate) fn forward_wide_twice(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> [Tensor; 2] {
         match precision {
             Precision::Bfloat16 => [x.shallow_clone(), x.detach()].map(|x| self.forward_wide(&x, kernels, precision)),
             Precision::Float32 => linear_twice(kernels, x, &self.weight, &self.bias).map(|x| self.activation.apply(x)),
@@ -149,7 +149,7 @@ impl Dense {
     }
 
     /// The same layer as a constant: gradients pass through it, not to it.
-    pub fn detached(&self) -> Self {
+    pub(crate) fn detached(&self) -> Self {
         Dense { weight: self.weight.detach(), bias: self.bias.detach(), activation: self.activation }
     }
 
@@ -185,7 +185,7 @@ impl Mlp {
     }
 
     /// The same layers as constants; see [`Dense::detached`].
-    pub fn detached(&self) -> Self {
+    pub(crate) fn detached(&self) -> Self {
         Mlp(self.0.iter().map(Dense::detached).collect())
     }
 }

@@ -43,7 +43,7 @@ impl UNet {
         Self::of_shape(layers, Self::shape(side, channels, objects), kernels)
     }
 
-    pub fn of_shape(layers: &mut Layers, shape: Shape, kernels: Kernels) -> Self {
+    pub(crate) fn of_shape(layers: &mut Layers, shape: Shape, kernels: Kernels) -> Self {
         let sizes = shape.layers();
         let logits = sizes.len() - 1;
         // Only the operation applies them: it knows what follows each.
@@ -69,7 +69,7 @@ impl UNet {
     }
 
     /// Gives the logits another order: the one that was `order[i]` (`[objects]`) is i from now on.
-    pub fn reorder_logits(&self, order: &Tensor) {
+    pub(crate) fn reorder_logits(&self, order: &Tensor) {
         let _guard = tch::no_grad_guard();
         let Conv2d { weight, bias, .. } = self.logits();
         for values in [weight, bias] {
@@ -78,7 +78,7 @@ impl UNet {
     }
 
     /// Replaces each logit y by `scale (y - mean) + centre`; `mean` is `[objects]`.
-    pub fn rescale_logits(&self, scale: &Tensor, mean: &Tensor, centre: f64) {
+    pub(crate) fn rescale_logits(&self, scale: &Tensor, mean: &Tensor, centre: f64) {
         let _guard = tch::no_grad_guard();
         let Conv2d { weight, bias, .. } = self.logits();
         bias.shallow_clone().copy_(&((bias - mean) * scale + centre));

@@ -40,7 +40,7 @@ impl VariableFromNetwork {
     }
 
     /// The same array as a constant; see [`Dense::detached`].
-    pub fn detached(&self) -> Self {
+    pub(crate) fn detached(&self) -> Self {
         VariableFromNetwork {
             hidden: self.hidden.detached(),
             output: self.output.detached(),

@@ -50,12 +50,12 @@ impl Actions {
     }
 
     /// For a batch in which each clip stands `copies` times, its copies one after the other.
-    pub fn each_repeated(&self, copies: i64) -> Self {
+    pub(crate) fn each_repeated(&self, copies: i64) -> Self {
         Actions(self.0.as_ref().map(|values| values.repeat_interleave_self_int(copies, 0, None)))
     }
 
     /// For a batch that stands as a whole `copies` times.
-    pub fn all_repeated(&self, copies: i64) -> Self {
+    pub(crate) fn all_repeated(&self, copies: i64) -> Self {
         Actions(self.0.as_ref().map(|values| values.repeat([copies, 1])))
     }
 }

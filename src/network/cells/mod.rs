@@ -168,7 +168,7 @@ impl CellKind {
 
     /// Whether it matters which object is which: a text names a given one, there is one for each, or of a parameter that each
     /// object has some are held at other values than the rest. `held`: of each parameter the raw number, if it is not learned.
-    pub fn tells_objects_apart(&self, held: &[Option<f64>]) -> bool {
+    pub(crate) fn tells_objects_apart(&self, held: &[Option<f64>]) -> bool {
         matches!(&self.build, Build::Text(equation) if equation.tells_objects_apart(held))
     }
 

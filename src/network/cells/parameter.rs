@@ -47,7 +47,7 @@ impl Bounds {
     }
 
     /// Whether a value lies within the bounds.
-    pub fn contain(self, value: f64) -> bool {
+    pub(crate) fn contain(self, value: f64) -> bool {
         self.raw(value).is_finite()
     }
 }

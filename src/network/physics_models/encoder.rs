@@ -108,7 +108,7 @@ impl Encoder {
     ///
     /// # Errors
     /// A system that cannot be solved.
-    pub fn solve_localiser(&self, frames: &Tensor, positions: &Tensor, ridge: f64) -> Result<Tensor> {
+    pub(crate) fn solve_localiser(&self, frames: &Tensor, positions: &Tensor, ridge: f64) -> Result<Tensor> {
         let _guard = tch::no_grad_guard();
         let features = self.localisation_features(&self.forward(frames).masked);
         let half = self.side as f64 / 2.0;
@@ -119,7 +119,7 @@ impl Encoder {
     }
 
     /// Scales the output layer of the localisation network: below 1, positions begin near the middle of the frame.
-    pub fn scale_localiser(&self, factor: f64) {
+    pub(crate) fn scale_localiser(&self, factor: f64) {
         self.localisation[2].scale(factor);
     }
 

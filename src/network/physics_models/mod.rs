@@ -14,7 +14,7 @@ pub mod naming;
 mod options;
 mod parameters;
 pub mod refinement;
-pub mod second_look;
+pub(crate) mod second_look;
 mod velocity;
 mod vision;
 

@@ -31,7 +31,7 @@ pub struct ModelOptions {
     /// Within a clip an object's name follows its path where the encoder would call it another's; see [`super::naming`].
     #[serde(default)]
     pub names_by_continuity: bool,
-    /// Encode frames whose objects look alike twice, where nothing is learned from them; see [`super::second_look`].
+    /// Encode frames whose objects look alike twice, where nothing is learned from them; see `super::second_look`.
     #[serde(default)]
     pub second_look: bool,
     /// Give the encoder what a frame adds to the background that the decoder has learned, instead of the frame: what moves

@@ -28,7 +28,7 @@ pub(super) fn raw_within(kind: &PhysicalParameter, value: f64) -> Result<f64> {
 
 impl PhysicsNet {
     /// Whether it matters to the equation which object is which, as its parameters are held.
-    pub fn tells_objects_apart(&self) -> bool {
+    pub(crate) fn tells_objects_apart(&self) -> bool {
         let held =
             self.parameters.iter().map(|parameter| (!parameter.learned).then(|| parameter.raw.double_value(&[])));
         self.system.cell.tells_objects_apart(&held.collect::<Vec<_>>())

@@ -8,7 +8,12 @@ use super::{Decoder, Encoder, Encoding};
 
 /// Of two encodings of each frame `[frames, channels, S, S]`, the first one and one with x and y exchanged, the one from
 /// which it is drawn better. `given` is what the encoder is given of the frames.
-pub fn better_drawn(encoder: &Encoder, decoder: &Decoder, [frames, given]: [&Tensor; 2], first: Encoding) -> Encoding {
+pub(crate) fn better_drawn(
+    encoder: &Encoder,
+    decoder: &Decoder,
+    [frames, given]: [&Tensor; 2],
+    first: Encoding,
+) -> Encoding {
     let second = exchanged(&encoder.forward(&given.transpose(2, 3).contiguous()));
     let error = |encoding: &Encoding| {
         let [drawn] = decoder.draw([&encoding.positions]);

@@ -42,7 +42,7 @@ impl PhysicsNet {
     }
 
     /// The same, and the positions (`[frames, 2 * objects]`, pixels) once more without a way back to the masks.
-    pub fn first_look_twice(&self, frames: &Tensor) -> (Encoding, Tensor) {
+    pub(crate) fn first_look_twice(&self, frames: &Tensor) -> (Encoding, Tensor) {
         self.encoder.forward_twice(&self.given(frames))
     }
 

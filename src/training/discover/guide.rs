@@ -75,7 +75,7 @@ const LEAST_MASK: f64 = 1e-30;
 /// * `responsibilities`: [`Names::responsibilities`](crate::training::objects::names::Names::responsibilities), if there
 ///   are names;
 /// * `pixel_centres`: the position of each pixel index on an axis, `[S]`, in the model's coordinates.
-pub fn loss(
+pub(crate) fn loss(
     guide: &Guide,
     encoding: &Encoding,
     positions: &Tensor,

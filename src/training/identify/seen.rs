@@ -91,7 +91,7 @@ impl Seen {
     }
 
     /// The usual distance between the two measures of a coordinate, pixels.
-    pub fn disagreement(&self) -> f64 {
+    pub(crate) fn disagreement(&self) -> f64 {
         (&self.encoded - &self.centroids).abs().median().double_value(&[])
     }
 }

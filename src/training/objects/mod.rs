@@ -7,4 +7,4 @@ pub mod blobs;
 pub mod motion;
 pub mod names;
 pub mod pasting;
-pub mod sprites;
+pub(crate) mod sprites;

@@ -46,7 +46,7 @@ pub struct Names {
 }
 
 /// What moves in the frames from which the looks of these clips' objects are learned, and the blobs in each of them.
-pub fn looked_at(clips: &Clips, motion: &Motion, objects: usize, seed: u64) -> (Moving, Vec<FrameBlobs>) {
+pub(crate) fn looked_at(clips: &Clips, motion: &Motion, objects: usize, seed: u64) -> (Moving, Vec<FrameBlobs>) {
     let places = clips.random_places(FRAMES, seed, u64::MAX);
     let moving = motion.of(clips, &places, &clips.frames(&places));
     let found = blobs::find(&moving, objects);
@@ -134,7 +134,7 @@ impl Names {
     }
 
     /// How many objects look like each other at most; 1 where none do.
-    pub fn largest_group(&self) -> usize {
+    pub(crate) fn largest_group(&self) -> usize {
         let members = |class: usize| self.class.iter().filter(|&&of| of == class).count();
         (0..self.class.len()).map(members).max().unwrap_or(1)
     }
@@ -181,7 +181,7 @@ impl Names {
     }
 
     /// The largest usual radius of an object's blob, pixels.
-    pub fn largest_radius(&self) -> f64 {
+    pub(crate) fn largest_radius(&self) -> f64 {
         self.looks.iter().fold(0.0, |largest, look| largest.max(look.radius))
     }
 }

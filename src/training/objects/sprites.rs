@@ -27,7 +27,7 @@ pub struct Seen {
 }
 
 /// The objects' looks on a grid of `window` pixels. None where too few frames show one of them.
-pub fn learn(moving: &Moving, frames: &[FrameBlobs], names: &Names, window: i64) -> Option<Seen> {
+pub(crate) fn learn(moving: &Moving, frames: &[FrameBlobs], names: &Names, window: i64) -> Option<Seen> {
     let _guard = tch::no_grad_guard();
     let side = moving.share.size()[1] as f64;
     let reach = (REACH * names.largest_radius()).min(0.5 * (side - 1.0));

@@ -7,12 +7,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use paig_experiments::baselines::comparison::{Comparing, ComparisonEvent, Ended, Watch};
 use paig_experiments::baselines::earlier::Earlier;
 use paig_experiments::baselines::list::Comparison;
 use paig_experiments::baselines::plan::Places;
-use paig_experiments::sweep;
-use paig_terminal::arguments::parse_seeds;
+use paig_experiments::comparison::{Comparing, ComparisonEvent, Ended, Watch};
+use paig_experiments::sweep::{self, parse_seeds};
 use paig_terminal::generate_display::Display;
 use paig_terminal::{environment, interrupt, say};
 
@@ -78,6 +77,9 @@ pub struct Arguments {
     /// Only write the report of the trainings that are there
     #[arg(long)]
     report_only: bool,
+    /// Draw no figures: a report that is small enough to be kept in a repository
+    #[arg(long)]
+    no_pictures: bool,
 }
 
 impl Arguments {
@@ -118,7 +120,7 @@ impl Arguments {
                 }
             };
         }
-        let count = comparing.report(&reported, &self.out)?;
+        let count = comparing.report(&reported, &self.out, !self.no_pictures)?;
         say!("{count} trainings; {}", self.out.join("report.md").display());
         Ok(code)
     }

@@ -5,13 +5,13 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use paig::Error;
 use paig::evaluation::{self, ScoredClips};
 use paig::network::physics_models::losses::MeanLosses;
 use paig::runs::scores::{FrameSpread, ScoresFile};
 use paig::support::atomic;
 use paig::viz;
 use paig_terminal::arguments::{ClipsOfRun, ScoredRun};
-use paig_terminal::ending::begin_work;
 use paig_terminal::say;
 use paig_terminal::table::print_frames_and_states;
 
@@ -37,11 +37,16 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     check_places(arguments)?;
-    let ClipsOfRun { config, model, file, split, device } = arguments.run.open()?;
-    let clips = ScoredClips::read(&file, &config.task, split, device)?;
-    begin_work();
+    let opened = arguments.run.open()?;
+    let clips = ScoredClips::read(&opened.file, &opened.config.task, opened.split, opened.device)?;
+    score(arguments, opened, &clips).map_err(Error::of_work)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn score(arguments: &Arguments, opened: ClipsOfRun, clips: &ScoredClips) -> Result<()> {
+    let ClipsOfRun { config, model, file, split, .. } = opened;
     let run = &arguments.run.run;
-    let scores = evaluation::evaluate(&model, &clips)?;
+    let scores = evaluation::evaluate(&model, clips)?;
     say!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
     clips.notes.iter().for_each(|note| say!("note: {note}"));
     print_losses(&scores.losses);
@@ -62,7 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         }
         .write(path)?;
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(())
 }
 
 /// What cannot be written must not cost the scoring.

@@ -167,7 +167,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         force: arguments.force,
     };
     let display = Display::default();
-    threads.install(|| generate(&job, &|event| display.show(event)))
+    Ok(threads.install(|| generate(&job, &|event| display.show(event)))?)
 }
 
 fn source_images(arguments: &Arguments, variant: &Variant) -> Result<SourceImages> {

@@ -14,7 +14,7 @@ use paig_video::measure::{Request, measure};
 /// Measures the parameters of a run's videos: fits the equation to every frame as one long trajectory, predicts the last
 /// quarter, and says how far all of it can be trusted.
 ///
-/// `run_physics` does this at the end of a run on a task that `import` made. Writes measurement.json, measurement.html,
+/// `paig train` does this at the end of a run on a task that `paig import` made. Writes measurement.json, measurement.html,
 /// measurement-positions.png, positions.csv and overlay.gif.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  paig measure runs/my-scene/fast/seed=0\n  \

@@ -13,6 +13,7 @@ mod predict;
 mod report;
 mod stress;
 mod sweep;
+mod track;
 mod train;
 mod train_baseline;
 
@@ -33,6 +34,7 @@ pub enum Command {
     Import(Box<import::Arguments>),
     Measure(measure::Arguments),
     Measurements(measurements::Arguments),
+    Track(track::Arguments),
     Sweep(sweep::Arguments),
     Report(report::Arguments),
     Stress(stress::Arguments),
@@ -58,6 +60,7 @@ impl Command {
             Command::Import(arguments) => import::run(*arguments).map(done),
             Command::Measure(arguments) => measure::run(&arguments).map(done),
             Command::Measurements(arguments) => measurements::run(&arguments).map(done),
+            Command::Track(arguments) => track::run(&arguments).map(done),
             Command::Sweep(arguments) => sweep::run(arguments),
             Command::Report(arguments) => report::run(&arguments),
             Command::Stress(arguments) => stress::run(&arguments),

@@ -5,11 +5,11 @@ use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use paig::Error;
 use paig::evaluation::ScoredClips;
 use paig::evaluation::rollout::{self, MOST_FRAMES};
 use paig::viz;
 use paig_terminal::arguments::{ClipsOfRun, ScoredRun};
-use paig_terminal::ending::begin_work;
 use paig_terminal::say;
 
 /// Predicts frames, positions and velocities from the first frames of a clip, as far as asked.
@@ -54,8 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let clip = clips.batch(&[arguments.clip as i64], clips.time()).squeeze_dim(0);
     let frames = arguments.frames.unwrap_or(clips.time() - model.system.input_steps);
     let prediction = rollout::roll_out(&model, &clip, &clips.actions(&[arguments.clip as i64]), frames)?;
-    begin_work();
-    viz::write_rollout(&arguments.out, &model.system, &prediction)?;
+    viz::write_rollout(&arguments.out, &model.system, &prediction).map_err(Error::of_work)?;
     let frames = if frames == 1 { "1 frame".into() } else { format!("{frames} frames") };
     say!("{frames} after the input of clip {}: {}", arguments.clip, arguments.out.display());
     Ok(ExitCode::SUCCESS)

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
-use paig_report as report;
+use paig_report::{self as report, Pictures};
 use paig_terminal::say;
 
 /// Writes a report of all runs in and under the given folders: report.md, report.html (one file, with its pictures),
@@ -22,10 +22,14 @@ pub struct Arguments {
     /// Folder of the report; what an earlier report left there is replaced
     #[arg(long, default_value = "report")]
     out: PathBuf,
+    /// Draw no pictures: a report that is small enough to be kept in a repository
+    #[arg(long)]
+    no_pictures: bool,
 }
 
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
-    let found = report::write(&arguments.runs, &arguments.out)?;
+    let pictures = if arguments.no_pictures { Pictures::LeftOut } else { Pictures::Shown };
+    let found = report::write(&arguments.runs, &arguments.out, pictures)?;
     let report::RunCounts { finished, unfinished, unreadable } = found;
     say!("{finished} finished, {unfinished} unfinished, {unreadable} unreadable runs");
     say!("{}", arguments.out.join("report.html").display());

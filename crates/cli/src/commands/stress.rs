@@ -1,21 +1,18 @@
 //! Runs the stress suite and writes its report. See `paig stress --help`.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use paig_experiments::stress::{Ended, Reported, StressEvent, StressList, Suite, Watch};
+use paig_experiments::sweep::{self, parse_seeds};
+use paig_terminal::generate_display::Display;
+use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
-use anyhow::{Context, Result, ensure};
-use clap::Args;
-use paig::generators::generate;
-use paig::support::storage;
-use paig_experiments::stress::{self, Outcome, Scene, StressList, outcome};
-use paig_experiments::sweep;
-use paig_terminal::arguments::parse_seeds;
-use paig_terminal::ending::begin_work;
-use paig_terminal::generate_display::Display;
-use paig_terminal::interrupt;
-use paig_terminal::say;
+use paig::Error;
 
 /// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
 ///
@@ -55,79 +52,61 @@ pub struct Arguments {
     /// Only write the report of the runs that are there
     #[arg(long)]
     report_only: bool,
+    /// Draw no pictures: a report that is small enough to be kept in a repository
+    #[arg(long)]
+    no_pictures: bool,
 }
 
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let list = StressList::read(&arguments.list)?;
-    let chosen = list.of_names(&arguments.scene)?;
+    list.of_names(&arguments.scene)?;
     let data_seeds = parse_seeds(&arguments.data_seeds)?;
-    let code = if arguments.report_only { ExitCode::SUCCESS } else { learn(arguments, &chosen, &data_seeds)? };
-    report(arguments, &list, &data_seeds)?;
+    let suite = Suite { list, data_seeds, data: arguments.data.clone(), runs: arguments.runs.clone() };
+    let shown = Shown::default();
+    let code = if arguments.report_only { ExitCode::SUCCESS } else { train(arguments, &suite, &shown)? };
+    let pictures = !arguments.no_pictures;
+    let reported = suite.report(&arguments.add, &arguments.out, pictures, &|event| shown.show(event));
+    // Where runs were trained, the arguments were sound.
+    let Reported { runs, succeeded } = if arguments.report_only { reported } else { reported.map_err(Error::of_work) }?;
+    say!("{succeeded} of {runs} runs succeeded; {}", arguments.out.join("report.md").display());
     Ok(code)
 }
 
-/// Films and learns what is not there yet, one data seed after the other.
-fn learn(arguments: &Arguments, scenes: &[&Scene], data_seeds: &[u64]) -> Result<ExitCode> {
+fn train(arguments: &Arguments, suite: &Suite, shown: &Shown) -> Result<ExitCode> {
     let program = sweep::training_program()?;
     interrupt::catch()?;
-    begin_work();
-    let mut failed = false;
-    for &data_seed in data_seeds {
-        let mut jobs = Vec::new();
-        for scene in scenes {
-            let display = Display::default();
-            generate(&scene.dataset(&arguments.data, data_seed)?, &|event| display.show(event))?;
-            jobs.extend(scene.plan(&arguments.data, &arguments.runs, data_seed, 1).jobs()?);
-        }
-        let mut display = SweepDisplay::new(jobs.len());
-        let ended = sweep::run(&program, &jobs, arguments.jobs, &interrupt::asked, &mut |event| display.show(&event))?;
-        display.close();
-        failed |= !ended.failed.is_empty();
-        if ended.stopped > 0 {
+    let scenes = suite.list.of_names(&arguments.scene)?;
+    let watch = Watch { observe: &|event| shown.show(event), stop: &interrupt::asked };
+    Ok(match suite.train(&program, &scenes, arguments.jobs, watch)? {
+        Ended::Finished => ExitCode::SUCCESS,
+        Ended::Failed => ExitCode::FAILURE,
+        Ended::Stopped => {
             say!("stopped; the same command goes on");
-            return Ok(interrupt::exit_code());
+            interrupt::exit_code()
         }
-    }
-    Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    })
 }
 
-/// Writes the report of the runs of all scenes.
-fn report(arguments: &Arguments, list: &StressList, data_seeds: &[u64]) -> Result<()> {
-    let mut outcomes = Vec::new();
-    let mut pictured = BTreeMap::new();
-    for scene in &list.scenes {
-        for &data_seed in data_seeds {
-            for (seed, run) in scene.runs(&arguments.data, &arguments.runs, data_seed)? {
-                outcomes.push(outcome(scene, data_seed, seed, &run)?);
-                match run {
-                    Ok(run) if run.summary.is_some() => _ = pictured.entry(scene.name.clone()).or_insert(run),
-                    Ok(run) => say!("{}: not finished", run.folder.display()),
-                    Err(error) => say!("{}, data {data_seed}, seed {seed}: {error:#}", scene.name),
-                }
+/// The suite on the terminal.
+#[derive(Debug, Default)]
+struct Shown {
+    data: Display,
+    runs: Mutex<Option<SweepDisplay>>,
+}
+
+impl Shown {
+    fn show(&self, event: StressEvent) {
+        let mut runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
+        match event {
+            StressEvent::Data(event) => self.data.show(event),
+            StressEvent::RunsBegin(count) => *runs = Some(SweepDisplay::new(count)),
+            StressEvent::Run(event) => runs.iter_mut().for_each(|runs| runs.show(&event)),
+            StressEvent::RunsEnd => runs.take().iter().for_each(SweepDisplay::close),
+            StressEvent::Unfinished(folder) => say!("{}: not finished", folder.display()),
+            StressEvent::Unreadable { scene, data_seed, seed, error } => {
+                say!("{scene}, data {data_seed}, seed {seed}: {error:#}");
             }
         }
     }
-    for file in &arguments.add {
-        add(&mut outcomes, file)?;
-    }
-    let place = |outcome: &Outcome| list.scenes.iter().position(|scene| scene.name == outcome.scene);
-    outcomes.sort_by_key(|outcome| (place(outcome), outcome.data_seed, outcome.seed));
-    ensure!(!outcomes.is_empty(), "{} holds no run of the suite", arguments.runs.display());
-    let succeeded = outcomes.iter().filter(|outcome| outcome.succeeded).count();
-    stress::write(&arguments.out, list, &outcomes, &pictured)?;
-    say!("{succeeded} of {} runs succeeded; {}", outcomes.len(), arguments.out.join("report.md").display());
-    Ok(())
-}
-
-/// Adds those outcomes of a file whose run is not among them, or has not finished.
-fn add(outcomes: &mut Vec<Outcome>, file: &Path) -> Result<()> {
-    let read = || Ok::<Vec<Outcome>, anyhow::Error>(serde_json::from_slice(&storage::read(file)?)?);
-    let run = |outcome: &Outcome| (outcome.scene.clone(), outcome.data_seed, outcome.seed);
-    let others = read().with_context(|| format!("results of another machine, {}", file.display()))?;
-    let there: BTreeSet<_> = others.iter().map(run).collect();
-    outcomes.retain(|outcome| outcome.finished || !there.contains(&run(outcome)));
-    let here: BTreeSet<_> = outcomes.iter().map(run).collect();
-    outcomes.extend(others.into_iter().filter(|other| !here.contains(&run(other))));
-    Ok(())
 }

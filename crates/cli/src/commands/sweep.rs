@@ -3,18 +3,16 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use crate::sweep_display::SweepDisplay;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use paig::support::device;
 use paig::tasks;
-use paig_experiments::sweep::{self, RunState, RunStatus, SweepPlan, SweepSummary};
-use paig_terminal::arguments::{MOST_RUNS, parse_seeds};
-use paig_terminal::ending::begin_work;
-use paig_terminal::interrupt;
-use paig_terminal::say;
+use paig_experiments::sweep::{self, RunState, RunStatus, SweepPlan, SweepRequest, SweepSummary, parse_seeds};
+use paig_terminal::{interrupt, say};
 
-/// Trains tasks x seeds as processes of run_physics, a few at a time.
+use crate::sweep_display::SweepDisplay;
+
+/// Trains tasks x seeds as processes of `paig train`, a few at a time.
 ///
 /// A run goes to OUT/TASK/RECIPE/seed=N (or OUT/TASK/RECIPE-NAME/seed=N), what it prints to output.log there. Given
 /// again, the same command skips what has finished (a file DONE marks it) and goes on with what was cut off. A run
@@ -79,41 +77,24 @@ pub struct Arguments {
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let cores = device::cores();
-    let plan = SweepPlan {
-        tasks: unique(arguments.task),
-        seeds: parse_seeds(&arguments.seeds)?,
-        recipe: arguments.recipe,
-        name: arguments.name,
-        config: arguments.config,
-        set: arguments.set,
-        data: arguments.data,
-        device: arguments.device,
-        threads: arguments.threads_per_run.unwrap_or((cores / arguments.jobs).max(1)),
-        out: arguments.out,
+    let request = SweepRequest {
+        plan: SweepPlan {
+            tasks: arguments.task,
+            seeds: parse_seeds(&arguments.seeds)?,
+            recipe: arguments.recipe,
+            name: arguments.name,
+            config: arguments.config,
+            set: arguments.set,
+            data: arguments.data,
+            device: arguments.device,
+            threads: arguments.threads_per_run.unwrap_or((cores / arguments.jobs).max(1)),
+            out: arguments.out,
+        },
+        grid: arguments.grid,
+        variants: arguments.variant,
     };
-    ensure!(plan.threads > 0, "--threads-per-run must be at least 1");
-    ensure!(
-        plan.tasks.len().saturating_mul(plan.seeds.len()) <= MOST_RUNS,
-        "more than {MOST_RUNS} runs; give a part of them"
-    );
-    device::threads(plan.threads).context("--threads-per-run")?;
-    let plans = match &arguments.variant[..] {
-        [] => grid(plan, &arguments.grid)?,
-        variants => one_change_each(plan, variants)?,
-    };
-    ensure!(
-        plans.iter().map(|plan| plan.tasks.len() * plan.seeds.len()).sum::<usize>() <= MOST_RUNS,
-        "more than {MOST_RUNS} runs"
-    );
-    let mut jobs = Vec::new();
-    for plan in &plans {
-        jobs.extend(plan.jobs()?);
-        ensure!(
-            plan.name.is_none() || plan.config.is_some() || !plan.set.is_empty(),
-            "--name is for a changed recipe; say what is changed with --set or --config, or leave it out"
-        );
-    }
-    let jobs = sweep::each_once(jobs)?;
+    let plans = request.plans()?;
+    let jobs = sweep::jobs(&plans)?;
     if arguments.status {
         print_status(&sweep::status(&jobs));
         return Ok(ExitCode::SUCCESS);
@@ -127,43 +108,10 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     }
     let program = sweep::training_program()?;
     interrupt::catch()?;
-    begin_work();
     let mut display = SweepDisplay::new(jobs.len());
     let summary = sweep::run(&program, &jobs, arguments.jobs, &interrupt::asked, &mut |event| display.show(&event))?;
     display.close();
     Ok(conclude(&summary))
-}
-
-/// A plan for each combination of the values, named after them.
-fn grid(plan: SweepPlan, axes: &[String]) -> Result<Vec<SweepPlan>> {
-    let mut plans = vec![plan];
-    for axis in axes {
-        let wrong = || format!("--grid {axis:?}: expected key=value,value, for example model.exact_shift=true,false");
-        let (key, values) = axis.split_once('=').with_context(wrong)?;
-        let values: Vec<_> = values.split(',').map(str::trim).collect();
-        ensure!(!key.is_empty() && values.iter().all(|value| !value.is_empty()), wrong());
-        ensure!(plans.len().saturating_mul(values.len()) <= MOST_RUNS, "--grid: more than {MOST_RUNS} combinations");
-        let with = |plan: &SweepPlan, value: &&str| changed(plan, vec![format!("{key}={value}")]);
-        plans = plans.iter().flat_map(|plan| values.iter().map(move |value| with(plan, value))).collect();
-    }
-    Ok(plans)
-}
-
-/// The plan as it is, and one for each variant.
-fn one_change_each(plan: SweepPlan, variants: &[String]) -> Result<Vec<SweepPlan>> {
-    let with = |variant: &String| {
-        let sets: Vec<_> = variant.split_whitespace().map(String::from).collect();
-        ensure!(!sets.is_empty(), "--variant {variant:?}: expected key=value, for example discover.guide.tie=0");
-        Ok(changed(&plan, sets))
-    };
-    let variants = variants.iter().map(with).collect::<Result<Vec<_>>>()?;
-    Ok([vec![plan], variants].concat())
-}
-
-/// The plan with more changes, named after them.
-fn changed(plan: &SweepPlan, sets: Vec<String>) -> SweepPlan {
-    let name = plan.name.iter().chain(&sets).cloned().collect::<Vec<_>>().join("-");
-    SweepPlan { name: Some(name), set: [plan.set.clone(), sets].concat(), ..plan.clone() }
 }
 
 /// A line for each run.
@@ -192,15 +140,4 @@ fn conclude(summary: &SweepSummary) -> ExitCode {
         (true, 0) => ExitCode::SUCCESS,
         (true, _) => interrupt::exit_code(),
     }
-}
-
-/// Without the repetitions, in the order given: a run folder takes one run.
-fn unique<T: PartialEq>(values: Vec<T>) -> Vec<T> {
-    let mut kept = Vec::new();
-    for value in values {
-        if !kept.contains(&value) {
-            kept.push(value);
-        }
-    }
-    kept
 }

@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
             summary.verdict.iter().for_each(|verdict| {
                 say!("{}", Verdict { intervals: BTreeMap::new(), ..verdict.clone() });
             });
-            measured.map(|_| ExitCode::SUCCESS)
+            Ok(measured.map(|_| ExitCode::SUCCESS)?)
         }
         Ending::Scored => Ok(ExitCode::SUCCESS),
         Ending::Interrupted { steps } => Ok(interrupted(steps, &run)),

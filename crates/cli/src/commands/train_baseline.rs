@@ -5,15 +5,15 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
+use paig::Error;
 use paig::kernels::Kernels;
 use paig::support::device;
 use paig::tasks;
 use paig::training::base::Outcome;
 use paig::training::layers::usual_data_folder;
 use paig_experiments::baselines::whole_models::config::{WholeConfig, WholeModel};
-use paig_experiments::baselines::whole_models::run::WholeRun;
 use paig_experiments::baselines::whole_models::scores::WholeScores;
-use paig_terminal::ending::begin_work;
+use paig_experiments::comparison::whole_run::WholeRun;
 use paig_terminal::{environment, interrupt, say};
 
 /// The models.
@@ -126,7 +126,6 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let folder = out
         .unwrap_or_else(|| Path::new("runs").join(of_task).join(arguments.model.name()).join(format!("seed={seed}")));
     let run = WholeRun::prepare(&config, device)?;
-    begin_work();
     let outcome = run.train(&folder, &interrupt::asked, &mut |record| {
         let error = record.score.unwrap_or(f64::NAN);
         say!("{} - step {}: validation error {error:.4}", folder.display(), record.step);
@@ -135,7 +134,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         say!("stopped; the same command goes on");
         return Ok(interrupt::exit_code());
     }
-    if let Some(done) = WholeScores::read(&folder)? {
+    if let Some(done) = WholeScores::read(&folder).map_err(Error::of_work)? {
         let losses = done.scores.losses;
         let extrap = losses.extrap_loss.map_or_else(String::new, |loss| format!(", L_extrap {loss:.4}"));
         say!("{} weights; L_pred {:.4}{extrap}; {}", done.weights, losses.pred_loss, folder.display());
@@ -145,7 +144,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
 
 #[cfg(test)]
 mod tests {
-    use paig_experiments::baselines::whole_models::run::has_worths;
+    use paig_experiments::comparison::whole_run::has_worths;
 
     use super::*;
 

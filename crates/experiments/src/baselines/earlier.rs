@@ -81,7 +81,8 @@ mod tests {
     /// A search on other clips says nothing of this one; an earlier report, which does not say on which, is believed.
     #[test]
     fn a_search_counts_for_trainings_like_its_own() {
-        let list = Comparison::read(Path::new("configs/baselines.toml")).unwrap();
+        let list =
+            Comparison::read(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/baselines.toml"))).unwrap();
         let models = [list.model("gru").unwrap(), list.model("video_lstm").unwrap()];
         let searches = |clips: Option<usize>| {
             let of = |training: &Training| {

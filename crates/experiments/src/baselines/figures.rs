@@ -157,16 +157,19 @@ impl OfTask<'_> {
         lines.filter(|line| !line.pieces.is_empty()).collect()
     }
 
-    /// Future frames of the first test clip, of each model's first seed below the true ones. Those of each model are also
-    /// written into a folder by themselves.
+    /// Future frames of the first test clip that a gallery shows.
+    fn columns(&self) -> Vec<usize> {
+        let future = self.task.test_frames - self.task.system.input_steps;
+        (0..future).step_by(future.div_ceil(COLUMNS)).collect()
+    }
+
+    /// Rows of the gallery, `[columns, C, S, S]` under their labels: the true frames, then those of each model's first seed.
+    /// Each row is also written into the folder `strips`, from where a later report takes it.
     ///
     /// # Errors
     /// A training without its frames, a file that cannot be written.
-    pub fn gallery(&self, path: &Path, strips: &Path) -> Result<bool> {
-        let system = &self.task.system;
-        let future = self.task.test_frames - system.input_steps;
-        let step = future.div_ceil(COLUMNS);
-        let columns: Vec<usize> = (0..future).step_by(step).collect();
+    pub fn gallery_rows(&self, strips: &Path) -> Result<Vec<(String, Tensor)>> {
+        let columns = self.columns();
         let mut rows: Vec<(String, Tensor)> = Vec::new();
         for Shown { entry, rows: of_model, .. } in self.models() {
             let first = of_model[0];
@@ -178,11 +181,20 @@ impl OfTask<'_> {
                 rows.push((label.into(), frames));
             }
         }
+        Ok(rows)
+    }
+
+    /// Future frames of the first test clip, those of each model below the true ones.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn gallery(&self, path: &Path, rows: &[(String, Tensor)]) -> Result<bool> {
         if rows.is_empty() {
             return Ok(false);
         }
-        let places: Vec<usize> = columns.iter().map(|column| system.input_steps + column).collect();
-        viz::write_gallery(path, system, &rows, &places)?;
+        let system = &self.task.system;
+        let places: Vec<usize> = self.columns().iter().map(|column| system.input_steps + column).collect();
+        viz::write_gallery(path, system, rows, &places)?;
         Ok(true)
     }
 

@@ -5,7 +5,6 @@
 //! here. [`list`] says what is compared, [`results`] gathers what became of it and [`earlier`] what other machines reported,
 //! [`page`] shows it.
 
-pub mod comparison;
 pub mod earlier;
 mod figures;
 pub mod list;

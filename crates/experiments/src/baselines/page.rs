@@ -10,9 +10,9 @@ use anyhow::{Context, Result};
 use super::figures::OfTask;
 use super::list::{Comparison, Entry};
 use super::results::{FRAMES, RESULTS, Row, SEARCH, Searched};
-use paig::support::atomic;
 use paig::support::statistics::Spread;
 use paig::support::storage::storage;
+use paig::support::{atomic, json_lines};
 use paig::tasks::Task;
 
 /// The page and its pictures, beside the [results](super::results).
@@ -31,6 +31,8 @@ pub struct Report<'a> {
     pub searched: Vec<Searched>,
     /// Training clips of the comparison; other rows count for the data efficiency.
     pub clips: usize,
+    /// Whether figures are drawn and shown.
+    pub pictures: bool,
 }
 
 impl Report<'_> {
@@ -46,8 +48,8 @@ impl Report<'_> {
         let json = |name: &str, write: &dyn Fn(&mut atomic::Writer) -> serde_json::Result<()>| {
             atomic::write_file(&out.join(name), |file| Ok(write(file)?))
         };
-        json(RESULTS, &|file| serde_json::to_writer_pretty(file, &self.rows))?;
-        json(SEARCH, &|file| serde_json::to_writer_pretty(file, &self.searched))?;
+        json(RESULTS, &|file| json_lines::write(file, &self.rows, 1))?;
+        json(SEARCH, &|file| json_lines::write(file, &self.searched, 1))?;
         let page = self.page(out)?;
         atomic::write_file(&out.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
     }
@@ -70,6 +72,11 @@ impl Report<'_> {
             models * tasks * seeds,
             self.clips
         );
+        if !self.pictures {
+            page.push_str(
+                "The figures are left out: `paig baselines --report-only --add` with this folder draws them.\n\n",
+            );
+        }
         self.sizes(&mut page);
         self.search(&mut page);
         for task in self.list.all_tasks()? {
@@ -160,10 +167,15 @@ impl Report<'_> {
             self.table(page, task, &rows, ablation);
         }
         let figures = OfTask { list: self.list, task, rows: &rows };
+        // Also without figures: a later report draws them of these.
+        let gallery = figures.gallery_rows(&out.join(FRAMES))?;
+        if !self.pictures {
+            return Ok(());
+        }
         type Draw<'a> = &'a dyn Fn(&Path) -> Result<bool>;
         let drawn: [(&str, &str, Draw); 5] = [
             ("frames", "SSIM and squared error of each predicted frame", &|path| figures.frame_scores(path)),
-            ("gallery", "future frames of the first test clip", &|path| figures.gallery(path, &out.join(FRAMES))),
+            ("gallery", "future frames of the first test clip", &|path| figures.gallery(path, &gallery)),
             (
                 "parameters",
                 "the physical parameters over the steps; kept are the weights of the best validation, which need not be the \

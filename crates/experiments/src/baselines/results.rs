@@ -296,7 +296,7 @@ mod tests {
     use super::*;
 
     fn list() -> Comparison {
-        Comparison::read(Path::new("configs/baselines.toml")).unwrap()
+        Comparison::read(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/baselines.toml"))).unwrap()
     }
 
     #[test]

@@ -72,6 +72,9 @@ pub fn mean_and_interval(returns: &[f64], seed: u64) -> Option<[f64; 3]> {
 }
 
 impl Results {
+    /// The file's name.
+    pub const FILE: &str = "results.json";
+
     /// Reads the file.
     ///
     /// # Errors

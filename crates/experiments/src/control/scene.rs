@@ -168,7 +168,9 @@ mod tests {
     use crate::control::reward::{Goal, Reward};
 
     fn puck_with(looks: &str) -> Result<SceneEnvironment> {
-        let task = Task::from_toml(&(fs::read_to_string("configs/control/puck.toml")? + looks))?;
+        let task = Task::from_toml(
+            &(fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/control/puck.toml"))? + looks),
+        )?;
         let reward = Reward::Goal(Goal::point([22.0, 16.0], 32.0));
         SceneEnvironment::new(&task, Rules { steps: 50, hold: 2, largest_action: 1.0, reward, frames_before: 3 })
     }
@@ -196,7 +198,7 @@ mod tests {
 
     #[test]
     fn a_scene_in_which_nothing_begins_off_the_walls_is_refused() {
-        let puck = fs::read_to_string("configs/control/puck.toml").unwrap();
+        let puck = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/control/puck.toml")).unwrap();
         let mut task: toml::Table = toml::from_str(&puck).unwrap();
         // A ball of radius 2.5 touches the wall from 2.5 on.
         let begin = toml::Table::from_iter([("positions".into(), toml::Value::from(vec![vec![1.0, 16.0]]))]);

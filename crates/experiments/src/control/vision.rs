@@ -9,6 +9,7 @@ use super::environment::FrameFormat;
 use super::state::{ControlState, Moment};
 use paig::network::cells::{Actions, Coordinates, State};
 use paig::network::physics_models::{Encoding, PhysicsNet, refinement};
+use paig::support::picture_file;
 
 /// An object that is seen nearer than this to the point that it turns about, pixels, is lost: its direction says nothing.
 const NEAREST: f64 = 1.0;
@@ -189,7 +190,7 @@ impl<'a> Vision<'a> {
     /// A file that is no picture or of another size than the frames, or in which an object is not found.
     pub fn goal(&self, file: &Path) -> Result<Vec<f64>> {
         let _guard = tch::no_grad_guard();
-        let picture = image::open(file).with_context(|| format!("cannot read the picture {}", file.display()))?;
+        let picture = picture_file::read(file)?;
         let system = &self.model.system;
         let (width, height) = (picture.width(), picture.height());
         ensure!(

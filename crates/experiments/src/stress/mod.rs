@@ -3,7 +3,8 @@
 pub mod list;
 mod matrix;
 mod page;
+mod suite;
 
 pub use list::{DataSeed, Scene, StressList};
 pub use matrix::{Outcome, outcome};
-pub use page::write;
+pub use suite::{Ended, Reported, StressEvent, Suite, Watch};

@@ -5,15 +5,15 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use image::ImageFormat;
 use image::imageops::FilterType;
-use image::{ImageFormat, ImageReader};
 
 use super::list::StressList;
 use super::matrix::Outcome;
 use paig::network::physics_models::losses::Loss;
 use paig::runs::run::Run;
-use paig::support::atomic;
 use paig::support::storage::storage;
+use paig::support::{atomic, json_lines, picture_file};
 
 /// The report's files.
 const RESULTS: &str = "results.json";
@@ -23,18 +23,24 @@ const PICTURES: &str = "scenes";
 const SHOWN: f64 = 0.38;
 const SCALE: f64 = 0.4;
 
-/// Writes the report of these outcomes into a folder; `pictured` is a run of each scene.
+/// Writes the report of these outcomes into a folder; `pictured` is a run of each scene, none of a report without pictures.
 ///
 /// # Errors
 /// A folder that cannot be written.
-pub fn write(out: &Path, list: &StressList, outcomes: &[Outcome], pictured: &BTreeMap<String, Run>) -> Result<()> {
+pub(super) fn write(
+    out: &Path,
+    list: &StressList,
+    outcomes: &[Outcome],
+    pictured: Option<&BTreeMap<String, Run>>,
+) -> Result<()> {
     let pictures = out.join(PICTURES);
-    storage().create_folder(&pictures).with_context(|| format!("cannot create {}", pictures.display()))?;
-    for (scene, run) in pictured {
+    let folder = if pictured.is_some() { pictures.as_path() } else { out };
+    storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    for (scene, run) in pictured.into_iter().flatten() {
         picture(&run.folder.join("example0.png"), &pictures.join(format!("{scene}.png")))?;
     }
-    atomic::write_file(&out.join(RESULTS), |file| Ok(serde_json::to_writer_pretty(file, outcomes)?))?;
-    let text = page(list, outcomes, &|scene| pictures.join(format!("{scene}.png")).exists());
+    atomic::write_file(&out.join(RESULTS), |file| Ok(json_lines::write(file, &outcomes, 1)?))?;
+    let text = page(list, outcomes, &|scene| pictured.is_some() && pictures.join(format!("{scene}.png")).exists());
     atomic::write_file(&out.join(PAGE), |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))
 }
 
@@ -43,8 +49,7 @@ fn picture(from: &Path, to: &Path) -> Result<()> {
     if !from.exists() {
         return Ok(());
     }
-    let read = || Ok::<_, anyhow::Error>(ImageReader::open(from)?.decode()?);
-    let example = read().with_context(|| format!("cannot read {}", from.display()))?;
+    let example = picture_file::read(from)?;
     let (width, height) = (example.width(), example.height());
     let shown = example.crop_imm(0, 0, (f64::from(width) * SHOWN) as u32, height);
     let size = |length: u32| ((f64::from(length) * SCALE) as u32).max(1);
@@ -118,8 +123,13 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
             writeln!(page, "- false alarm: {scene}, data {data_seed}, seed {seed}: {} failed", failed_checks.join(", "))
         };
     }
-    page.push_str("\n## The scenes\n\nOf each its first run: input and prediction, truth, reconstruction.\n");
-    for scene in list.scenes.iter().filter(|scene| has_picture(&scene.name)) {
+    let pictured: Vec<_> = list.scenes.iter().filter(|scene| has_picture(&scene.name)).collect();
+    page.push_str("\n## The scenes\n\n");
+    page.push_str(match pictured.is_empty() {
+        false => "Of each its first run: input and prediction, truth, reconstruction.\n",
+        true => "`stress --report-only` with these data seeds draws the first run of each.\n",
+    });
+    for scene in pictured {
         let _ = writeln!(page, "\n**{}**\n\n![{}]({PICTURES}/{}.png)", scene.name, scene.name, scene.name);
     }
     page
@@ -180,7 +190,8 @@ mod tests {
     #[test]
     fn a_run_without_results_counts_as_one_that_did_not_succeed() {
         let folder = tempfile::tempdir().unwrap();
-        let list = StressList::read(Path::new("configs/stress.toml")).unwrap();
+        let list =
+            StressList::read(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/stress.toml"))).unwrap();
         let scene = &list.scenes[0];
         // As a run leaves it that is killed while its data are read.
         let place = folder.path().join("data=1").join(&scene.task.name).join("fast/seed=1");
@@ -195,6 +206,7 @@ mod tests {
         for line in [
             "**1 of 2 runs succeeded.** Without results, since they have not finished or cannot be read: 1. The verdict was \
              right on 1 of 1: 0 false alarms, 0 misses.",
+            "`stress --report-only` with these data seeds draws the first run of each.",
             &format!("| {} | 2 | 1 | 1 | - | 0.10 | - | - | - | - | unreadable |", scene.name),
         ] {
             assert!(page.contains(line), "{line:?} is not in:\n{page}");

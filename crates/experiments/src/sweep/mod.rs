@@ -5,11 +5,15 @@
 
 mod plan;
 mod processes;
+mod request;
+mod seeds;
 mod status;
 
 pub use paig::runs::names::{DONE, OUTPUT};
-pub use plan::{Job, SweepPlan, each_once};
+pub use plan::{Job, SweepPlan};
 pub use processes::{
     SweepEvent, SweepSummary, failure, forget_failure, last_line, note_failure, run, training_program,
 };
+pub use request::{SweepRequest, jobs};
+pub use seeds::{MOST_RUNS, parse_seeds};
 pub use status::{RunState, RunStatus, status};

@@ -133,7 +133,7 @@ impl SweepPlan {
 ///
 /// # Errors
 /// Two different runs that would share a folder.
-pub fn each_once(jobs: Vec<Job>) -> Result<Vec<Job>> {
+pub(super) fn each_once(jobs: Vec<Job>) -> Result<Vec<Job>> {
     let mut distinct: Vec<Job> = Vec::with_capacity(jobs.len());
     let mut places = BTreeMap::new();
     for job in jobs {

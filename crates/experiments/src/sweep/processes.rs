@@ -12,11 +12,12 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
 use super::plan::{Job, Stage};
+use paig::Error;
 use paig::runs::folder::RunFolder;
 use paig::runs::names::{DONE, OUTPUT};
 use paig::support::atomic;
 use paig::support::exit_codes::SIGNALLED;
-use paig::support::storage::storage;
+use paig::support::storage::{self, storage};
 
 /// The program that trains.
 const PROGRAM: &str = "paig";
@@ -92,7 +93,7 @@ pub fn run(
     at_once: usize,
     stop: &dyn Fn() -> bool,
     observe: &mut dyn FnMut(SweepEvent),
-) -> Result<SweepSummary> {
+) -> Result<SweepSummary, Error> {
     let mut summary = SweepSummary::default();
     let mut tell = |event: SweepEvent| {
         match event {
@@ -127,7 +128,7 @@ pub fn run(
         let mut still = Vec::new();
         for mut one in running {
             let folder = &one.job.folder;
-            match one.child.try_wait().context("cannot wait for a run")? {
+            match one.child.try_wait().context("cannot wait for a run").map_err(Error::of_work)? {
                 None => still.push(one),
                 Some(status) if status.success() => match atomic::write_file(&folder.join(DONE), |_| Ok(())) {
                     Ok(()) => tell(SweepEvent::Finished(folder, one.since.elapsed())),
@@ -195,12 +196,13 @@ fn spawn(program: &Path, job: &Job, stage: Stage) -> Result<Option<Child>> {
 fn open_output(folder: &Path) -> Result<File> {
     storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let path = folder.join(OUTPUT);
+    ensure!(!atomic::is_stream(&path), "{} is a pipe or a device", path.display());
     OpenOptions::new().create(true).append(true).open(&path).with_context(|| format!("cannot open {}", path.display()))
 }
 
 /// Why a run failed: the last error in what it printed, else its last line.
 fn reason(path: &Path, from: u64) -> std::io::Result<String> {
-    let mut file = File::open(path)?;
+    let mut file = storage::open(path)?;
     file.seek(SeekFrom::Start(from))?;
     let mut printed = Vec::new();
     file.take(MOST_PRINTED).read_to_end(&mut printed)?;
@@ -240,8 +242,8 @@ pub fn forget_failure(folder: &Path) -> Result<()> {
 /// # Errors
 /// A file that cannot be read.
 pub fn last_line(path: &Path) -> std::io::Result<String> {
-    let mut file = File::open(path)?;
-    let length = file.metadata()?.len();
+    let mut file = storage::open(path)?;
+    let length = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
     let mut tail = Vec::new();
     file.read_to_end(&mut tail)?;

@@ -15,35 +15,32 @@ use crate::tensors::{floats, floats_mut};
 #[derive(Debug)]
 pub struct Convolution {
     kernels: Kernels,
-    instructions: Instructions,
     memory: Arc<Memory>,
 }
 
 impl Convolution {
     pub fn new(kernels: Kernels) -> Self {
-        Self::with_instructions(kernels, Instructions::best())
-    }
-
-    /// The same with these instructions of the CPU.
-    pub fn with_instructions(kernels: Kernels, instructions: Instructions) -> Self {
-        Convolution { kernels, instructions, memory: Arc::new(Memory::new()) }
+        Convolution { kernels, memory: Arc::new(Memory::new()) }
     }
 
     /// Whether the kernel computes a layer with this weight `[outputs, inputs, height, width]`; otherwise libtorch does.
     pub fn has_kernel_for(&self, weight: &Tensor) -> bool {
+        self.instructions_for(weight).is_some()
+    }
+
+    fn instructions_for(&self, weight: &Tensor) -> Option<Instructions> {
+        let Backend::Cpu(instructions) = self.kernels.backend(&[weight]) else { return None };
         let size = weight.size();
-        let fits = |channels: i64| Kernel::fits(self.instructions, channels as usize);
-        self.kernels.backend(&[weight]) == Backend::Cpu
-            && size[2..] == [3, 3]
-            && size[..2].iter().all(|channels| fits(*channels))
+        let fits = size[..2].iter().all(|channels| Kernel::fits(instructions, *channels as usize));
+        (size[2..] == [3, 3] && fits).then_some(instructions)
     }
 
     /// The layer with its weights as they are now.
     pub fn prepared(&self, weight: &Tensor, bias: &Tensor) -> PreparedConvolution {
-        let kernel = self.has_kernel_for(weight).then(|| {
+        let kernel = self.instructions_for(weight).map(|instructions| {
             let values = [weight, bias].map(|tensor| tensor.detach().contiguous());
             let [weights, biases] = values.each_ref().map(floats);
-            Arc::new(Kernel::new(self.instructions, weights, biases, Arc::clone(&self.memory)))
+            Arc::new(Kernel::new(instructions, weights, biases, Arc::clone(&self.memory)))
         });
         PreparedConvolution { kernel, variables: [weight, bias].map(Tensor::shallow_clone) }
     }

@@ -39,9 +39,9 @@ pub fn draw<const LISTS: usize>(
 ) -> [Tensor; LISTS] {
     let inputs: Vec<&Tensor> = places.iter().flatten().collect();
     match kernels.backend(&inputs) {
-        Backend::Cpu => {
+        Backend::Cpu(instructions) => {
             let [sprites, background] = layers();
-            places.map(|[rows, columns]| on_cpu(scene, [&sprites, &background, &rows, &columns]))
+            places.map(|[rows, columns]| on_cpu(instructions, scene, [&sprites, &background, &rows, &columns]))
         }
         Backend::Gpu if gpu::can_draw(&scene) => {
             let [sprites, background] = layers();
@@ -51,19 +51,19 @@ pub fn draw<const LISTS: usize>(
     }
 }
 
-fn on_cpu(scene: Scene, inputs: [&Tensor; 4]) -> Tensor {
+fn on_cpu(instructions: Instructions, scene: Scene, inputs: [&Tensor; 4]) -> Tensor {
     let values = inputs.map(|input| input.detach().contiguous());
     let frames = inputs[2].size()[1];
     let [channels, side] = [scene.channels, scene.side].map(|n| n as i64);
     let mut frames = Tensor::empty([frames, channels, side, side], (Kind::Float, Device::Cpu));
-    sprites::draw(Instructions::best(), &scene, &drawn(&values), floats_mut(&mut frames));
+    sprites::draw(instructions, &scene, &drawn(&values), floats_mut(&mut frames));
     if !autograd::records(&inputs) {
         return frames;
     }
     let sizes = inputs.map(|input| input.size());
     autograd::attach(frames, &inputs, move |gradient| {
         let gradient = gradient.contiguous();
-        let gradients = sprites::draw_backward(Instructions::best(), &scene, &drawn(&values), floats(&gradient));
+        let gradients = sprites::draw_backward(instructions, &scene, &drawn(&values), floats(&gradient));
         let gradients = [gradients.sprites, gradients.background, gradients.rows, gradients.columns];
         gradients.iter().zip(&sizes).map(|(values, size)| Tensor::from_slice(values).reshape(size)).collect()
     })

@@ -12,7 +12,7 @@ use crate::tensors::{floats, floats_mut};
 /// `forget_bias` is added to f. Differentiable by both. On a GPU libtorch computes it.
 pub fn lstm_cell(kernels: Kernels, gates: &Tensor, c: &Tensor, forget_bias: f64) -> [Tensor; 2] {
     match kernels.backend(&[gates, c]) {
-        Backend::Cpu => on_cpu(gates, c, forget_bias as f32),
+        Backend::Cpu(instructions) => on_cpu(instructions, gates, c, forget_bias as f32),
         Backend::Gpu | Backend::Libtorch => by_libtorch(gates, c, forget_bias),
     }
 }
@@ -23,7 +23,7 @@ fn by_libtorch(gates: &Tensor, c: &Tensor, forget_bias: f64) -> [Tensor; 2] {
     [gates[3].sigmoid() * c.tanh(), c]
 }
 
-fn on_cpu(gates: &Tensor, c: &Tensor, forget_bias: f32) -> [Tensor; 2] {
+fn on_cpu(instructions: Instructions, gates: &Tensor, c: &Tensor, forget_bias: f32) -> [Tensor; 2] {
     let inputs = [gates, c];
     let sizes = inputs.map(|input| input.size());
     let [seen, before] = inputs.map(|input| input.detach().contiguous());
@@ -31,14 +31,14 @@ fn on_cpu(gates: &Tensor, c: &Tensor, forget_bias: f32) -> [Tensor; 2] {
     let both: Vec<i64> = [2].iter().chain(&sizes[1]).copied().collect();
     let mut after = Tensor::empty(&both, (Kind::Float, Device::Cpu));
     let [h, c] = halves_mut(&mut after);
-    let pass = kernel::forward(Instructions::best(), units, floats(&seen), floats(&before), forget_bias, [h, c]);
+    let pass = kernel::forward(instructions, units, floats(&seen), floats(&before), forget_bias, [h, c]);
     if autograd::records(&inputs) {
         after = autograd::attach(after, &inputs, move |gradient| {
             let mut by = sizes.each_ref().map(|size| Tensor::empty(size, (Kind::Float, Device::Cpu)));
             let gradient = gradient.contiguous();
             let pull = floats(&gradient).split_at(before.numel());
             let [by_gates, by_before] = by.each_mut().map(floats_mut);
-            pass.backward(Instructions::best(), units, floats(&before), pull.into(), [by_gates, by_before]);
+            pass.backward(instructions, units, floats(&before), pull.into(), [by_gates, by_before]);
             by.into()
         });
     }

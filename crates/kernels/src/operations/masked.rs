@@ -21,7 +21,7 @@ pub fn masked_frames(kernels: Kernels, background_logit: f64, logits: &Tensor, f
     let background = logits.narrow(1, 0, 1).full_like(background_logit);
     let masks = Tensor::cat(&[logits, &background], 1).softmax(1, frames.kind());
     let masked = match backend {
-        Backend::Cpu => masked_on_cpu(objects, &masks, frames),
+        Backend::Cpu(_) => masked_on_cpu(objects, &masks, frames),
         Backend::Gpu | Backend::Libtorch => {
             masks.narrow(1, 0, objects).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0)
         }

@@ -1,12 +1,10 @@
 //! A step of an optimizer on all variables.
 
-use tch::Tensor;
-
 use crate::adam::{self, AdamStep, Slices};
 use crate::backend::{Backend, Kernels};
 use crate::gpu;
 use crate::simd::Instructions;
-use crate::tensors::{floats, floats_mut};
+use crate::tensors::{address_span, floats, floats_mut};
 use crate::update::{Rate, Rule, Updated};
 
 /// Changes the variables by their rates and their gradients, every number of which is clipped to +- `clip`: on a GPU all of
@@ -16,6 +14,7 @@ use crate::update::{Rate, Rule, Updated};
 /// Slots that are not the rule's, tensors of different sizes, two tensors of one variable in the same memory.
 pub fn descend(kernels: Kernels, rule: Rule, clip: Option<f64>, mut updated: Vec<Updated>) {
     assert!(updated.iter().all(|one| one.slots.len() == rule.slots()), "the rule's slots");
+    assert!(updated.iter().all(is_apart), "each has memory of its own");
     let _guard = tch::no_grad_guard();
     if kernels == Kernels::Own && !updated.is_empty() && updated.iter().all(gpu::can_update) {
         return gpu::descend(rule, clip, &mut updated);
@@ -24,19 +23,26 @@ pub fn descend(kernels: Kernels, rule: Rule, clip: Option<f64>, mut updated: Vec
         if let Some(limit) = clip {
             one.gradient = one.gradient.clamp(-limit, limit);
         }
-        match (rule, &one.rate) {
-            (Rule::Adam { decays, epsilon }, &Rate::Number(rate)) if has_kernel_for(kernels, &one) => {
+        match (backend(kernels, &one), rule, &one.rate) {
+            (Backend::Cpu(instructions), Rule::Adam { decays, epsilon }, &Rate::Number(rate)) => {
                 let [betas @ .., rate, epsilon] = [decays.0, decays.1, rate, epsilon].map(|number| number as f32);
-                adam_on_cpu(AdamStep { betas, rate, epsilon }, &mut one);
+                adam_on_cpu(instructions, AdamStep { betas, rate, epsilon }, &mut one);
             }
             _ => by_libtorch(rule, one),
         }
     }
 }
 
-fn has_kernel_for(kernels: Kernels, one: &Updated) -> bool {
-    let tensors: Vec<_> = [&one.variable, &one.gradient].into_iter().chain(&one.slots).collect();
-    kernels.backend(&tensors) == Backend::Cpu && tensors.iter().all(|tensor| tensor.is_contiguous())
+fn backend(kernels: Kernels, one: &Updated) -> Backend {
+    let tensors = one.tensors();
+    if tensors.iter().all(|tensor| tensor.is_contiguous()) { kernels.backend(&tensors) } else { Backend::Libtorch }
+}
+
+/// Whether no tensor of a variable is in the memory of another.
+fn is_apart(one: &Updated) -> bool {
+    let mut spans: Vec<_> = one.tensors().into_iter().map(address_span).filter(|span| !span.is_empty()).collect();
+    spans.sort_unstable_by_key(|span| span.start);
+    spans.windows(2).all(|pair| pair[0].end <= pair[1].start)
 }
 
 fn by_libtorch(rule: Rule, one: Updated) {
@@ -63,19 +69,14 @@ fn by_libtorch(rule: Rule, one: Updated) {
     }
 }
 
-fn adam_on_cpu(step: AdamStep, one: &mut Updated) {
+fn adam_on_cpu(instructions: Instructions, step: AdamStep, one: &mut Updated) {
     let Updated { variable, gradient, slots, .. } = one;
     let [mean, square] = slots.as_mut_slice() else { unreachable!("the slots were counted") };
-    let place = |tensor: &Tensor| (tensor.data_ptr() as usize, size_of::<f32>() * tensor.numel());
-    let mut places = [place(gradient), place(variable), place(mean), place(square)];
-    places.sort_unstable();
-    let apart = places.windows(2).all(|pair| pair[0].0 + pair[0].1 <= pair[1].0);
-    assert!(apart || gradient.numel() == 0, "each has memory of its own");
     let slices = Slices {
         variable: floats_mut(variable),
         gradient: floats(gradient),
         mean: floats_mut(mean),
         square: floats_mut(square),
     };
-    adam::step(Instructions::best(), step, slices);
+    adam::step(instructions, step, slices);
 }

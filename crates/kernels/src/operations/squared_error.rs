@@ -14,7 +14,7 @@ use crate::tensors::floats_mut;
 pub fn squared_error(kernels: Kernels, a: &Tensor, b: &Tensor) -> Tensor {
     match kernels.backend(&[a, b]) {
         _ if b.requires_grad() => by_libtorch(a, b),
-        Backend::Cpu => on_cpu(a, b),
+        Backend::Cpu(instructions) => on_cpu(instructions, a, b),
         Backend::Gpu => gpu::squared_error(a, b),
         Backend::Libtorch => by_libtorch(a, b),
     }
@@ -24,11 +24,11 @@ fn by_libtorch(a: &Tensor, b: &Tensor) -> Tensor {
     (a - b).square().sum(a.kind())
 }
 
-fn on_cpu(a: &Tensor, b: &Tensor) -> Tensor {
+fn on_cpu(instructions: Instructions, a: &Tensor, b: &Tensor) -> Tensor {
     assert_eq!(a.size(), b.size());
     let values = [a, b].map(|tensor| framewise(&tensor.detach()));
     let [first, second] = values.each_ref().map(rows);
-    let sum = Tensor::from(kernel::squared_error(Instructions::best(), &first, &second) as f32);
+    let sum = Tensor::from(kernel::squared_error(instructions, &first, &second) as f32);
     if !autograd::records(&[a]) {
         return sum;
     }

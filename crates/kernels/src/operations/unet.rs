@@ -7,7 +7,6 @@ use crate::autograd;
 use crate::backend::{Backend, Kernels};
 use crate::gpu;
 use crate::interpolation::resize_bilinear_x2;
-use crate::simd::Instructions;
 use crate::tensors::{floats, floats_mut, numbers};
 use crate::unet::{Kernel, Shape};
 
@@ -19,26 +18,24 @@ const FEWEST_FRAMES: i64 = 5;
 #[derive(Debug)]
 pub struct UNetOperation {
     kernels: Kernels,
-    kernel: Kernel,
+    shape: Shape,
+    /// None where libtorch computes on the CPU.
+    kernel: Option<Kernel>,
 }
 
 impl UNetOperation {
     pub fn new(kernels: Kernels, shape: Shape) -> Self {
-        Self::with_instructions(kernels, shape, Instructions::best())
-    }
-
-    /// The same with these instructions of the CPU.
-    pub fn with_instructions(kernels: Kernels, shape: Shape, instructions: Instructions) -> Self {
-        UNetOperation { kernels, kernel: Kernel::new(instructions, shape) }
+        let kernel = kernels.instructions().map(|instructions| Kernel::new(instructions, shape));
+        UNetOperation { kernels, shape, kernel }
     }
 
     /// Frames `[frames, channels, S, S]` to logits `[frames, objects, S, S]`, differentiable by the weights; the gradient by
     /// the frames is libtorch's alone. `layers` are weights and biases in the network's order.
     pub fn forward(&self, layers: &[(&Tensor, &Tensor)], frames: &Tensor) -> Tensor {
-        match self.backend(layers, frames) {
-            Backend::Cpu => self.on_cpu(layers, frames),
-            Backend::Gpu => gpu::unet(self.kernel.shape(), layers, frames),
-            Backend::Libtorch => by_libtorch(self.kernel.shape(), layers, frames),
+        match (self.backend(layers, frames), &self.kernel) {
+            (Backend::Cpu(_), Some(kernel)) => on_cpu(kernel, layers, frames),
+            (Backend::Gpu, _) => gpu::unet(self.shape, layers, frames),
+            (Backend::Cpu(_) | Backend::Libtorch, _) => by_libtorch(self.shape, layers, frames),
         }
     }
 
@@ -47,32 +44,29 @@ impl UNetOperation {
         let count = frames.size()[0];
         match self.kernels.backend(&[frames, weight]) {
             _ if autograd::records(&[frames]) => Backend::Libtorch,
-            Backend::Cpu if count < FEWEST_FRAMES => Backend::Libtorch,
-            Backend::Gpu if count == 0 || !gpu::fits(self.kernel.shape().side, frames) => Backend::Libtorch,
+            Backend::Cpu(_) if count < FEWEST_FRAMES && self.kernels == Kernels::Own => Backend::Libtorch,
+            Backend::Gpu if count == 0 || !gpu::fits(self.shape.side, frames) => Backend::Libtorch,
             backend => backend,
         }
     }
+}
 
-    /// By the CPU kernel, however few frames there are.
-    #[doc(hidden)]
-    pub fn on_cpu(&self, layers: &[(&Tensor, &Tensor)], frames: &Tensor) -> Tensor {
-        let variables: Vec<&Tensor> = layers.iter().flat_map(|&(weight, bias)| [weight, bias]).collect();
-        let values: Vec<_> = layers.iter().map(|(weight, bias)| (numbers(weight), numbers(bias))).collect();
-        let Shape { side, channels, objects, .. } = self.kernel.shape();
-        let frames = frames.detach().contiguous();
-        assert_eq!(frames.size()[1..], [channels, side, side].map(|n| n as i64), "frames of the network's shape");
-        let mut logits =
-            Tensor::empty([frames.size()[0], objects as i64, side as i64, side as i64], (Kind::Float, Device::Cpu));
-        let pass =
-            self.kernel.forward(&values, floats(&frames), floats_mut(&mut logits), autograd::records(&variables));
-        let Some(pass) = pass else { return logits };
-        let sizes: Vec<_> = variables.iter().map(|variable| variable.size()).collect();
-        autograd::attach(logits, &variables, move |gradient| {
-            let gradients = pass.backward(floats(&gradient.contiguous()));
-            let gradients = gradients.into_iter().flat_map(|(weight, bias)| [weight, bias]);
-            gradients.zip(&sizes).map(|(values, size)| Tensor::from_slice(&values).reshape(size)).collect()
-        })
-    }
+fn on_cpu(kernel: &Kernel, layers: &[(&Tensor, &Tensor)], frames: &Tensor) -> Tensor {
+    let variables: Vec<&Tensor> = layers.iter().flat_map(|&(weight, bias)| [weight, bias]).collect();
+    let values: Vec<_> = layers.iter().map(|(weight, bias)| (numbers(weight), numbers(bias))).collect();
+    let Shape { side, channels, objects, .. } = kernel.shape();
+    let frames = frames.detach().contiguous();
+    assert_eq!(frames.size()[1..], [channels, side, side].map(|n| n as i64), "frames of the network's shape");
+    let mut logits =
+        Tensor::empty([frames.size()[0], objects as i64, side as i64, side as i64], (Kind::Float, Device::Cpu));
+    let pass = kernel.forward(&values, floats(&frames), floats_mut(&mut logits), autograd::records(&variables));
+    let Some(pass) = pass else { return logits };
+    let sizes: Vec<_> = variables.iter().map(|variable| variable.size()).collect();
+    autograd::attach(logits, &variables, move |gradient| {
+        let gradients = pass.backward(floats(&gradient.contiguous()));
+        let gradients = gradients.into_iter().flat_map(|(weight, bias)| [weight, bias]);
+        gradients.zip(&sizes).map(|(values, size)| Tensor::from_slice(&values).reshape(size)).collect()
+    })
 }
 
 fn by_libtorch(shape: Shape, layers: &[(&Tensor, &Tensor)], frames: &Tensor) -> Tensor {

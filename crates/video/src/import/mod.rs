@@ -30,6 +30,7 @@ use self::motion::Moving;
 use self::reel::{Reel, Take};
 use self::request::Request;
 use self::time_base::Kept;
+use paig::Error;
 use paig::datasets::film::FILM;
 use paig::network::System;
 use paig::network::system::SystemTable;
@@ -99,7 +100,11 @@ pub type Progress<'a> = &'a dyn Fn(usize, usize);
 /// # Errors
 /// A video that cannot be read, a crop or a part outside of it, nothing that moves, too few frames, a folder that holds
 /// something already, a system that cannot be. Nothing is written then.
-pub fn import(request: &Request, progress: Progress) -> Result<Imported> {
+pub fn import(request: &Request, progress: Progress) -> Result<Imported, Error> {
+    Ok(imported(request, progress)?)
+}
+
+fn imported(request: &Request, progress: Progress) -> Result<Imported> {
     ensure!(!request.videos.is_empty(), "no video given");
     ensure!(request.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps: must be a positive number");
     let (new_folder, name) = (request.folder_is_new()?, request.task_name()?);

@@ -84,7 +84,7 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
         ),
     };
     let text = format!(
-        "# Made by `import`; change what you know better.\n\
+        "# Made by `paig import`; change what you know better.\n\
          name = {name}\n\
          summary = {summary}\n\
          \n\

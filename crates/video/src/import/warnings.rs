@@ -40,10 +40,11 @@ pub(super) fn of(
     let mut warnings = Vec::new();
     for Take { video, kept, .. } in &reel.takes {
         let (name, rate) = (video.name(), request.step as f64 / kept.interval);
-        let of_it = video.complaint.as_ref().map(|said| {
-            format!("{name}: ffmpeg says {said:?}: it may be damaged or cut off; look at its last frames in the contact sheet")
-        });
-        warnings.extend(of_it.filter(|warning| !warnings.contains(warning)));
+        for remark in video.remarks.iter().map(|remark| format!("{name}: {remark}")) {
+            if !warnings.contains(&remark) {
+                warnings.push(remark);
+            }
+        }
         match kept.clock {
             Clock::Given => {}
             Clock::Regular => {

@@ -41,6 +41,7 @@ use self::results::Measurement;
 use self::scale::Scale;
 use self::source::Passed;
 use self::subject::Subject;
+use paig::Error;
 use paig::network::cells::CellKind;
 use paig::runs::checkpoint::{SavedWeights, clips_of};
 use paig::runs::summary::Summary;
@@ -105,7 +106,11 @@ struct Seen {
 /// # Errors
 /// A run whose task has no video or no film, or was imported again since; an equation that leads nowhere, a folder that
 /// cannot be written.
-pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement> {
+pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement, Error> {
+    Ok(measured(folder, request, out, device)?)
+}
+
+fn measured(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement> {
     let _guard = tch::no_grad_guard();
     let begun = Instant::now();
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;

@@ -48,7 +48,7 @@ impl<'a> Subject<'a> {
     pub(super) fn read(config: &'a Config, model: &'a PhysicsNet, clips: &str, device: Device) -> Result<Self> {
         let task = &config.task;
         let record =
-            task.video().context("the run's task has no video; only what was made by `import` can be measured")?;
+            task.video().context("the run's task has no video; only what was made by `paig import` can be measured")?;
         let film_step = record.film_step.context("the task was imported without a film; import its videos again")?;
         let path = config.data.train_path();
         let system = &model.system;

@@ -42,7 +42,7 @@ use crate::support::random::fnv1a;
 
 pub use built_in::written;
 pub use plain::SingleEquation;
-pub use scalars::roll_out_on_gpu;
+pub(crate) use scalars::roll_out_on_gpu;
 pub use table::{Accelerations, EquationTable, Given, Integrator, ParameterTable, Sides, WallTable};
 
 /// Most steps for a frame.
@@ -103,7 +103,7 @@ fn checksum(table: &EquationTable, objects: usize) -> Result<u64> {
 
 /// What moves the objects, without what only a fit needs (its method, the bounds and starts of the parameters): the equation's
 /// name where it is no text.
-pub fn accelerations(kind: &CellKind) -> String {
+pub(crate) fn accelerations(kind: &CellKind) -> String {
     let Build::Text(equation) = kind.build else { return kind.name.into() };
     let moves =
         EquationTable { integrator: Integrator::default(), parameters: BTreeMap::new(), ..equation.table.clone() };
@@ -114,7 +114,7 @@ pub fn accelerations(kind: &CellKind) -> String {
 ///
 /// # Errors
 /// None that the equation itself did not have.
-pub fn integrated_by(kind: &CellKind, integrator: Integrator) -> Result<Option<&'static CellKind>> {
+pub(crate) fn integrated_by(kind: &CellKind, integrator: Integrator) -> Result<Option<&'static CellKind>> {
     let Build::Text(equation) = kind.build else { return Ok(None) };
     self::kind(&EquationTable { integrator, ..equation.table.clone() }, equation.program.objects).map(Some)
 }

@@ -73,7 +73,7 @@ impl CoordinateConsistent {
     }
 
     /// The same decoder as a constant: gradients pass through it to the positions, not to what it has learned.
-    pub fn detached(&self) -> Self {
+    pub(crate) fn detached(&self) -> Self {
         CoordinateConsistent {
             log_sigma: self.log_sigma.detach(),
             template: self.template.detached(),
@@ -107,7 +107,7 @@ impl CoordinateConsistent {
 
     /// For each object the first that looks like it, itself where it is the first: in each other's place they are an error
     /// that is small beside drawing neither.
-    pub fn twins(&self) -> Vec<usize> {
+    pub(crate) fn twins(&self) -> Vec<usize> {
         let (drawn, _) = self.looks();
         let alike = |a: usize, b: usize| {
             let drawn = [a, b].map(|object| drawn.get(object as i64));
@@ -173,7 +173,7 @@ impl CoordinateConsistent {
 
     /// Shifts each object's sprite in its window by `offsets` (`[2 * objects]`, pixels of the frame), so that it is drawn
     /// where it was when its position loses as much.
-    pub fn shift_sprites(&self, offsets: &Tensor) {
+    pub(crate) fn shift_sprites(&self, offsets: &Tensor) {
         let _guard = tch::no_grad_guard();
         let window = self.side as i64 / 2;
         // Pixels of the window for one unit of position: the slope of the spatial transformer's map.
@@ -204,7 +204,7 @@ impl CoordinateConsistent {
     }
 
     /// See [`super::Decoder::with_derivative`]: differences of the moved sprites, composed by the derivative of the softmax.
-    pub fn with_derivative(&self, positions: &Tensor, probe: f64) -> (Tensor, Tensor) {
+    pub(crate) fn with_derivative(&self, positions: &Tensor, probe: f64) -> (Tensor, Tensor) {
         let _guard = tch::no_grad_guard();
         let sprites = self.sprites();
         let layers = sprites.layers();

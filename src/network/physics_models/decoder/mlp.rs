@@ -49,7 +49,7 @@ impl MlpDecoder {
         }
     }
 
-    pub fn detached(&self) -> Self {
+    pub(crate) fn detached(&self) -> Self {
         MlpDecoder { layers: self.layers.detached(), ..*self }
     }
 

@@ -78,12 +78,12 @@ impl Decoder {
     /// Frames drawn at `positions` (`[frames, coordinates * objects]`), and their derivative by each coordinate, `[frames,
     /// coordinates * objects, channels, S, S]`, by central differences of `probe`, without gradient. None where there are no
     /// sprites that could move.
-    pub fn with_derivative(&self, positions: &Tensor, probe: f64) -> Option<(Tensor, Tensor)> {
+    pub(crate) fn with_derivative(&self, positions: &Tensor, probe: f64) -> Option<(Tensor, Tensor)> {
         self.with_sprites().map(|decoder| decoder.with_derivative(positions, probe))
     }
 
     /// The same decoder as a constant: gradients pass through it to the positions, not to what it has learned.
-    pub fn detached(&self) -> Self {
+    pub(crate) fn detached(&self) -> Self {
         Decoder(match &self.0 {
             Kind::CoordinateConsistent(decoder) => Kind::CoordinateConsistent(decoder.detached()),
             Kind::Mlp(decoder) => Kind::Mlp(decoder.detached()),
@@ -114,12 +114,12 @@ impl Decoder {
     }
 
     /// For each object the first that looks like it; none where there are no sprites to tell.
-    pub fn twins(&self) -> Option<Vec<usize>> {
+    pub(crate) fn twins(&self) -> Option<Vec<usize>> {
         self.with_sprites().map(CoordinateConsistent::twins)
     }
 
     /// Whether two objects look alike.
-    pub fn has_twins(&self) -> bool {
+    pub(crate) fn has_twins(&self) -> bool {
         self.twins().is_some_and(|first| first.iter().enumerate().any(|(object, &first)| object != first))
     }
 
@@ -165,7 +165,7 @@ impl Decoder {
 
     /// Shifts each object's sprite in its window by `offsets` (`[2 * objects]`, pixels of the frame), so that it is drawn
     /// where it was when its position loses as much. Nothing happens where there are no sprites.
-    pub fn shift_sprites(&self, offsets: &Tensor) {
+    pub(crate) fn shift_sprites(&self, offsets: &Tensor) {
         if let Some(decoder) = self.with_sprites() {
             decoder.shift_sprites(offsets);
         }

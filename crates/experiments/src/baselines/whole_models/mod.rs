@@ -12,7 +12,6 @@ mod descent;
 pub mod frame_model;
 pub mod gaussian;
 pub mod planet;
-pub mod run;
 pub mod scores;
 pub mod training;
 pub mod video_lstm;

@@ -1,128 +1,70 @@
-//! A film in H.264: samples decoded in the container's order, frames given in display order.
+//! Frames of a film by their numbers, with square pixels.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::path::Path;
-
-use anyhow::{Context, Result, bail, ensure};
-use image::{RgbImage, imageops};
+use anyhow::{Context, Result};
+use image::RgbImage;
+use paig_decode::{Frame, Video};
+use paig_resize::{Picture, Rectangle};
 
 use super::Frames;
-use super::colour::to_rgb;
-use super::container::{Codec, ParameterSets, Sample, Track, Turn};
-use super::h264::{Decoded, SampleDecoder, is_entry};
 
-/// Most frames that wait for an earlier one. The standard allows 16.
-const MOST_WAITING: usize = 32;
+/// Part by which a pixel may be wider than high, or less wide, and count as square: the rounding of a converter's sides.
+const SQUARE: f64 = 1e-4;
 
-/// Decodes one film from its beginning, or from the last frame before the first wanted one at which decoding can begin.
-pub(super) struct Film<'a> {
-    track: &'a Track,
-    sets: &'a ParameterSets,
-    file: BufReader<File>,
-    decoder: SampleDecoder,
-    /// The next sample to be decoded.
-    next: Option<usize>,
-    /// Decoded frames that are shown later, by number.
-    waiting: BTreeMap<usize, RgbImage>,
+/// The size of frames of so many pixels, each `aspect` times as wide as high, in square pixels; the longer side of a pixel counts.
+pub(super) fn square((width, height): (u32, u32), aspect: f64) -> (u32, u32) {
+    let scaled = |side: u32, by: f64| ((f64::from(side) * by).round() as u32).max(1);
+    match aspect {
+        _ if (aspect - 1.0).abs() <= SQUARE => (width, height),
+        _ if aspect > 1.0 => (scaled(width, aspect), height),
+        _ => (width, scaled(height, 1.0 / aspect)),
+    }
 }
 
-/// Decodes the first frame: the size of the frames as they are coded, or why the decoder cannot decode this film.
-///
-/// # Errors
-/// Damage.
-pub(super) fn try_first(path: &Path, track: &Track) -> Result<std::result::Result<(u32, u32), String>> {
-    let Codec::H264(sets) = &track.codec else { bail!("it is not H.264") };
-    let mut decoder = match SampleDecoder::new(sets)? {
-        Ok(decoder) => decoder,
-        Err(why) => return Ok(Err(why)),
-    };
-    let first = track.samples.first().context("it has no frames")?;
-    Ok(match decoder.decode(&read(&mut File::open(path)?, first)?).context("its first frame")? {
-        Decoded::Frame(frame) => Ok((u32::try_from(frame.width)?, u32::try_from(frame.height)?)),
-        Decoded::Unsupported(what) => Err(format!("it is H.264 with {what}")),
-    })
+/// A pass through a film from the first frame that is asked for on.
+pub(super) struct Film<'a> {
+    video: &'a Video,
+    /// Of the frames that are given.
+    size: (u32, u32),
+    ahead: Option<paig_decode::Frames>,
+    at: Option<Frame>,
 }
 
 impl<'a> Film<'a> {
-    /// # Errors
-    /// As for [`try_first`].
-    pub(super) fn open(path: &Path, track: &'a Track) -> Result<Self> {
-        let Codec::H264(sets) = &track.codec else { bail!("it is not H.264") };
-        let decoder = SampleDecoder::new(sets)?.map_err(anyhow::Error::msg)?;
-        let file = BufReader::new(File::open(path)?);
-        Ok(Film { track, sets, file, decoder, next: None, waiting: BTreeMap::new() })
-    }
-
-    /// The last sample at which decoding can begin and after which nothing is missing that is shown from `number` on.
-    fn entry(&mut self, number: usize) -> Result<usize> {
-        let samples = &self.track.samples;
-        let wanted =
-            samples.iter().position(|sample| sample.number == Some(number)).context("there is no such frame")?;
-        // Frames that are shown from the wanted one on may be coded before it.
-        let earliest = samples.iter().position(|sample| sample.number >= Some(number)).unwrap_or(wanted);
-        for place in (0..=earliest).rev() {
-            if is_entry(&read(&mut self.file, &samples[place])?, self.sets.length_bytes) {
-                return Ok(place);
-            }
-        }
-        Ok(0)
+    pub(super) fn new(video: &'a Video, size: (u32, u32)) -> Self {
+        Film { video, size, ahead: None, at: None }
     }
 }
 
 impl Frames for Film<'_> {
     fn frame(&mut self, number: usize) -> Result<RgbImage> {
-        let mut next = match self.next {
-            Some(next) => next,
-            None => self.entry(number)?,
-        };
-        self.waiting.retain(|&shown, _| shown >= number);
-        while !self.waiting.contains_key(&number) {
-            let sample = self.track.samples.get(next).with_context(|| format!("frame {number} is missing"))?;
-            let frame = match sample.number {
-                Some(shown) => format!("frame {shown} at {:.3} s", sample.time),
-                None => "a frame that is not shown".into(),
-            };
-            let bytes = read(&mut self.file, sample).with_context(|| frame.clone())?;
-            match self.decoder.decode(&bytes).with_context(|| frame.clone())? {
-                Decoded::Unsupported(what) => {
-                    bail!(
-                        "{frame}: H.264 with {what} is not decoded here; convert the video to plain H.264 with ffmpeg"
-                    )
-                }
-                Decoded::Frame(yuv) => {
-                    if let Some(shown) = sample.number.filter(|shown| *shown >= number) {
-                        let picture = upright(to_rgb(&yuv), self.track.turn);
-                        ensure!(
-                            picture.dimensions() == self.track.size(),
-                            "{frame}: the size changes within the video"
-                        );
-                        self.waiting.insert(shown, picture);
-                    }
-                }
-            }
-            ensure!(self.waiting.len() <= MOST_WAITING, "{frame}: the order of the frames is damaged");
-            next += 1;
-            self.next = Some(next);
+        if self.ahead.is_none() {
+            self.ahead = Some(self.video.frames_from(number)?);
         }
-        Ok(self.waiting[&number].clone())
+        let ahead = self.ahead.as_mut().expect("it was just opened");
+        while self.at.as_ref().is_none_or(|at| at.number() < number) {
+            let next = ahead.next().with_context(|| format!("it ends before frame {number}"))?;
+            self.at = Some(next?);
+        }
+        let frame = self.at.as_ref().expect("it was just decoded").rgb();
+        if frame.dimensions() == self.size {
+            return Ok(frame);
+        }
+        let (width, height) = frame.dimensions();
+        let whole = Rectangle { x: 0, y: 0, width, height };
+        let scaled = paig_resize::scaled(Picture { width, height, pixels: frame.as_raw() }, whole, self.size);
+        Ok(RgbImage::from_raw(self.size.0, self.size.1, scaled).expect("three bytes for each pixel"))
     }
 }
 
-fn read(file: &mut (impl Read + Seek), sample: &Sample) -> Result<Vec<u8>> {
-    // The sample lies within the file, so there is room for it.
-    let mut bytes = vec![0; sample.size as usize];
-    file.seek(SeekFrom::Start(sample.offset))?;
-    file.read_exact(&mut bytes)?;
-    Ok(bytes)
-}
+#[cfg(test)]
+mod tests {
+    use super::square;
 
-fn upright(picture: RgbImage, turn: Turn) -> RgbImage {
-    match turn {
-        Turn::None => picture,
-        Turn::Quarter => imageops::rotate90(&picture),
-        Turn::Half => imageops::rotate180(&picture),
-        Turn::ThreeQuarters => imageops::rotate270(&picture),
+    #[test]
+    fn pixels_become_square_by_growing() {
+        assert_eq!(square((720, 576), 1.0), (720, 576));
+        // PAL DV, 4:3: 16 to 15.
+        assert_eq!(square((720, 576), 16.0 / 15.0), (768, 576));
+        assert_eq!(square((640, 480), 0.5), (640, 960));
     }
 }

@@ -1,30 +1,22 @@
-//! Where frames come from: films, gifs, folders of pictures, arrays. Each gives upright RGB frames in display order.
+//! Frames of videos: films, gifs and folders of pictures by [`paig_decode`], arrays of npz. Each gives upright RGB frames with
+//! square pixels in display order.
 
-mod colour;
-mod container;
-mod damage;
-mod edits;
-mod ffmpeg;
 mod film;
-mod gif;
-mod h264;
 mod npz;
-mod pictures;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use image::RgbImage;
+use paig_decode::{Decoder, Note};
 
-pub use damage::quiet_decoders;
+use self::film::Film;
+
+pub use paig_decode::quiet_decoders;
 
 /// Largest side of a frame, pixels, and most frames of a video. What claims more is refused before room is made for it.
 pub const LARGEST_SIDE: u32 = 8192;
 pub const MOST_FRAMES: usize = 2_000_000;
-
-/// Part by which a pixel may be wider than high or less wide: a converter that rounds a small frame's sides to even numbers says
-/// so of its pixels. Those of television are off by 7 % at least.
-const SQUARE: f64 = 0.01;
 
 /// A video and what is known of it before a frame is decoded.
 #[derive(Debug)]
@@ -36,17 +28,14 @@ pub struct Video {
     pub frames: usize,
     /// Of each frame, in seconds, from 0 on and ascending; none where the source knows no times.
     pub times: Option<Vec<f64>>,
-    /// What ffmpeg complains of, though it reads on.
-    pub complaint: Option<String>,
+    /// Remarks on the file, for people.
+    pub remarks: Vec<String>,
     source: Source,
 }
 
 #[derive(Debug)]
 enum Source {
-    H264(container::Track),
-    Ffmpeg,
-    Gif,
-    Pictures(Vec<PathBuf>),
+    Film(paig_decode::Video),
     Array(npz::Film),
 }
 
@@ -65,7 +54,7 @@ struct Facts {
     size: (u32, u32),
     frames: usize,
     times: Option<Vec<f64>>,
-    complaint: Option<String>,
+    remarks: Vec<String>,
 }
 
 impl Video {
@@ -77,11 +66,11 @@ impl Video {
         let read = || {
             ensure!(path.exists(), "there is no such file or folder");
             let (source, facts) = source(path)?;
-            let Facts { size: (width, height), frames, times, complaint } = facts;
+            let Facts { size: (width, height), frames, times, remarks } = facts;
             check_size(width, height)?;
             ensure!(frames > 0, "it has no frames");
             ensure!(frames <= MOST_FRAMES, "it has {frames} frames; at most {MOST_FRAMES} are read");
-            Ok(Video { path: path.into(), width, height, frames, times, complaint, source })
+            Ok(Video { path: path.into(), width, height, frames, times, remarks, source })
         };
         read().with_context(|| format!("video {}", path.display()))
     }
@@ -91,12 +80,8 @@ impl Video {
     /// # Errors
     /// A file that cannot be opened any more.
     pub fn decode(&self) -> Result<Box<dyn Frames + '_>> {
-        let path = self.path.as_path();
         Ok(match &self.source {
-            Source::H264(track) => Box::new(film::Film::open(path, track)?),
-            Source::Ffmpeg => Box::new(ffmpeg::Pipe::open(path, self.width, self.height)?),
-            Source::Gif => Box::new(gif::Animation::open(path)?),
-            Source::Pictures(files) => Box::new(pictures::Pictures::new(files, (self.width, self.height))),
+            Source::Film(film) => Box::new(Film::new(film, (self.width, self.height))),
             Source::Array(film) => Box::new(film),
         })
     }
@@ -104,8 +89,8 @@ impl Video {
     /// Whether a new decoder goes to the first frame it is asked for at once, or nearly so; else it decodes all before it.
     fn is_entered_anywhere(&self) -> bool {
         match &self.source {
-            Source::H264(_) | Source::Pictures(_) | Source::Array(_) => true,
-            Source::Ffmpeg | Source::Gif => false,
+            Source::Film(film) => film.info().decoder == Decoder::BuiltIn && film.info().container != "gif",
+            Source::Array(_) => true,
         }
     }
 
@@ -139,14 +124,9 @@ impl<'a> Passes<'a> {
 }
 
 fn source(path: &Path) -> Result<(Source, Facts)> {
-    if path.is_dir() {
-        let (files, facts) = pictures::list(path)?;
-        return Ok((Source::Pictures(files), facts));
-    }
     let extension = path.extension().and_then(|it| it.to_str()).unwrap_or_default().to_lowercase();
     match extension.as_str() {
-        "mp4" | "mov" | "m4v" | "qt" => mp4(path),
-        "gif" => Ok((Source::Gif, gif::facts(path)?)),
+        _ if path.is_dir() => film(path),
         "npz" => {
             let film = npz::Film::read(path)?;
             let facts = film.facts();
@@ -154,36 +134,45 @@ fn source(path: &Path) -> Result<(Source, Facts)> {
         }
         "png" | "jpg" | "jpeg" => bail!("it is a single picture; give the folder of all"),
         "npy" => bail!("save the array with numpy.savez as .npz"),
-        _ if ffmpeg::is_there() => Ok((Source::Ffmpeg, ffmpeg::facts(path)?)),
-        _ => bail!(
-            "{extension:?} is read by ffmpeg only, which is not on the PATH; install it, or convert the video to mp4 \
-             (H.264). Read without it: mp4, mov, gif, npz, folders of png or jpeg"
-        ),
+        _ => film(path),
     }
 }
 
-/// H.264 is decoded here, anything else by ffmpeg.
-fn mp4(path: &Path) -> Result<(Source, Facts)> {
-    let mut track = container::Track::read(path)?;
-    let tried = match &track.codec {
-        container::Codec::H264(_) => film::try_first(path, &track)?,
-        container::Codec::Other(name) => Err(format!("it is {name}")),
-    };
-    let why = match tried {
-        Ok(coded) => {
-            track.coded = coded;
-            let times = track.times();
-            let facts = Facts { size: track.size(), frames: times.len(), times: Some(times), complaint: None };
-            return Ok((Source::H264(track), facts));
+/// A film, a gif or a folder of pictures.
+fn film(path: &Path) -> Result<(Source, Facts)> {
+    let film = paig_decode::Video::open(path)?;
+    let info = film.info();
+    let size = film::square(info.size, info.pixel_aspect);
+    let mut remarks: Vec<String> = info.notes.iter().filter_map(remark).collect();
+    if size != info.size {
+        let (width, height) = info.size;
+        remarks.push(format!(
+            "its pixels are {:.4} times as wide as high: {width} x {height} of them become {} x {} square ones",
+            info.pixel_aspect, size.0, size.1
+        ));
+    }
+    if let Some(rate) = info.capture_rate {
+        remarks.push(format!("its tags say that it was filmed at {rate} frames a second; if so, give --fps {rate}"));
+    }
+    let facts = Facts { size, frames: info.frames, times: film.times().map(<[f64]>::to_vec), remarks };
+    Ok((Source::Film(film), facts))
+}
+
+/// What a note means for a measurement; none where frames and times are as they were filmed.
+fn remark(note: &Note) -> Option<String> {
+    match note {
+        Note::EditRate(rate) => Some(format!("its edit list plays it {rate} times as fast as it was filmed")),
+        Note::Cuts(pieces) => {
+            Some(format!("its edit list shows {pieces} pieces one after the other: time jumps between them"))
         }
-        Err(why) => why,
-    };
-    ensure!(
-        ffmpeg::is_there(),
-        "{why}, which needs ffmpeg, and there is none on the PATH; install ffmpeg or convert the video to H.264 (8 bit, \
-         4:2:0)"
-    );
-    Ok((Source::Ffmpeg, ffmpeg::facts(path)?))
+        Note::TimesOfDecoding => {
+            Some("it has no times of display: its frames are taken to follow each other evenly".into())
+        }
+        Note::Ffmpeg(complaint) => Some(format!(
+            "ffmpeg says {complaint:?}: it may be damaged or cut off; look at its last frames in the contact sheet"
+        )),
+        _ => None,
+    }
 }
 
 fn check_size(width: u32, height: u32) -> Result<()> {
@@ -191,16 +180,6 @@ fn check_size(width: u32, height: u32) -> Result<()> {
     ensure!(
         sound(width) && sound(height),
         "its frames have {width} x {height} pixels; expected 1 to {LARGEST_SIDE} a side"
-    );
-    Ok(())
-}
-
-/// Refuses pixels that are shown wider or higher than they are stored: `aspect` times as wide as high.
-fn check_square(aspect: f64) -> Result<()> {
-    ensure!(
-        (aspect - 1.0).abs() <= SQUARE,
-        "its pixels are not square: each is shown {aspect:.3} times as wide as high. Make them so: ffmpeg -i VIDEO -vf \
-         scale=iw*sar:ih,setsar=1 square.mp4"
     );
     Ok(())
 }

@@ -51,7 +51,7 @@ impl Film {
     /// An array has no times.
     pub(super) fn facts(&self) -> Facts {
         let (frames, height, width, _) = self.frames.dim();
-        Facts { size: (width as u32, height as u32), frames, times: None, complaint: None }
+        Facts { size: (width as u32, height as u32), frames, times: None, remarks: Vec::new() }
     }
 }
 

@@ -273,7 +273,7 @@ impl Lowering<'_> {
     }
 
     /// Places of the numbers of walls; `edges` are those of the frame.
-    pub fn barrier(&mut self, standing: &TextWalls, edges: Walls) -> Barrier {
+    pub(crate) fn barrier(&mut self, standing: &TextWalls, edges: Walls) -> Barrier {
         let mut place = |value: Value| {
             let value = match value {
                 Value::Number(number) => self.numbers.number(number),

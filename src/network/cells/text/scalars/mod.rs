@@ -19,7 +19,7 @@ use paig_kernels::gpu::roll_out::{Listing, Scalars, roll_out};
 /// The states of the next frames as a [`Cell`](crate::network::cells::Cell) of this equation gives them, by one launch
 /// of a kernel instead of a hundred for each frame; none where the kernel cannot compute them. The tensors are where
 /// kernels can be launched.
-pub fn roll_out_on_gpu(
+pub(crate) fn roll_out_on_gpu(
     kind: &CellKind,
     raw: &[Tensor],
     walls: Walls,

@@ -107,7 +107,7 @@ impl Numbers {
     }
 
     /// The place of the number with its sign.
-    pub fn with_sign(&mut self, x: Signed) -> usize {
+    pub(crate) fn with_sign(&mut self, x: Signed) -> usize {
         if x.negative { self.computed(Operation::Negative, [x.place]).place } else { x.place }
     }
 
@@ -130,7 +130,7 @@ impl Numbers {
     }
 
     /// `a + b c`.
-    pub fn plus_product(&mut self, a: Signed, b: Signed, c: Signed) -> Signed {
+    pub(crate) fn plus_product(&mut self, a: Signed, b: Signed, c: Signed) -> Signed {
         let same = a.negative == (b.negative != c.negative);
         let operation = if same { Operation::PlusProduct } else { Operation::MinusProduct };
         let sum = self.computed(operation, [a.place, b.place.min(c.place), b.place.max(c.place)]);

@@ -1,0 +1,130 @@
+//! Containers: where the coded frames lie, when each is shown, and which way is up.
+
+mod avi;
+mod boxes;
+mod ebml;
+mod matroska;
+mod mp4;
+mod mp4_entry;
+mod mp4_fragments;
+mod mp4_tables;
+mod mp4_tags;
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
+
+use crate::bytes::big_endian;
+use crate::colour::Tags;
+use crate::error::{Error, Result};
+use crate::info::{Fields, Note};
+use crate::timeline::Timeline;
+use crate::upright::Orientation;
+
+/// The video track of a file.
+#[derive(Debug)]
+pub(crate) struct Track {
+    pub container: &'static str,
+    pub setup: Setup,
+    /// In decoding order.
+    pub packets: Vec<Packet>,
+    pub timeline: Timeline,
+    pub stamps: Stamps,
+    pub geometry: Geometry,
+    /// Colour tags of the container.
+    pub colour: Tags,
+    pub interlaced: Option<Fields>,
+    pub claimed_rate: Option<f64>,
+    pub capture_rate: Option<f64>,
+    pub tags: Vec<(String, String)>,
+    pub notes: Vec<Note>,
+    /// Bytes that precede each packet and are stored once (Matroska's header stripping).
+    pub prefix: Vec<u8>,
+}
+
+/// The codec, and what its decoder must know before the first packet.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Setup {
+    H264(ParameterSets),
+    Hevc(ParameterSets),
+    Vp8,
+    Vp9,
+    Av1,
+    Mjpeg,
+    /// By its name for people.
+    Other(String),
+}
+
+/// Parameter sets stored outside the packets.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct ParameterSets {
+    /// NAL units without start codes.
+    pub units: Vec<Vec<u8>>,
+    /// Bytes of the length before each NAL unit of a packet; none where start codes separate them (Annex B).
+    pub length_bytes: Option<usize>,
+}
+
+/// A coded frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Packet {
+    /// Place in the file, bytes.
+    pub offset: u64,
+    pub size: u64,
+    /// Ticks of the track's clock.
+    pub stamp: i64,
+    /// Whether the container marks it as decodable without those before it.
+    pub sync: bool,
+}
+
+/// What the packets' stamps mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stamps {
+    /// Times at which the frames are shown.
+    Presentation,
+    /// Times at which they are decoded: in display order, the frames have the same times, sorted.
+    Decoding,
+}
+
+/// Aspect and orientation that the container states.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Geometry {
+    /// Shown width of a stored pixel over its height, where the container states it.
+    pub pixel_aspect: Option<f64>,
+    pub orientation: Orientation,
+}
+
+/// Reads the index of a file; recognizes the container by its first bytes. None for a container that is not read here.
+///
+/// # Errors
+/// Damage, no video in it, claims beyond the limits.
+pub(crate) fn read(file: &mut BufReader<File>) -> Result<Option<Track>> {
+    let length = file.get_ref().metadata()?.len();
+    let mut first = Vec::new();
+    file.rewind()?;
+    file.by_ref().take(12).read_to_end(&mut first)?;
+    file.rewind()?;
+    if first.is_empty() {
+        return Err(Error::corrupt("it is empty"));
+    }
+    let name = |at: usize| first.get(at..at + 4).unwrap_or_default();
+    let track = match () {
+        () if boxes::TOP_LEVEL.iter().any(|known| known.as_slice() == name(4)) => mp4::read(file, length)?,
+        () if big_endian(name(0)) == u64::from(ebml::HEADER) => matroska::read(file, length)?,
+        () if name(0) == b"RIFF" && name(8) == b"AVI " => avi::read(file, length)?,
+        () => return Ok(None),
+    };
+    check_inside(&track.packets, length)?;
+    crate::limits::check_frames(track.packets.len())?;
+    Ok(Some(track))
+}
+
+/// Refuses a file that lacks coded frames of its index.
+fn check_inside(packets: &[Packet], length: u64) -> Result<()> {
+    let inside = |packet: &&Packet| packet.offset.checked_add(packet.size).is_some_and(|end| end <= length);
+    let there = packets.iter().filter(inside).count();
+    if there < packets.len() {
+        let beyond = packets.len() - there;
+        let all = packets.len();
+        return Err(Error::corrupt(format!("it is cut off: {beyond} of its {all} frames lie beyond its end")));
+    }
+    Ok(())
+}

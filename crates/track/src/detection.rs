@@ -1,0 +1,106 @@
+//! Moving regions of every frame.
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use crate::background::{Background, Samples};
+use crate::components::{Blob, components};
+use crate::difference::{difference, gaussian};
+use crate::error::Error;
+use crate::exposure::Exposure;
+use crate::options::Options;
+use crate::shadow::{Core, core};
+use crate::shake::{Edges, moved_back};
+use crate::statistics::{median, quantile};
+use crate::video::{Size, Video, map_frames};
+
+/// Most regions kept of a frame.
+const MOST_BLOBS: usize = 6;
+/// Fewest pixels of a region.
+const LEAST_AREA: usize = 5;
+/// Share of the largest peak below which a frame shows nothing.
+const EMPTY: f64 = 0.25;
+
+/// Moving regions of one frame.
+#[derive(Debug, Clone)]
+pub(crate) struct Detection {
+    pub(crate) frame: usize,
+    pub(crate) exposure: Exposure,
+    /// Translation of the camera `[x, y]`, pixels, by which the frame is moved back.
+    pub(crate) translation: [f64; 2],
+    /// Regions by descending weight, each with its part that is no shadow.
+    pub(crate) blobs: Vec<(Blob, Core)>,
+    /// Share of the frame's pixels above the threshold.
+    pub(crate) share: f64,
+}
+
+/// Threshold of moving regions in units of the noise, from the peaks of the samples' differences.
+///
+/// # Errors
+/// [`Error::NothingMoves`] where no peak exceeds `least_peak`.
+pub(crate) fn threshold(samples: &Samples, background: &Background, options: &Options) -> Result<f32, Error> {
+    let kernel = gaussian(options.blur);
+    let peaks: Vec<f64> = samples
+        .frames()
+        .par_iter()
+        .map(|(_, bytes)| {
+            let exposure = exposure(bytes, background);
+            let image = difference(bytes, background, &exposure, &kernel);
+            f64::from(image.into_iter().fold(0.0, f32::max))
+        })
+        .collect();
+    // One frame with a flash or a cut does not decide.
+    let high = quantile(&mut peaks.clone(), 0.95).unwrap_or(0.0);
+    if high < f64::from(options.least_peak) {
+        return Err(Error::NothingMoves { peak: high as f32 });
+    }
+    let mut moving: Vec<f64> = peaks.into_iter().filter(|&peak| peak > EMPTY * high).collect();
+    let typical = median(&mut moving).unwrap_or(high);
+    Ok((options.threshold * typical as f32).max(0.7 * options.least_peak))
+}
+
+/// Moving regions of the frames `first..end`.
+///
+/// # Errors
+/// Errors of the source.
+pub(crate) fn detect(
+    video: &dyn Video,
+    (first, end): (usize, usize),
+    background: &Background,
+    (threshold, shaken): (f32, bool),
+    options: &Options,
+) -> Result<Vec<Detection>, Error> {
+    let kernel = gaussian(options.blur);
+    let width = background.size().width;
+    let edges = if shaken { Edges::find(background) } else { None };
+    let work = |frame: usize, bytes: &[u8]| {
+        let exposure = exposure(bytes, background);
+        let translation = edges.as_ref().map_or([0.0; 2], |edges| edges.translation(bytes, &exposure));
+        let bytes = &*steady(bytes, background.size(), translation);
+        let image = difference(bytes, background, &exposure, &kernel);
+        let moving = image.iter().filter(|&&value| value > threshold).count();
+        let blobs = components(&image, width, threshold, LEAST_AREA, MOST_BLOBS)
+            .into_iter()
+            .map(|blob| {
+                let core = core(bytes, background, &exposure, &blob.mask);
+                (blob, core)
+            })
+            .collect();
+        Detection { frame, exposure, translation, blobs, share: moving as f64 / image.len() as f64 }
+    };
+    let found = map_frames(video, &|frame| (first..end).contains(&frame), work)?;
+    if found.len() < end - first {
+        return Err(Error::MissingFrame { frame: first + found.len() });
+    }
+    Ok(found.into_iter().map(|(_, detection)| detection).collect())
+}
+
+/// Frame moved back by the camera's translation.
+pub(crate) fn steady(bytes: &[u8], size: Size, translation: [f64; 2]) -> Cow<'_, [u8]> {
+    if translation == [0.0; 2] { Cow::Borrowed(bytes) } else { Cow::Owned(moved_back(bytes, size, translation)) }
+}
+
+fn exposure(bytes: &[u8], background: &Background) -> Exposure {
+    Exposure::fit(bytes, background.levels.as_slice().expect("levels are contiguous"))
+}

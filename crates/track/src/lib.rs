@@ -1,0 +1,69 @@
+//! Tracks moving objects in decoded video at native resolution.
+//!
+//! [`track()`] returns, for every mover and frame, a position in pixels with its covariance, a visibility flag and measures
+//! of quality. It assumes a camera that stands or shakes a little, and objects that keep their look.
+//!
+//! 1. Background: median and noise of each pixel over sampled frames, after a fit of each frame's exposure and, where the
+//!    camera shakes, of its translation; then once more from the frames in which no mover covers a pixel.
+//! 2. Detection: largest difference over the channels in units of the noise, blurred, thresholded and divided into thick
+//!    connected parts.
+//! 3. Linking: paths of largest reward with a penalty on changes of velocity, cut at jumps and joined by looks; shadows
+//!    and hands get a [`Role`] of their own.
+//! 4. Appearance: a template with a soft mask, averaged over aligned frames; every frame is registered to it by robust
+//!    Gauss-Newton on its pixels against the known background. Where that fails, the region's centroid stands in.
+//! 5. Covariance: normal matrix of the registration, inflated for residuals that correlate within blocks, and scaled to
+//!    the noise that high differences of the positions show.
+//!
+//! Coordinates: x points right, y down, and pixel centres are integers. A position is the template's centroid: a fixed
+//! point of the object, not necessarily its centre of mass. Covariances do not include that offset, nor errors that
+//! change slowly, such as those of changing light; parameters fitted to a track need a block bootstrap.
+//!
+//! ```
+//! use paig_track::{Clip, Options, synthetic::Scene, track};
+//!
+//! let positions: Vec<[f64; 2]> = (0..20).map(|i| [40.0 + 8.0 * f64::from(i), 120.0]).collect();
+//! let frames = Scene { positions: positions.clone(), ..Scene::default() }.render();
+//! let tracking = track(&Clip::new(frames)?, &Options::default())?;
+//! let ball = &tracking.tracks[0];
+//! let step = |i: usize| ball.points[i].measurement.map(|m| m.position[0]);
+//! assert!((step(15).unwrap() - step(5).unwrap() - 80.0).abs() < 0.3);
+//! # Ok::<(), paig_track::Error>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod appearance;
+mod background;
+mod candidates;
+mod components;
+mod detection;
+mod difference;
+mod error;
+mod exposure;
+mod linking;
+mod mask;
+mod options;
+mod plane;
+mod points;
+mod quality;
+mod registration;
+mod resting;
+mod roles;
+mod segments;
+mod shadow;
+mod shake;
+mod start;
+mod statistics;
+pub mod synthetic;
+mod template;
+mod thick_parts;
+mod track;
+mod tracking;
+mod video;
+mod window;
+pub use background::Background;
+pub use error::Error;
+pub use options::{Hint, Options, Region};
+pub use quality::Quality;
+pub use track::{Measurement, Method, Point, Role, Track, Tracking, Visibility};
+pub use tracking::track;
+pub use video::{Clip, Size, Video, Visitor};

@@ -1,0 +1,63 @@
+//! Settings and hints.
+
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+/// Point on the object, given by a person: the path through it is preferred.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Hint {
+    /// Frame of the video.
+    pub frame: usize,
+    /// `[x, y]` in pixels; pixel centres have integer coordinates, y points down.
+    pub position: [f64; 2],
+}
+
+/// Rectangle in pixels, both corners included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Region {
+    /// Left column and top row.
+    pub first: [usize; 2],
+    /// Right column and bottom row.
+    pub last: [usize; 2],
+}
+
+/// Settings of tracking. The defaults suit videos of 10 to 5000 frames.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Options {
+    /// Frames to track; all where absent.
+    pub frames: Option<Range<usize>>,
+    /// Most objects to return.
+    pub objects: usize,
+    /// Points on the object.
+    pub hints: Vec<Hint>,
+    /// Regions in which nothing is looked for.
+    pub ignore: Vec<Region>,
+    /// Standard deviation of the blur of difference images, pixels.
+    pub blur: f32,
+    /// Threshold of a moving region, as a share of the median peak of the difference images.
+    pub threshold: f32,
+    /// Least peak of a moving region, in units of the noise.
+    pub least_peak: f32,
+    /// Memory for the frames from which the background is estimated, bytes.
+    pub background_bytes: usize,
+    /// Memory for the windows of one object, bytes.
+    pub window_bytes: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            frames: None,
+            objects: 4,
+            hints: Vec::new(),
+            ignore: Vec::new(),
+            blur: 1.5,
+            threshold: 0.35,
+            least_peak: 6.0,
+            background_bytes: 128 << 20,
+            window_bytes: 512 << 20,
+        }
+    }
+}

@@ -1,0 +1,244 @@
+//! Synthetic videos with known positions: a textured ellipse over a textured background.
+
+use ndarray::{Array3, Array4};
+use rayon::prelude::*;
+
+use crate::video::Size;
+
+/// Shadow that follows the object.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shadow {
+    /// Centre from the object's `[x, y]`, pixels.
+    pub offset: [f64; 2],
+    /// Semi-axes, pixels.
+    pub axes: [f64; 2],
+    /// Light that remains, 0..=1.
+    pub light: f64,
+}
+
+/// Scene to render. `Default` is a disc of 12 pixels that rests at the origin.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    pub size: Size,
+    /// Centre of the object in each frame at mid-exposure, pixels.
+    pub positions: Vec<[f64; 2]>,
+    /// Angle of the object in each frame, radians; 0 where absent.
+    pub angles: Vec<f64>,
+    /// Semi-axes of the object, pixels.
+    pub axes: [f64; 2],
+    /// Mean colour of the object, levels.
+    pub colour: [f64; 3],
+    /// Contrast of the object's texture, levels.
+    pub texture: f64,
+    /// Mean colour of the background, levels.
+    pub background: [f64; 3],
+    /// Contrast of the background's texture, levels.
+    pub background_texture: f64,
+    /// Exposure time over the time between frames.
+    pub shutter: f64,
+    pub shadow: Option<Shadow>,
+    /// Standard deviation of the pixels' noise, levels.
+    pub noise: f64,
+    /// Change of brightness from the first to the last frame, as a factor less 1.
+    pub drift: f64,
+    /// Standard deviation of each frame's brightness, as a factor.
+    pub flicker: f64,
+    /// Standard deviation of the camera's position in each frame, pixels.
+    pub shake: f64,
+    pub seed: u64,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self {
+            size: Size { width: 320, height: 240 },
+            positions: Vec::new(),
+            angles: Vec::new(),
+            axes: [12.0, 12.0],
+            colour: [190.0, 70.0, 50.0],
+            texture: 20.0,
+            background: [120.0, 125.0, 118.0],
+            background_texture: 25.0,
+            shutter: 0.3,
+            shadow: None,
+            noise: 2.0,
+            drift: 0.0,
+            flicker: 0.0,
+            shake: 0.0,
+            seed: 1,
+        }
+    }
+}
+
+impl Scene {
+    /// Renders all frames, `[frames, height, width, 3]`.
+    pub fn render(&self) -> Array4<u8> {
+        let Size { width, height } = self.size;
+        let mut bytes = vec![0; self.positions.len() * height * width * 3];
+        bytes.par_chunks_mut(height * width * 3).enumerate().for_each(|(frame, image)| self.frame(frame, image));
+        Array4::from_shape_vec((self.positions.len(), height, width, 3), bytes).expect("one byte for each sample")
+    }
+
+    fn frame(&self, frame: usize, image: &mut [u8]) {
+        let Size { width, height } = self.size;
+        let mut random = Random::new(self.seed ^ (frame as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let camera = [self.shake * random.normal(), self.shake * random.normal()];
+        let time = frame as f64 / (self.positions.len().max(2) - 1) as f64;
+        let light = (1.0 + self.drift * time) * (1.0 + self.flicker * random.normal());
+        let mut levels = Array3::<f64>::zeros((height, width, 3));
+        for ((y, x, c), level) in levels.indexed_iter_mut() {
+            let at = [x as f64 - camera[0], y as f64 - camera[1]];
+            *level = self.background[c] + self.background_texture * texture(at, 17.0, self.seed + c as u64 / 2);
+        }
+        if let Some(shadow) = self.shadow {
+            self.shade(&mut levels, frame, camera, shadow);
+        }
+        self.draw(&mut levels, frame, camera);
+        for (to, level) in image.iter_mut().zip(&levels) {
+            *to = (level * light + self.noise * random.normal()).round().clamp(0.0, 255.0) as u8;
+        }
+    }
+
+    /// Steps of the object within the exposure of a frame, relative to its position.
+    fn blur(&self, frame: usize) -> Vec<[f64; 2]> {
+        let last = self.positions.len() - 1;
+        let (before, after) = (frame.saturating_sub(1), (frame + 1).min(last));
+        let frames = (after - before).max(1) as f64;
+        let way = [0, 1].map(|a| (self.positions[after][a] - self.positions[before][a]) / frames * self.shutter);
+        let steps = (2.0 * way[0].hypot(way[1])).ceil().clamp(1.0, 40.0) as usize;
+        (0..steps).map(|k| way.map(|w| w * ((k as f64 + 0.5) / steps as f64 - 0.5))).collect()
+    }
+
+    fn shade(&self, levels: &mut Array3<f64>, frame: usize, camera: [f64; 2], shadow: Shadow) {
+        let centre = [0, 1].map(|a| self.positions[frame][a] + shadow.offset[a] + camera[a]);
+        let (height, width, _) = levels.dim();
+        for y in span(centre[1], shadow.axes[1] + 8.0, height) {
+            for x in span(centre[0], shadow.axes[0] + 8.0, width) {
+                let at = [x as f64 - centre[0], y as f64 - centre[1]];
+                // A penumbra of about six pixels.
+                let share = cover(at, shadow.axes, 6.0);
+                (0..3).for_each(|c| levels[[y, x, c]] *= 1.0 - share * (1.0 - shadow.light));
+            }
+        }
+    }
+
+    fn draw(&self, levels: &mut Array3<f64>, frame: usize, camera: [f64; 2]) {
+        let steps = self.blur(frame);
+        let way = steps.iter().map(|s| s[0].hypot(s[1])).fold(0.0, f64::max);
+        let reach = self.axes[0].max(self.axes[1]) + way + 2.0;
+        let centre = [0, 1].map(|a| self.positions[frame][a] + camera[a]);
+        let (sin, cos) = self.angles.get(frame).copied().unwrap_or(0.0).sin_cos();
+        let (height, width, _) = levels.dim();
+        for y in span(centre[1], reach, height) {
+            for x in span(centre[0], reach, width) {
+                let (mut share, mut colour) = (0.0, [0.0; 3]);
+                for step in &steps {
+                    let at = [x as f64 - centre[0] - step[0], y as f64 - centre[1] - step[1]];
+                    let own = [cos * at[0] + sin * at[1], cos * at[1] - sin * at[0]];
+                    let part = cover(own, self.axes, 1.0) / steps.len() as f64;
+                    if part > 0.0 {
+                        let pattern = self.texture * texture(own, 7.0, self.seed + 99);
+                        share += part;
+                        (0..3).for_each(|c| colour[c] += part * (self.colour[c] + pattern));
+                    }
+                }
+                (0..3).for_each(|c| levels[[y, x, c]] = (1.0 - share) * levels[[y, x, c]] + colour[c]);
+            }
+        }
+    }
+}
+
+fn span(centre: f64, reach: f64, end: usize) -> std::ops::Range<usize> {
+    let first = (centre - reach).floor().max(0.0) as usize;
+    let last = (centre + reach).ceil().max(-1.0) + 1.0;
+    first.min(end)..(last as usize).min(end)
+}
+
+/// Share of a pixel covered by an ellipse around the origin whose edge is `soft` pixels wide.
+fn cover(at: [f64; 2], axes: [f64; 2], soft: f64) -> f64 {
+    let relative = (at[0] / axes[0]).hypot(at[1] / axes[1]);
+    let distance =
+        if relative > 1e-9 { (1.0 - relative) * at[0].hypot(at[1]) / relative } else { axes[0].min(axes[1]) };
+    (0.5 + distance / soft).clamp(0.0, 1.0)
+}
+
+/// Smooth noise around 0 with a standard deviation near 0.5: two octaves of lattice noise, `cell` pixels the coarser.
+fn texture(at: [f64; 2], cell: f64, seed: u64) -> f64 {
+    let octave = |cell: f64, seed: u64| {
+        let place = at.map(|v| v / cell);
+        let corner = place.map(f64::floor);
+        let part = [place[0] - corner[0], place[1] - corner[1]].map(|t| t * t * (3.0 - 2.0 * t));
+        let value = |dx: i64, dy: i64| lattice(corner[0] as i64 + dx, corner[1] as i64 + dy, seed);
+        let row = |dy: i64| value(0, dy) * (1.0 - part[0]) + value(1, dy) * part[0];
+        row(0) * (1.0 - part[1]) + row(1) * part[1]
+    };
+    octave(cell, seed) + 0.5 * octave(0.37 * cell, seed + 7)
+}
+
+/// Value in -1..1 of a lattice point.
+fn lattice(x: i64, y: i64, seed: u64) -> f64 {
+    let key = (x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (y as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F);
+    2.0 * Random::new(key ^ seed.wrapping_mul(0x1656_67B1_9E37_79F9)).uniform() - 1.0
+}
+
+/// SplitMix64 (Steele, Lea and Flood 2014).
+struct Random(u64);
+
+impl Random {
+    fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Standard normal number (Box and Muller).
+    fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_centroid_of_a_plain_disc_is_its_position() {
+        let scene = Scene {
+            positions: vec![[60.3, 41.7]; 2],
+            size: Size { width: 120, height: 90 },
+            texture: 0.0,
+            background_texture: 0.0,
+            noise: 0.0,
+            ..Scene::default()
+        };
+        let frames = scene.render();
+        let (mut total, mut moment) = (0.0, [0.0; 2]);
+        for ((frame, y, x, c), &level) in frames.indexed_iter() {
+            if frame == 0 && c == 0 {
+                let weight = f64::from(level) - 120.0;
+                total += weight;
+                moment[0] += weight * x as f64;
+                moment[1] += weight * y as f64;
+            }
+        }
+        // Rounding of some 80 edge pixels to 1/70 of the contrast.
+        assert!((moment[0] / total - 60.3).abs() < 0.02 && (moment[1] / total - 41.7).abs() < 0.02);
+        assert!((total / 70.0 - std::f64::consts::PI * 144.0).abs() < 3.0);
+    }
+
+    #[test]
+    fn noise_has_its_standard_deviation() {
+        let mut random = Random::new(5);
+        let values: Vec<f64> = (0..20_000).map(|_| random.normal()).collect();
+        let square = values.iter().map(|v| v * v).sum::<f64>() / 20_000.0;
+        // Three standard errors of a variance: 3 sqrt(2 / 20000).
+        assert!((square - 1.0).abs() < 0.03, "{square}");
+    }
+}

@@ -1,0 +1,192 @@
+//! Objects of a video, tracked at its own resolution without an equation, as a table and a picture.
+
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use image::{Rgb, RgbImage};
+use paig::support::atomic;
+use paig::support::significant::significant;
+use paig_track::{Options, Point, Role, Size, Tracking, Visibility, Visitor};
+
+use crate::import::sources::Video;
+
+/// Share of a frame's pixels in motion above which the camera, not an object, moves.
+const MOVING_CAMERA: f64 = 0.2;
+/// From the middle of a pixel, where the tracker counts from, to its corner, where videos are measured from.
+const HALF: f64 = 0.5;
+/// Colours of the paths, one for each object.
+const COLOURS: [[u8; 3]; 4] = [[230, 60, 50], [40, 120, 220], [50, 170, 80], [240, 160, 30]];
+
+/// Frames of a video for the tracker.
+struct Frames<'a>(&'a Video);
+
+impl paig_track::Video for Frames<'_> {
+    fn size(&self) -> Size {
+        Size { width: self.0.width as usize, height: self.0.height as usize }
+    }
+
+    fn frames(&self) -> usize {
+        self.0.frames
+    }
+
+    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), paig_track::Error> {
+        let source = |error: anyhow::Error| paig_track::Error::Source(format!("{error:#}"));
+        let mut frames = self.0.decode().map_err(source)?;
+        for number in (0..self.0.frames).filter(|number| wanted(*number)) {
+            visitor(number, frames.frame(number).map_err(source)?.as_raw())?;
+        }
+        Ok(())
+    }
+}
+
+/// Tracks the objects of a video. Shadows, hands and arms are told apart from objects and left out.
+///
+/// # Errors
+/// Damage, frames outside the video, nothing that moves or can be followed, a camera that moves.
+pub fn track(video: &Video, options: &Options) -> Result<Tracking> {
+    let mut tracking = paig_track::track(&Frames(video), options).with_context(|| format!("video {}", video.name()))?;
+    ensure!(
+        tracking.moving_share <= MOVING_CAMERA,
+        "video {}: {:.0} % of its pixels differ from a still background; the camera seems to move",
+        video.name(),
+        100.0 * tracking.moving_share
+    );
+    tracking.tracks.retain(|track| track.role == Role::Object);
+    if tracking.tracks.is_empty() {
+        bail!("video {}: what moves in it looks like shadows, hands or arms alone", video.name());
+    }
+    Ok(tracking)
+}
+
+/// Writes a table: a row for each object and frame, in pixels of the video from its top left corner, y down.
+///
+/// Columns: `object` (from 0), `frame` (from 0), `seconds` (empty where the video has no times), `x`, `y`, `deviation_x`,
+/// `deviation_y` (standard deviations), `covariance_xy`, `visibility`. Positions are empty where the object is not seen.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_table(path: &Path, video: &Video, tracking: &Tracking) -> Result<()> {
+    atomic::write_file(path, |file| {
+        writeln!(file, "object,frame,seconds,x,y,deviation_x,deviation_y,covariance_xy,visibility")?;
+        for (object, track) in tracking.tracks.iter().enumerate() {
+            for point in &track.points {
+                let seconds =
+                    video.times.as_ref().map_or_else(String::new, |times| format!("{:.6}", times[point.frame]));
+                writeln!(file, "{object},{},{seconds},{},{}", point.frame, numbers(point), word(point.visibility))?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Position, deviations and covariance of a point as five cells.
+fn numbers(point: &Point) -> String {
+    let Some(measurement) = point.measurement else { return ",,,,".into() };
+    let [x, y] = measurement.position.map(|place| place + HALF);
+    let [[xx, xy], [_, yy]] = measurement.covariance;
+    let deviations = [xx.sqrt(), yy.sqrt(), xy].map(|number| significant(number, 4));
+    format!("{x:.4},{y:.4},{}", deviations.join(","))
+}
+
+fn word(visibility: Visibility) -> &'static str {
+    match visibility {
+        Visibility::Visible => "visible",
+        Visibility::CutOff => "cut off",
+        Visibility::Occluded => "occluded",
+        Visibility::Absent => "absent",
+    }
+}
+
+/// Writes a picture: the paths of the objects over the frame in which the first of them is first seen.
+///
+/// # Errors
+/// A frame that cannot be decoded, a file that cannot be written.
+pub fn write_picture(path: &Path, video: &Video, tracking: &Tracking) -> Result<()> {
+    let seen = tracking.tracks[0].points.iter().find(|point| point.measurement.is_some());
+    let mut picture = video.decode()?.frame(seen.map_or(0, |point| point.frame))?;
+    for (track, colour) in tracking.tracks.iter().zip(COLOURS.into_iter().cycle()) {
+        for measurement in track.points.iter().filter_map(|point| point.measurement) {
+            dot(&mut picture, measurement.position, Rgb(colour));
+        }
+    }
+    atomic::write_file(path, |file| {
+        let encoder = image::codecs::png::PngEncoder::new(file);
+        Ok(picture.write_with_encoder(encoder)?)
+    })
+}
+
+/// A square of nine pixels; what sticks out of the picture is left out.
+fn dot(picture: &mut RgbImage, [x, y]: [f64; 2], colour: Rgb<u8>) {
+    let (width, height) = picture.dimensions();
+    for (dx, dy) in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy))) {
+        let (column, row) = (x.round() as i64 + dx, y.round() as i64 + dy);
+        if (0..i64::from(width)).contains(&column) && (0..i64::from(height)).contains(&row) {
+            picture.put_pixel(column as u32, row as u32, colour);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::codecs::gif::GifEncoder;
+    use image::{Delay, DynamicImage, Frame};
+
+    use super::*;
+
+    /// A disc of radius 6 that goes 3 pixels right in each frame and 1 down.
+    fn write_gif(path: &Path) {
+        let mut encoder = GifEncoder::new(std::fs::File::create(path).unwrap());
+        for number in 0..30 {
+            let (x, y) = (20.0 + 3.0 * f64::from(number), 30.0 + f64::from(number));
+            let frame = RgbImage::from_fn(140, 90, |px, py| {
+                let away = (f64::from(px) + HALF - x).hypot(f64::from(py) + HALF - y);
+                let level = (255.0 * (6.5 - away).clamp(0.0, 1.0)) as u8;
+                Rgb([level.max(40), 40, 40])
+            });
+            let frame = DynamicImage::ImageRgb8(frame).into_rgba8();
+            encoder.encode_frame(Frame::from_parts(frame, 0, 0, Delay::from_numer_denom_ms(40, 1))).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_disc_is_tracked_to_a_tenth_of_a_pixel() {
+        let folder = tempfile::tempdir().unwrap();
+        let [film, table, picture] = ["a.gif", "a.csv", "a.png"].map(|name| folder.path().join(name));
+        write_gif(&film);
+        let video = Video::open(&film).unwrap();
+        let tracking = track(&video, &Options { objects: 1, ..Options::default() }).unwrap();
+        write_table(&table, &video, &tracking).unwrap();
+        write_picture(&picture, &video, &tracking).unwrap();
+        let text = std::fs::read_to_string(&table).unwrap();
+        let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split(',').collect()).collect();
+        let seen: Vec<_> = rows.iter().filter(|row| !row[3].is_empty()).collect();
+        assert!(seen.len() >= 28 && rows.len() == 30, "{text}");
+        // A template's centroid may lie beside the disc's middle, by the same distance in all frames.
+        let number = |cell: &str| cell.parse::<f64>().unwrap();
+        let beside =
+            |row: &[&str]| [number(row[3]) - 20.0 - 3.0 * number(row[1]), number(row[4]) - 30.0 - number(row[1])];
+        let first = beside(seen[0]);
+        for row in &seen {
+            let [x, y] = beside(row);
+            assert!((x - first[0]).abs() < 0.1 && (y - first[1]).abs() < 0.1, "{row:?}");
+            assert!(x.hypot(y) < 0.5 && number(row[5]) < 0.2, "{row:?}");
+        }
+        let seconds: Vec<f64> = rows.iter().map(|row| number(row[2])).collect();
+        assert!((seconds[29] - 29.0 * 0.04).abs() < 1e-6, "{seconds:?}");
+        assert_eq!(image::open(&picture).unwrap().into_rgb8().dimensions(), (140, 90));
+    }
+
+    #[test]
+    fn a_video_in_which_nothing_moves_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let pictures = folder.path().join("still");
+        std::fs::create_dir(&pictures).unwrap();
+        for number in 0..12 {
+            RgbImage::from_pixel(40, 40, Rgb([90; 3])).save(pictures.join(format!("{number}.png"))).unwrap();
+        }
+        let video = Video::open(&pictures).unwrap();
+        let error = format!("{:#}", track(&video, &Options::default()).unwrap_err());
+        assert!(error.contains("nothing moves"), "{error}");
+    }
+}

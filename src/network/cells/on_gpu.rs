@@ -24,7 +24,7 @@ impl OnGpu {
     }
 
     fn by_kernel(&self, initial: &State, actions: &Actions, dt: f64, frames: usize) -> Option<Vec<State>> {
-        let served = gpu::serve(&[&initial.pos, &initial.vel]);
+        let served = gpu::supports(&[&initial.pos, &initial.vel]);
         served.then(|| roll_out_on_gpu(self.kind, &self.raw, self.walls, initial, actions, dt, frames)).flatten()
     }
 }

@@ -86,6 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     own_stream(device)?;
     let (task, recipe, set) = (Some(arguments.task.clone()), Some("paper".into()), arguments.set.clone());
     let config = Config::load(None, &Overrides { task, recipe, set, ..Overrides::default() })?;
+    device::set_tf32(device, config.model.tf32);
     let model = PhysicsNet::new(&config.task.system, &config.model, device, 0)?;
     let mut repeat = repetition(arguments, &config, &model)?;
     let (warm_up, wait) = match device {

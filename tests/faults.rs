@@ -428,7 +428,7 @@ fn a_flipped_bit_is_found_and_the_checkpoint_before_is_taken() {
     let tried = RefCell::new(0);
     let assert_found = |file: &str, bytes: &[u8]| {
         fs::write(last.join(file), bytes).unwrap();
-        let loaded = Store::new(&run).load(&fresh, "spring_color").unwrap().unwrap();
+        let loaded = Store::new(&run).load(fresh.named_variables(), "spring_color").unwrap().unwrap();
         let damaged = loaded.damaged.expect("the damage was not found");
         assert!(damaged.contains(file), "{damaged}");
         *tried.borrow_mut() += 1;
@@ -449,7 +449,7 @@ fn a_flipped_bit_is_found_and_the_checkpoint_before_is_taken() {
             assert_found(file, &sound[..cut]);
         }
         fs::remove_file(last.join(file)).unwrap();
-        let loaded = Store::new(&run).load(&fresh, "spring_color").unwrap().unwrap();
+        let loaded = Store::new(&run).load(fresh.named_variables(), "spring_color").unwrap().unwrap();
         assert!(loaded.damaged.unwrap().contains("missing"));
         fs::write(last.join(file), sound).unwrap();
     }

@@ -1,9 +1,9 @@
-//! The kernels against libtorch and its autograd: the U-Net's logits and the gradients of all its weights for every set of
-//! instructions that the processor has, the whole model's frames, losses and gradients, and steps of Adam.
+//! The kernels against libtorch and its autograd, for every set of instructions that the processor has: the U-Net's logits and
+//! the gradients of all its weights, the whole model's frames, losses and gradients, and steps of Adam.
 
 use std::sync::{Mutex, PoisonError};
 
-use paig::kernels::{self, AdamStep, ConvolutionKernel, Instructions, Kernels, UNetKernel};
+use paig::kernels::{self, Convolution, Instructions, Kernels, Rate, Rule, UNetOperation, Updated};
 use paig::network::System;
 use paig::network::blocks::{Layers, Precision, UNet};
 use paig::network::cells::Actions;
@@ -25,6 +25,11 @@ const DEEP_GRADIENT: f64 = 2e-2;
 
 /// libtorch's random numbers are the process's: one test at a time draws them.
 static RANDOM: Mutex<()> = Mutex::new(());
+
+/// The kernels with every set of instructions that the processor has, whatever the environment names.
+fn all_kernels() -> Vec<Kernels> {
+    Instructions::all().into_iter().map(Kernels::With).collect()
+}
 
 /// A network of libtorch with weights drawn from a normal distribution, and its layers' weights and biases in their order.
 fn network(side: usize, channels: usize, objects: usize) -> (VarStore, UNet, Vec<(Tensor, Tensor)>) {
@@ -73,10 +78,10 @@ fn logits_and_gradients_are_those_of_libtorch() {
         let their_gradients = gradients(&layers, &theirs, &weight);
         let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
         for instructions in Instructions::all() {
-            let kernel = UNetKernel::new(instructions, UNet::shape(side, channels, objects));
+            let operation = UNetOperation::new(Kernels::With(instructions), UNet::shape(side, channels, objects));
             // Twice: the second pass is in used memory.
             for _ in 0..2 {
-                let ours = kernel.forward(&borrowed, &frames);
+                let ours = operation.forward(&borrowed, &frames);
                 let context = format!("{instructions:?}, {side} pixels, {channels} channels, {objects} objects");
                 let off = departure(&ours, &theirs);
                 assert!(off < FORWARD, "{context}: logits off by {off:e}");
@@ -107,8 +112,8 @@ fn what_is_not_a_number_reaches_the_logits() {
                 let Some((weight, _)) = layers.get(layer) else { break };
                 let _ = weight.view(-1).narrow(0, 0, 1).fill_(wrong);
                 let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
-                let logits =
-                    UNetKernel::new(instructions, UNet::shape(side, channels, objects)).forward(&borrowed, &frames);
+                let operation = UNetOperation::new(Kernels::With(instructions), UNet::shape(side, channels, objects));
+                let logits = operation.forward(&borrowed, &frames);
                 let all_finite = bool::try_from(logits.isfinite().all()).unwrap();
                 assert!(!all_finite, "{instructions:?}: {wrong} in layer {layer}");
             }
@@ -119,18 +124,20 @@ fn what_is_not_a_number_reaches_the_logits() {
 /// Of no rows there is nothing to compute, forward or backward.
 #[test]
 fn nothing_gives_nothing() {
-    let numbers = |size: [i64; 2]| Tensor::ones(size, (Kind::Float, Device::Cpu)).set_requires_grad(true);
-    let (x, weight, bias) = (numbers([0, 5]), numbers([3, 5]), numbers([3, 1]));
-    let result = kernels::linear(&x, &weight, &bias.view(-1));
-    assert_eq!(result.size(), [0, 3]);
-    let clips = Tensor::ones([0, 2, 4], (Kind::Float, Device::Cpu)).set_requires_grad(true);
-    let error = kernels::squared_error(&clips, &clips.detach());
-    (result.sum(Kind::Float) + &error).backward();
-    assert_eq!(error.double_value(&[]), 0.0);
-    for (tensor, size) in [(x, [0, 5]), (weight, [3, 5]), (bias, [3, 1])] {
-        let gradient = tensor.grad();
-        assert_eq!(gradient.size(), size);
-        assert_eq!(gradient.abs().sum(Kind::Float).double_value(&[]), 0.0);
+    for kernels in all_kernels() {
+        let numbers = |size: [i64; 2]| Tensor::ones(size, (Kind::Float, Device::Cpu)).set_requires_grad(true);
+        let (x, weight, bias) = (numbers([0, 5]), numbers([3, 5]), numbers([3, 1]));
+        let result = kernels::linear(kernels, &x, &weight, &bias.view(-1));
+        assert_eq!(result.size(), [0, 3]);
+        let clips = Tensor::ones([0, 2, 4], (Kind::Float, Device::Cpu)).set_requires_grad(true);
+        let error = kernels::squared_error(kernels, &clips, &clips.detach());
+        (result.sum(Kind::Float) + &error).backward();
+        assert_eq!(error.double_value(&[]), 0.0);
+        for (tensor, size) in [(x, [0, 5]), (weight, [3, 5]), (bias, [3, 1])] {
+            let gradient = tensor.grad();
+            assert_eq!(gradient.size(), size);
+            assert_eq!(gradient.abs().sum(Kind::Float).double_value(&[]), 0.0);
+        }
     }
 }
 
@@ -161,20 +168,22 @@ fn the_whole_model_is_that_of_libtorch() {
         let system = System { side, channels, ..paig::tasks::find(task).unwrap().system };
         let (channels, side) = (channels as i64, side as i64);
         let clips = Tensor::rand([3, frames, channels, side, side], (Kind::Float, Device::Cpu));
-        let (ours, our_gradients) = trained_by(&system, Kernels::Own, &clips);
         let (theirs, their_gradients) = trained_by(&system, Kernels::Libtorch, &clips);
-        for (i, (ours, theirs)) in ours.iter().zip(&theirs).enumerate() {
-            let off = departure(ours, theirs);
-            assert!(off < ROLLED_OUT, "{task} {side}: result {i} off by {off:e}");
-        }
-        for ((name, ours), (_, theirs)) in our_gradients.iter().zip(&their_gradients) {
-            assert_eq!(ours.defined(), theirs.defined(), "{name}");
-            if theirs.defined() {
+        for kernels in all_kernels() {
+            let (ours, our_gradients) = trained_by(&system, kernels, &clips);
+            for (i, (ours, theirs)) in ours.iter().zip(&theirs).enumerate() {
                 let off = departure(ours, theirs);
-                assert!(
-                    off < if side < 40 { GRADIENT } else { DEEP_GRADIENT },
-                    "{task} {side}: gradient of {name} off by {off:e}"
-                );
+                assert!(off < ROLLED_OUT, "{kernels:?}, {task} {side}: result {i} off by {off:e}");
+            }
+            for ((name, ours), (_, theirs)) in our_gradients.iter().zip(&their_gradients) {
+                assert_eq!(ours.defined(), theirs.defined(), "{name}");
+                if theirs.defined() {
+                    let off = departure(ours, theirs);
+                    assert!(
+                        off < if side < 40 { GRADIENT } else { DEEP_GRADIENT },
+                        "{kernels:?}, {task} {side}: gradient of {name} off by {off:e}"
+                    );
+                }
             }
         }
     }
@@ -186,19 +195,24 @@ fn threads_do_not_change_a_bit() {
     tch::manual_seed(6);
     let given = tch::get_num_threads();
     // Many blocks for a thread, a block for each, and several threads that share one.
-    for (side, frames) in [(32, 300), (48, 40), (64, 5)] {
+    for (side, blocks) in [(32, 18.75), (48, 2.5), (64, 0.3125)] {
         let (_store, _, layers) = network(side, 3, 2);
         let borrowed: Vec<_> = layers.iter().map(|(weight, bias)| (weight, bias)).collect();
-        let frames = Tensor::rand([frames, 3, side as i64, side as i64], (Kind::Float, Device::Cpu));
-        let kernel = UNetKernel::new(Instructions::best(), UNet::shape(side, 3, 2));
-        let [once, again] = [1, 3].map(|threads| {
-            tch::set_num_threads(threads);
-            let logits = kernel.forward(&borrowed, &frames);
-            let gradients = gradients(&layers, &logits, &frames.narrow(1, 0, 2));
-            (logits.detach(), gradients)
-        });
-        assert!(once.0.equal(&again.0), "{side} pixels");
-        assert!(once.1.iter().zip(&again.1).all(|(once, again)| once.equal(again)), "{side} pixels");
+        for instructions in Instructions::all() {
+            let kernels = Kernels::With(instructions);
+            let frames = (blocks * instructions.lanes() as f64).ceil() as i64;
+            let frames = Tensor::rand([frames, 3, side as i64, side as i64], (Kind::Float, Device::Cpu));
+            let operation = UNetOperation::new(kernels, UNet::shape(side, 3, 2));
+            let [once, again] = [1, 3].map(|threads| {
+                tch::set_num_threads(threads);
+                let logits = operation.forward(&borrowed, &frames);
+                let gradients = gradients(&layers, &logits, &frames.narrow(1, 0, 2));
+                (logits.detach(), gradients)
+            });
+            let context = format!("{kernels:?}, {side} pixels");
+            assert!(once.0.equal(&again.0), "{context}");
+            assert!(once.1.iter().zip(&again.1).all(|(once, again)| once.equal(again)), "{context}");
+        }
     }
     tch::set_num_threads(given);
 }
@@ -224,19 +238,24 @@ fn products_of_a_dense_layer_are_those_of_libtorch() {
     for [rows, inputs, outputs] in [[1, 7, 3], [13, 1, 5], [70, 300, 17], [500, 3072, 200]] {
         let [x, weight, bias, pull] = [&[rows, inputs][..], &[outputs, inputs], &[outputs], &[rows, outputs]]
             .map(|size| Tensor::randn(size, (Kind::Float, Device::Cpu)));
-        let own = || linear_and_gradients(kernels::linear, [&x, &weight, &bias], &pull);
-        let by_libtorch = |x: &Tensor, weight: &Tensor, bias: &Tensor| x.linear(weight, Some(bias));
-        let theirs = linear_and_gradients(by_libtorch, [&x, &weight, &bias], &pull);
-        for (part, (ours, theirs)) in own().iter().zip(&theirs).enumerate() {
-            let off = departure(ours, theirs);
-            assert!(off < FORWARD, "{rows} x {inputs} x {outputs}: part {part} off by {off:e}");
+        let by = |kernels: Kernels| {
+            let linear = |x: &Tensor, weight: &Tensor, bias: &Tensor| kernels::linear(kernels, x, weight, bias);
+            linear_and_gradients(linear, [&x, &weight, &bias], &pull)
+        };
+        let theirs = by(Kernels::Libtorch);
+        for kernels in all_kernels() {
+            let context = format!("{kernels:?}, {rows} x {inputs} x {outputs}");
+            for (part, (ours, theirs)) in by(kernels).iter().zip(&theirs).enumerate() {
+                let off = departure(ours, theirs);
+                assert!(off < FORWARD, "{context}: part {part} off by {off:e}");
+            }
+            let [once, again] = [1, 3].map(|threads| {
+                tch::set_num_threads(threads);
+                by(kernels)
+            });
+            tch::set_num_threads(given);
+            assert!(once.iter().zip(&again).all(|(once, again)| once.equal(again)), "{context}");
         }
-        let [once, again] = [1, 3].map(|threads| {
-            tch::set_num_threads(threads);
-            own()
-        });
-        tch::set_num_threads(given);
-        assert!(once.iter().zip(&again).all(|(once, again)| once.equal(again)), "{rows} x {inputs} x {outputs}");
     }
 }
 
@@ -245,10 +264,12 @@ fn products_of_a_dense_layer_are_those_of_libtorch() {
 fn second_derivatives_are_refused() {
     let [x, weight, bias] = [&[2i64, 3][..], &[4, 3], &[4]]
         .map(|size| Tensor::ones(size, (Kind::Float, Device::Cpu)).set_requires_grad(true));
-    let sum = kernels::linear(&x, &weight, &bias).square().sum(Kind::Float);
-    assert!(Tensor::f_run_backward(&[&sum], &[&x], true, false).is_ok());
-    let refused = Tensor::f_run_backward(&[&sum], &[&x], true, true).unwrap_err().to_string();
-    assert!(refused.contains("no second derivatives"), "{refused}");
+    for kernels in all_kernels() {
+        let sum = kernels::linear(kernels, &x, &weight, &bias).square().sum(Kind::Float);
+        assert!(Tensor::f_run_backward(&[&sum], &[&x], true, false).is_ok());
+        let refused = Tensor::f_run_backward(&[&sum], &[&x], true, true).unwrap_err().to_string();
+        assert!(refused.contains("no second derivatives"), "{refused}");
+    }
 }
 
 /// What a layer that is applied twice gives, `[results, results of the results]`, and the gradients of what it sees first,
@@ -267,7 +288,7 @@ fn a_prepared_convolution_is_that_of_libtorch() {
     tch::manual_seed(11);
     let given = tch::get_num_threads();
     // One kernel for all: its memory of one size is not taken for another.
-    let kernels: Vec<_> = Instructions::all().into_iter().map(ConvolutionKernel::new).collect();
+    let convolutions: Vec<_> = all_kernels().into_iter().map(|kernels| (kernels, Convolution::new(kernels))).collect();
     for [pictures, inputs, outputs, side] in [[25, 112, 256, 8], [3, 8, 16, 9], [40, 24, 32, 9], [1, 8, 8, 1]] {
         let bound = |inputs: i64| (1.0 / (9 * inputs) as f64).sqrt();
         let draw = |size: &[i64], scale: f64| {
@@ -278,15 +299,15 @@ fn a_prepared_convolution_is_that_of_libtorch() {
         let pull = Tensor::randn([pictures, outputs, side, side], (Kind::Float, Device::Cpu));
         let by_libtorch = |x: &Tensor| x.conv2d(&weight, Some(&bias), 1, 1, 1, 1);
         let theirs = applied_twice(by_libtorch, [&x, &weight, &bias], &pull);
-        for (instructions, kernel) in Instructions::all().iter().zip(&kernels) {
-            assert!(kernel.serves(&weight));
+        for (kernels, convolution) in &convolutions {
+            assert!(convolution.has_kernel_for(&weight));
             let own = || {
-                let prepared = kernel.prepared(&weight, &bias);
+                let prepared = convolution.prepared(&weight, &bias);
                 applied_twice(|x| prepared.forward(x), [&x, &weight, &bias], &pull)
             };
             for (part, (ours, theirs)) in own().iter().zip(&theirs).enumerate() {
                 let off = departure(ours, theirs);
-                let context = format!("{instructions:?}, {pictures} x {inputs} to {outputs}, side {side}");
+                let context = format!("{kernels:?}, {pictures} x {inputs} to {outputs}, side {side}");
                 assert!(off < FORWARD, "{context}: part {part} off by {off:e}");
             }
             let [once, again] = [1, 3].map(|threads| {
@@ -294,7 +315,7 @@ fn a_prepared_convolution_is_that_of_libtorch() {
                 own()
             });
             tch::set_num_threads(given);
-            assert!(once.iter().zip(&again).all(|(once, again)| once.equal(again)), "{instructions:?}, side {side}");
+            assert!(once.iter().zip(&again).all(|(once, again)| once.equal(again)), "{kernels:?}, side {side}");
         }
     }
 }
@@ -320,10 +341,13 @@ fn steps_of_a_memory_are_those_of_libtorch() {
             ((&second * &of_h) + (&memory * &of_c)).sum(Kind::Float).backward();
             [first.detach(), second.detach(), memory.detach(), gates.grad().copy(), c.grad().copy()]
         };
-        let ours = twice(&|gates, c| kernels::memory_step(gates, c, 1.0));
-        for (part, (ours, theirs)) in ours.iter().zip(&twice(&by_libtorch)).enumerate() {
-            let off = departure(ours, theirs);
-            assert!(off < FORWARD, "{size:?}: part {part} off by {off:e}");
+        let theirs = twice(&by_libtorch);
+        for kernels in all_kernels() {
+            let ours = twice(&|gates, c| kernels::lstm_cell(kernels, gates, c, 1.0));
+            for (part, (ours, theirs)) in ours.iter().zip(&theirs).enumerate() {
+                let off = departure(ours, theirs);
+                assert!(off < FORWARD, "{kernels:?}, {size:?}: part {part} off by {off:e}");
+            }
         }
     }
 }
@@ -366,7 +390,7 @@ fn steps_of_adam_are_those_of_libtorch() {
     tch::manual_seed(8);
     let starts = [&[1i64][..], &[7, 5], &[3, 40_000]].map(|size| Tensor::randn(size, (Kind::Float, Device::Cpu)));
     let pulls = starts.each_ref().map(Tensor::randn_like);
-    let after = [Kernels::Own, Kernels::Libtorch].map(|kernels| {
+    let after = |kernels: Kernels| {
         let variables = starts.each_ref().map(|start| ("x".to_string(), start.copy().set_requires_grad(true)));
         for variable in &variables {
             let mut optimizer =
@@ -380,25 +404,27 @@ fn steps_of_adam_are_those_of_libtorch() {
             }
         }
         variables.map(|(_, variable)| variable.detach())
-    });
-    let [own, libtorch] = after;
-    for ((own, libtorch), start) in own.iter().zip(&libtorch).zip(&starts) {
-        assert!((own - start).abs().max().double_value(&[]) > 1e-3);
-        // Two operations are in another order: a rounding or two of numbers up to 5.
-        let apart = (own - libtorch).abs().max().double_value(&[]);
-        assert!(apart < 2e-6, "{apart}");
+    };
+    let theirs = after(Kernels::Libtorch);
+    for kernels in all_kernels() {
+        for ((ours, theirs), start) in after(kernels).iter().zip(&theirs).zip(&starts) {
+            assert!((ours - start).abs().max().double_value(&[]) > 1e-3);
+            // Two operations are in another order: a rounding or two of numbers up to 5.
+            let apart = (ours - theirs).abs().max().double_value(&[]);
+            assert!(apart < 2e-6, "{kernels:?}: {apart}");
+        }
     }
 }
 
 #[test]
 #[should_panic(expected = "each has memory of its own")]
 fn adam_refuses_numbers_that_overlap() {
-    let mut apart = [(); 2].map(|()| Tensor::zeros([4], (Kind::Float, Device::Cpu)));
-    let [variable, square] = &mut apart;
+    let [variable, square] = [(); 2].map(|()| Tensor::zeros([4], (Kind::Float, Device::Cpu)));
     let both = Tensor::zeros([5], (Kind::Float, Device::Cpu));
-    let [gradient, mut mean] = [0, 1].map(|start| both.narrow(0, start, 4));
-    let step = AdamStep { betas: [0.9, 0.999], rate: 0.1, epsilon: 1e-8 };
-    kernels::adam(step, &gradient, [variable, &mut mean, square]);
+    let [gradient, mean] = [0, 1].map(|start| both.narrow(0, start, 4));
+    let rule = Rule::Adam { decays: (0.9, 0.999), epsilon: 1e-8 };
+    let updated = Updated { variable, gradient, slots: vec![mean, square], rate: Rate::Number(0.1) };
+    kernels::descend(Kernels::Libtorch, rule, None, vec![updated]);
 }
 
 /// Positions that teach the masks and positions that do not, from one product: the same numbers and the same gradients as from

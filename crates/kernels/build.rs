@@ -10,7 +10,6 @@ const GPU_KERNELS: [&str; 17] = [
     "convolution.h",
     "device.cpp",
     "device.h",
-    "error.cu",
     "launch.cu",
     "logits.cu",
     "masks.cu",
@@ -21,6 +20,7 @@ const GPU_KERNELS: [&str; 17] = [
     "shares.cu",
     "shares.h",
     "sprites.cu",
+    "squared_error.cu",
     "weight_gradient.cu",
 ];
 

@@ -7,15 +7,7 @@
 
 use tch::{Kind, Tensor};
 
-/// Where one output axis falls in the source: index below, weight of the index above, both zero-weighted outside.
-struct AxisSample {
-    /// `floor(pixel)`, clipped to the image.
-    below: Tensor,
-    /// `floor(pixel) + 1`, clipped.
-    above: Tensor,
-    weight_below: Tensor,
-    weight_above: Tensor,
-}
+use paig_kernels::{AxisSample, hat_matrix};
 
 /// Pixels of an axis of `size` pixels for one unit of source coordinate.
 pub(crate) fn pixel_scale(size: i64) -> f64 {
@@ -29,36 +21,9 @@ pub(crate) fn shift_matrices(shifts: &Tensor, size: i64) -> Tensor {
     hat_matrix(&(index - shifts.unsqueeze(1)).clamp(0.0, (size - 1) as f64), size)
 }
 
-/// The matrix `[.., outputs, size]` of linear interpolation: row r holds the weights of the pixels of an axis at `places`
-/// (`[.., outputs]`, within the axis).
-pub(crate) fn hat_matrix(places: &Tensor, size: i64) -> Tensor {
-    let distance: Tensor = (places.unsqueeze(-1) - Tensor::arange(size, (places.kind(), places.device()))).abs();
-    (-distance + 1.0).relu()
-}
-
 /// The pixel of a source coordinate in \[-1, 1\] on an axis of `size` pixels.
 fn source_pixel(source: &Tensor, size: i64) -> Tensor {
     (source + 1.0) * pixel_scale(size)
-}
-
-/// `source` in \[-1, 1\] (any shape) to indices and weights on an axis of `size` pixels.
-fn sample_axis(source: &Tensor, size: i64) -> AxisSample {
-    let pixel = source_pixel(source, size);
-    let floor = pixel.detach().floor();
-    let below = floor.clamp(0.0, (size - 1) as f64);
-    let above = (&floor + 1.0).clamp(0.0, (size - 1) as f64);
-    AxisSample { weight_below: &above - &pixel, weight_above: pixel - &below, below, above }
-}
-
-/// The hat-function matrix `[.., outputs, size]` of one axis: row r holds the bilinear weights of output r.
-///
-/// `source`: `[.., outputs]`.
-fn axis_matrix(source: &Tensor, size: i64) -> Tensor {
-    let sample = sample_axis(source, size);
-    let index = Tensor::arange(size, (source.kind(), source.device()));
-    let at = |place: &Tensor| place.unsqueeze(-1).eq_tensor(&index).to_kind(source.kind());
-    // Outside the image both indices are clipped to the same pixel and the two weights cancel exactly.
-    at(&sample.below) * sample.weight_below.unsqueeze(-1) + at(&sample.above) * sample.weight_above.unsqueeze(-1)
 }
 
 /// The output grid of one axis, `[size]` in \[-1, 1\].
@@ -66,34 +31,10 @@ fn grid(size: i64, like: &Tensor) -> Tensor {
     Tensor::linspace(-1.0, 1.0, size, (like.kind(), like.device()))
 }
 
-/// Samples without rotation: `source = scale * g + shift` on each axis.
-///
-/// The map is separable, so two small matrix products (`Hy image Hx^T`) replace the gathers of the general form.
-/// * `images`: `[objects, channels, h, w]`;
+/// Where a map without rotation, `source = scale * g + shift` on each axis, samples images of `size` x `size` pixels: the
+/// source pixel of each output row and column, each `[objects, batch, side]`.
 /// * `scale`: one number, shared by all;
-/// * `shift`: `[objects, batch, 2]`, x then y;
-/// * gives `[objects, batch, channels, side, side]`.
-pub(crate) fn transform_separable(images: &Tensor, scale: &Tensor, shift: &Tensor, side: i64) -> Tensor {
-    let (objects, channels, height, width) = images.size4().expect("images [objects, channels, h, w]");
-    let batch = shift.size()[1];
-    let grid = grid(side, images) * scale;
-    let rows = axis_matrix(&(shift.select(2, 1).unsqueeze(-1) + &grid), height);
-    let columns = axis_matrix(&(shift.select(2, 0).unsqueeze(-1) + &grid), width);
-    // [objects, batch * side, h] x [objects, h, channels * w]
-    let by_row = rows.reshape([objects, batch * side, height]).bmm(&images.permute([0, 2, 1, 3]).reshape([
-        objects,
-        height,
-        channels * width,
-    ]));
-    by_row
-        .reshape([objects * batch, side * channels, width])
-        .bmm(&columns.reshape([objects * batch, side, width]).transpose(1, 2))
-        .reshape([objects, batch, side, channels, side])
-        .transpose(2, 3)
-}
-
-/// Where [`transform_separable`] samples: the source pixel of each output row and column, each `[objects, batch, side]`, in
-/// images of `size` x `size` pixels.
+/// * `shift`: `[objects, batch, 2]`, x then y.
 pub(crate) fn separable_pixels(scale: &Tensor, shift: &Tensor, side: i64, size: i64) -> [Tensor; 2] {
     let grid = grid(side, shift) * scale;
     [1, 0].map(|axis| source_pixel(&(shift.select(2, axis).unsqueeze(-1) + &grid), size))
@@ -111,8 +52,8 @@ pub fn transform(images: &Tensor, theta: &Tensor, side: i64) -> Tensor {
     let gy = line.unsqueeze(1).expand([side, side], false).reshape([-1]);
     let points = Tensor::stack(&[&gx, &gy, &gx.ones_like()], 0);
     let source = theta.reshape([batch, 2, 3]).matmul(&points);
-    let x = sample_axis(&source.select(1, 0), width);
-    let y = sample_axis(&source.select(1, 1), height);
+    let x = AxisSample::new(&source_pixel(&source.select(1, 0), width), width);
+    let y = AxisSample::new(&source_pixel(&source.select(1, 1), height), height);
     let flat = images.reshape([batch, channels, height * width]);
     let corner = |row: &Tensor, column: &Tensor, weight: Tensor| {
         // A theta that is not a number has no index; it shows in the weight.

@@ -94,6 +94,7 @@ impl Run {
         let Run { config, place, mode } = self;
         let device = device::parse(&config.device)?;
         let threads = device::set_threads(config.threads)?;
+        device::set_tf32(device, config.model.tf32);
         let data = match mode {
             Mode::Score => None,
             Mode::Begin | Mode::Resume => Some(TrainingData::load(&config, device, observer)?),

@@ -16,7 +16,6 @@ use tch::Tensor;
 
 use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
 use super::weights::{self, Named, first_not_finite};
-use crate::network::physics_models::PhysicsNet;
 use crate::support::atomic;
 use crate::support::error::{self, Error};
 use crate::support::random::fnv1a;
@@ -192,15 +191,16 @@ impl Store {
         Ok(format!("{:016x}", fnv1a(&text)))
     }
 
-    /// Saves a checkpoint and removes those before the one before it. The lengths of the logs are written into the state.
+    /// Saves a checkpoint with all variables of a model, and removes those before the one before it. The lengths of the logs are
+    /// written into the state.
     ///
     /// # Errors
     /// A full disk; the earlier checkpoints stay as they are. A variable that is not finite.
-    pub fn save(&self, model: &PhysicsNet, slots: &[(String, Tensor)], state: &mut RunState) -> Result<()> {
+    pub fn save(&self, weights: &[(String, Tensor)], slots: &[(String, Tensor)], state: &mut RunState) -> Result<()> {
         let _guard = tch::no_grad_guard();
         [state.log_bytes, state.metrics_bytes] = [self.synced_length(LOG)?, self.synced_length(METRICS)?];
         state.format = FORMAT;
-        let weights = finite_weights(model, state.steps)?;
+        ensure_finite(weights, state.steps)?;
         let folder = self.folder();
         let last = format!("{STEP}{:08}_phase_{}", state.steps, state.phase);
         let path = folder.join(&last);
@@ -211,7 +211,7 @@ impl Store {
         }
         let text = state.to_json()?;
         atomic::write_folder(&path, |folder| {
-            weights::write(&folder.join(WEIGHTS), &weights)?;
+            weights::write(&folder.join(WEIGHTS), weights)?;
             weights::write(&folder.join(SLOTS), slots)?;
             atomic::write_file(&folder.join(STATE), |file| Ok(file.write_all(&text)?))
         })?;
@@ -224,18 +224,19 @@ impl Store {
     ///
     /// # Errors
     /// A full disk; the earlier ones stay. A variable that is not finite.
-    pub(crate) fn save_best(&self, model: &PhysicsNet, steps: u64, of: BestOf) -> Result<()> {
+    pub(crate) fn save_best(&self, weights: &[(String, Tensor)], steps: u64, of: BestOf) -> Result<()> {
         let _guard = tch::no_grad_guard();
+        ensure_finite(weights, steps)?;
         make_folder(&self.folder())?;
-        weights::write(&self.best(of), &finite_weights(model, steps)?)
+        weights::write(&self.best(of), weights)
     }
 
-    /// Gives the model the weights that [`Self::save_best`] kept last.
+    /// Gives the variables of a model the weights that [`Self::save_best`] kept last.
     ///
     /// # Errors
     /// A file that is missing or damaged.
-    pub(crate) fn load_best(&self, model: &PhysicsNet, of: BestOf) -> Result<()> {
-        weights::load(&self.best(of), model)
+    pub fn load_best(&self, variables: Named, of: BestOf) -> Result<()> {
+        weights::load_into(&self.best(of), variables)
     }
 
     /// Each phase has a file of its own: a run that goes back to an earlier checkpoint may go back to an earlier phase.
@@ -246,12 +247,13 @@ impl Store {
         }
     }
 
-    /// Loads the last checkpoint that is whole, if there is any, and cuts off what was logged after it.
+    /// Loads the last checkpoint that is whole, if there is any, into the variables of a model, and cuts off what was logged
+    /// after it.
     ///
     /// # Errors
     /// Checkpoints that are all damaged; one of another task or of a config that was changed since, or whose variables
     /// differ from the model's in name, shape or type; files that cannot be read.
-    pub fn load(&self, model: &PhysicsNet, task: &str) -> Result<Option<Loaded>> {
+    pub fn load(&self, variables: Named, task: &str) -> Result<Option<Loaded>> {
         let folder = self.folder();
         let names = names(&folder)?;
         if names.is_empty() {
@@ -272,7 +274,7 @@ impl Store {
             };
             ensure!(state.task == task, "checkpoint {} is of task {}, not of {task}", path.display(), state.task);
             self.check_config(&state)?;
-            weights::fill(model, &weights).with_context(|| path.join(WEIGHTS).display().to_string())?;
+            weights::fill(variables, &weights).with_context(|| path.join(WEIGHTS).display().to_string())?;
             self.check_metrics(&state)?;
             self.shorten([(LOG, state.log_bytes), (METRICS, state.metrics_bytes)])?;
             let damaged = (!damage.is_empty()).then(|| damage.join("; "));
@@ -338,13 +340,11 @@ impl Store {
     }
 }
 
-/// The model's variables, if all are finite.
-fn finite_weights(model: &PhysicsNet, steps: u64) -> Result<Named> {
-    let weights = model.named_variables();
-    if let Some(name) = first_not_finite(&weights) {
-        bail!("variable {name} is not finite after step {steps}; nothing was saved");
+fn ensure_finite(weights: &[(String, Tensor)], steps: u64) -> Result<()> {
+    match first_not_finite(weights) {
+        Some(name) => bail!("variable {name} is not finite after step {steps}; nothing was saved"),
+        None => Ok(()),
     }
-    Ok(weights)
 }
 
 fn make_folder(folder: &Path) -> Result<()> {

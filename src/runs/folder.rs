@@ -84,6 +84,15 @@ impl RunFolder {
         Self::open(path)
     }
 
+    /// Opens a folder for a training that keeps its config there itself, or goes on in it.
+    ///
+    /// # Errors
+    /// A folder that cannot be made, or that another process runs in.
+    pub fn enter(path: &Path) -> Result<Self> {
+        storage().create_folder(path).with_context(|| format!("cannot create the run folder {}", path.display()))?;
+        Self::open(path)
+    }
+
     fn open(path: &Path) -> Result<Self> {
         let lock = lock(path)?;
         // Nobody else writes here now.

@@ -111,17 +111,24 @@ fn parsed(bytes: &[u8]) -> Result<Saved> {
 /// # Errors
 /// A missing or damaged file, a name, shape or type that differs from the model's, a NaN or an infinity.
 pub fn load(path: &Path, model: &PhysicsNet) -> Result<()> {
-    let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    parse(&bytes).and_then(|saved| fill(model, &saved.tensors)).with_context(|| path.display().to_string())
+    load_into(path, model.named_variables())
 }
 
-/// Gives a model these values, once all fit.
+/// The same into all variables of any model.
 ///
 /// # Errors
 /// As for [`load`].
-pub fn fill(model: &PhysicsNet, saved: &[(String, Tensor)]) -> Result<()> {
+pub fn load_into(path: &Path, variables: Named) -> Result<()> {
+    let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    parse(&bytes).and_then(|saved| fill(variables, &saved.tensors)).with_context(|| path.display().to_string())
+}
+
+/// Gives all variables of a model these values, once all fit.
+///
+/// # Errors
+/// As for [`load`].
+pub fn fill(variables: Named, saved: &[(String, Tensor)]) -> Result<()> {
     let _guard = tch::no_grad_guard();
-    let variables = model.named_variables();
     for (name, _) in saved {
         ensure!(
             variables.iter().any(|(known, _)| known == name),

@@ -1,6 +1,7 @@
 //! Where a run computes.
 
 use anyhow::{Context, Result, bail, ensure};
+use paig_kernels::allow_tf32;
 use tch::{Cuda, Device};
 
 use super::error::{ErrorKind, OfKind};
@@ -64,6 +65,13 @@ pub fn set_threads(asked: usize) -> Result<usize> {
     let threads = threads(asked)?;
     tch::set_num_threads(threads as i32);
     Ok(threads)
+}
+
+/// Lets products on a GPU be rounded to ten bits (TF32), or not, in the whole program; nothing on the CPU.
+pub fn set_tf32(device: Device, allowed: bool) {
+    if device != Device::Cpu {
+        allow_tf32(allowed);
+    }
 }
 
 /// The processor, as the kernel names it.

@@ -8,15 +8,17 @@ use std::fmt::{self, Debug};
 use std::rc::Rc;
 use std::time::Instant;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use tch::{Device, Tensor};
 
 use super::objective::{Objective, StepLoss, Validated};
 use super::objects::motion::Motion;
 use super::observer::{Event, Observer};
 use super::optimizers::{Optimizer, OptimizerKind};
+use super::schedule::Timetable;
+use super::trained::Trained;
+use crate::datasets::dataset::are_the_same;
 use crate::datasets::iterators::{Clips, steps_per_epoch};
-use crate::evaluation;
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{BestOf, RunState, Store};
 use crate::runs::metrics::{Kind, Record};
@@ -50,8 +52,8 @@ pub struct Validation {
 }
 
 /// A model in training, and where the training stands.
-pub struct Session<'a> {
-    pub model: &'a PhysicsNet,
+pub struct Session<'a, M: Trained = PhysicsNet> {
+    pub model: &'a M,
     pub train: &'a Clips,
     pub valid: &'a Clips,
     /// Of all random numbers.
@@ -60,7 +62,7 @@ pub struct Session<'a> {
     pub(super) intervals: Intervals,
     /// The phase at hand is the last one: the weights of its best score are kept, as of those that end with them.
     pub(super) last_phase: bool,
-    /// The raw parameters that the training began with, in the order of the equation.
+    /// The raw parameters that the training began with, in the order of the equation; none without one.
     pub(super) begun: Vec<f64>,
     /// The best weights, where no store holds them.
     pub(super) best: Option<Named>,
@@ -69,7 +71,7 @@ pub struct Session<'a> {
     pub state: RunState,
     /// Where checkpoints go; without one nothing is saved.
     pub(super) store: Option<Store>,
-    pub(super) observers: Vec<&'a mut dyn Observer>,
+    pub(super) observers: Vec<&'a mut dyn Observer<M>>,
     pub(super) stop: Box<dyn Fn() -> bool + 'a>,
     /// Of the optimizer where the training goes on: at the last checkpoint, without a store where it stopped.
     pub(super) slots: Option<Named>,
@@ -77,17 +79,79 @@ pub struct Session<'a> {
     pub(super) clock: Instant,
 }
 
-impl Debug for Session<'_> {
+impl<M: Trained> Debug for Session<'_, M> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.debug_struct("Session").field("state", &self.state).finish_non_exhaustive()
     }
 }
 
-impl Session<'_> {
+impl<'a, M: Trained> Session<'a, M> {
+    /// A training of `task` that has not begun, without checkpoints and observers.
+    pub fn new(
+        model: &'a M,
+        task: &str,
+        [train, valid]: [&'a Clips; 2],
+        seed: u64,
+        validation: Validation,
+        intervals: Intervals,
+    ) -> Self {
+        Session {
+            model,
+            train,
+            valid,
+            seed,
+            validation,
+            intervals,
+            last_phase: false,
+            begun: Vec::new(),
+            best: None,
+            motion: OnceCell::new(),
+            state: RunState::new(task),
+            store: None,
+            observers: Vec::new(),
+            stop: Box::new(|| false),
+            slots: None,
+            clock: Instant::now(),
+        }
+    }
+
+    /// Saves checkpoints there.
+    pub fn save_to(&mut self, store: Store) {
+        self.store = Some(store);
+    }
+
+    /// Tells this observer what happens, after those that were named before.
+    pub fn observed_by(&mut self, observer: &'a mut dyn Observer<M>) {
+        self.observers.push(observer);
+    }
+
+    /// Stops after the step in which this says so.
+    pub fn stop_when(&mut self, stop: impl Fn() -> bool + 'a) {
+        self.stop = Box::new(stop);
+    }
+
+    /// Goes on from the last checkpoint, if there is any. `clips` are the checksums of the clips; empty where they are not
+    /// known.
+    ///
+    /// # Errors
+    /// Checkpoints that are all damaged, or of a training on other clips.
+    pub fn resume(&mut self, clips: &str) -> Result<()> {
+        self.load_last()?;
+        let begun_with = &mut self.state.clips;
+        if begun_with.is_empty() {
+            *begun_with = clips.into();
+        }
+        ensure!(
+            clips.is_empty() || are_the_same(clips, begun_with),
+            "the clips are not those that the run was begun with; put them back, or begin another run in another folder"
+        );
+        Ok(())
+    }
+
     /// Restores the last checkpoint, if there is any.
-    pub(super) fn load_last(&mut self) -> Result<()> {
+    fn load_last(&mut self) -> Result<()> {
         let Some(store) = &self.store else { return Ok(()) };
-        let Some(loaded) = store.load(self.model, &self.state.task)? else {
+        let Some(loaded) = store.load(self.model.named_variables(), &self.state.task)? else {
             self.state.config = store.config_checksum()?;
             return Ok(());
         };
@@ -103,12 +167,12 @@ impl Session<'_> {
     }
 
     /// Tells all observers.
-    pub(super) fn tell(&mut self, event: &Event) -> Result<()> {
+    pub(super) fn tell(&mut self, event: &Event<M>) -> Result<()> {
         self.observers.iter_mut().try_for_each(|observer| observer.observe(event))
     }
 
     /// Seconds of computing so far.
-    pub(super) fn elapsed(&self) -> f64 {
+    pub fn elapsed(&self) -> f64 {
         self.state.seconds + self.clock.elapsed().as_secs_f64()
     }
 
@@ -120,21 +184,25 @@ impl Session<'_> {
             self.slots = (!slots.is_empty()).then(|| copies.collect());
             return Ok(());
         };
-        store.save(self.model, slots, &mut self.state)?;
+        store.save(&self.model.named_variables(), slots, &mut self.state)?;
         self.tell(&Event::Checkpoint { steps: self.state.steps })
     }
 
     /// Descends a phase's loss to its end, by `rule` with gradients clipped as [`Optimizer::of_config`] says.
-    pub(super) fn train_phase(
+    ///
+    /// # Errors
+    /// A loss, a weight or a validation score that is not a number, a checkpoint that cannot be written or read, an
+    /// observer's error.
+    pub fn train_phase(
         &mut self,
         phase: &'static str,
-        objective: &mut dyn Objective,
+        objective: &mut dyn Objective<M>,
         rule: OptimizerKind,
         clip_gradients: f64,
     ) -> Result<Outcome> {
         let variables = self.model.named_variables();
         let optimizer = Optimizer::of_config(rule, clip_gradients, &variables);
-        let mut optimizer = optimizer.with_kernels(self.model.options.kernels);
+        let mut optimizer = optimizer.with_kernels(self.model.kernels());
         if let Some(slots) = self.slots.take() {
             optimizer.restore(self.state.step, slots)?;
         }
@@ -145,7 +213,7 @@ impl Session<'_> {
         {
             bail!("{phase}: {culprit} before the first step");
         }
-        let device = self.model.variables.device();
+        let device = self.model.device();
         let on_gpu = device != Device::Cpu;
         let mut steps = Repeated::on(device);
         let mut outcome = Outcome::Finished;
@@ -214,7 +282,7 @@ impl Session<'_> {
         &mut self,
         variables: &[(String, Tensor)],
         phase: &str,
-        objective: Option<&mut dyn Objective>,
+        objective: Option<&mut dyn Objective<M>>,
     ) -> Result<Option<String>> {
         let culprit = match (first_not_finite(variables), objective) {
             (Some(name), _) => Some(format!("variable {name} is not finite")),
@@ -229,27 +297,34 @@ impl Session<'_> {
     fn return_to_best(
         &mut self,
         phase: &'static str,
-        objective: &mut dyn Objective,
+        objective: &mut dyn Objective<M>,
         mut diverged: Option<String>,
     ) -> Result<()> {
         if diverged.is_none() && !self.state.step.is_multiple_of(objective.timetable().validate_every()) {
             diverged = self.validate(phase, objective)?;
         }
-        let first = objective.timetable().first_counted(&self.state.validations);
-        let scores = &self.state.validations[first..];
-        let best = scores.iter().copied().fold(f64::INFINITY, f64::min);
-        if diverged.is_none() && scores.last().is_none_or(|last| *last == best) {
+        let (step, best) = self.best_validation(objective.timetable());
+        if diverged.is_none() && self.state.validations.last().is_none_or(|last| *last == best) {
             return Ok(());
         }
+        let variables = self.model.named_variables();
         match (&self.store, self.best.take()) {
-            (Some(store), _) => store.load_best(self.model, self.best_of(phase))?,
-            (None, Some(best)) => weights::fill(self.model, &best)?,
+            (Some(store), _) => store.load_best(variables, self.best_of(phase))?,
+            (None, Some(best)) => weights::fill(variables, &best)?,
             (None, None) => bail!("{phase}: the best weights were not kept"),
         }
-        let place = (first + scores.iter().position(|score| *score == best).unwrap_or(0)) as u64;
-        let step = place * objective.timetable().validate_every();
         let why = diverged.map_or_else(String::new, |culprit| format!("{culprit}: "));
         self.tell(&Event::Note(&format!("{phase} - {why}back to its step {step}, the best by validation")))
+    }
+
+    /// The phase's best validation among those that count: its step, and its score.
+    pub fn best_validation(&self, timetable: &Timetable) -> (u64, f64) {
+        let first = timetable.first_counted(&self.state.validations);
+        let scores = &self.state.validations[first..];
+        let best = scores.iter().copied().fold(f64::INFINITY, f64::min);
+        let place = (first + scores.iter().position(|score| *score == best).unwrap_or(0)) as u64;
+        // The last one may stand at the end of the phase, between two that are due.
+        ((place * timetable.validate_every()).min(self.state.step), best)
     }
 
     fn best_of<'p>(&self, phase: &'p str) -> BestOf<'p> {
@@ -284,9 +359,9 @@ impl Session<'_> {
 
     /// Scores the model on the validation split; keeps the weights of the last phase's best score. Where the score is not a
     /// number, says so and records nothing.
-    fn validate(&mut self, phase: &str, objective: &mut dyn Objective) -> Result<Option<String>> {
+    fn validate(&mut self, phase: &str, objective: &mut dyn Objective<M>) -> Result<Option<String>> {
         let Validation { clips, pass, batch } = self.validation;
-        let losses = || evaluation::mean_losses(self.model, self.valid, clips, pass);
+        let losses = || self.model.mean_losses(self.valid, clips, pass);
         let Validated { score, recons_loss, pred_loss, extrap_loss } = objective.validate(self.model, &losses)?;
         if !score.is_finite() {
             return Ok(Some("the validation score is not finite".into()));
@@ -310,7 +385,9 @@ impl Session<'_> {
         let best = before.iter().all(|before| last < before);
         if best && (self.last_phase || objective.ends_at_best()) {
             match &self.store {
-                Some(store) => store.save_best(self.model, self.state.steps, self.best_of(phase))?,
+                Some(store) => {
+                    store.save_best(&self.model.named_variables(), self.state.steps, self.best_of(phase))?;
+                }
                 None => {
                     let weights = self.model.named_variables().into_iter();
                     self.best = Some(weights.map(|(name, weight)| (name, weight.detach().copy())).collect());

@@ -4,8 +4,9 @@ use anyhow::Result;
 use tch::Tensor;
 
 use super::schedule::Timetable;
+use super::trained::Trained;
+use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::losses::MeanLosses;
-use crate::network::physics_models::{PhysicsNet, VariableGroup};
 
 /// The loss of one step: what is differentiated, and its parts by name for the log.
 #[derive(Debug)]
@@ -25,7 +26,7 @@ impl StepLoss {
 }
 
 /// A loss that a phase descends. A step is a function of the model, the step's number and the scores so far.
-pub trait Objective {
+pub trait Objective<M: Trained = PhysicsNet> {
     /// When rates fall and the phase ends.
     fn timetable(&self) -> &Timetable;
 
@@ -33,17 +34,17 @@ pub trait Objective {
     ///
     /// # Errors
     /// Data that do not suffice.
-    fn inputs(&mut self, model: &PhysicsNet, step: u64, validations: &[f64]) -> Result<Vec<Tensor>>;
+    fn inputs(&mut self, model: &M, step: u64, validations: &[f64]) -> Result<Vec<Tensor>>;
 
     /// The loss of these inputs, which depends on nothing else but the model's variables. On a GPU it is recorded and repeated
     /// as long as the inputs keep their sizes: it must not look at a number.
     ///
     /// # Errors
     /// Clips that are too short.
-    fn loss(&self, model: &PhysicsNet, inputs: &[Tensor]) -> Result<StepLoss>;
+    fn loss(&self, model: &M, inputs: &[Tensor]) -> Result<StepLoss>;
 
     /// The rate of a group of variables before annealing.
-    fn learning_rate(&self, group: VariableGroup) -> f64;
+    fn learning_rate(&self, group: M::Group) -> f64;
 
     /// Whether the phase ends with the weights of its best validation, and not with its last ones.
     fn ends_at_best(&self) -> bool {
@@ -54,13 +55,13 @@ pub trait Objective {
     ///
     /// # Errors
     /// Those of `losses`.
-    fn validate(&self, model: &PhysicsNet, losses: &dyn Fn() -> Result<MeanLosses>) -> Result<Validated>;
+    fn validate(&self, model: &M, losses: &dyn Fn() -> Result<MeanLosses>) -> Result<Validated>;
 
     /// An early fit after a validation, by all scores so far: a line on it, if there was one.
     ///
     /// # Errors
     /// Those of what it does.
-    fn after_validation(&mut self, _model: &PhysicsNet, _validations: &[f64]) -> Result<Option<String>> {
+    fn after_validation(&mut self, _model: &M, _validations: &[f64]) -> Result<Option<String>> {
         Ok(None)
     }
 }

@@ -9,8 +9,7 @@ use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor};
 
-use paig_kernels::gpu::{self, Rule, Updated};
-use paig_kernels::{self, AdamStep, Kernels};
+use paig_kernels::{Kernels, Rate, Rule, Updated, descend, forget_gradient};
 
 /// Which update rule. The constants are TensorFlow 1's defaults, as the original uses them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,8 +64,8 @@ impl OptimizerKind {
         }
     }
 
-    /// The rule as the kernel for GPUs knows it.
-    fn for_gpu(self) -> Rule {
+    /// The rule with its constants.
+    fn rule(self) -> Rule {
         match self {
             OptimizerKind::RmsProp => Rule::RmsProp { decay: RMSPROP_DECAY, epsilon: RMSPROP_EPSILON },
             OptimizerKind::Adam => Rule::Adam { decays: ADAM_BETAS, epsilon: ADAM_EPSILON },
@@ -77,11 +76,11 @@ impl OptimizerKind {
 }
 
 impl Rates {
-    /// A variable's direction of ascent times its rate, downwards.
-    fn descent(&self, place: usize, direction: &Tensor) -> Tensor {
+    /// That of a variable.
+    fn of(&self, place: usize) -> Rate {
         match self {
-            Rates::Numbers(rates) => direction * -rates[place],
-            Rates::OnDevice(rates) => direction * rates.get(place as i64),
+            Rates::Numbers(rates) => Rate::Number(rates[place]),
+            Rates::OnDevice(rates) => Rate::OnDevice(rates.get(place as i64)),
         }
     }
 }
@@ -150,41 +149,17 @@ impl Optimizer {
     /// The step that was begun, on the variables' gradients; forgets them: libtorch then keeps the next ones, where it can, as
     /// they were computed, instead of adding them to zeros.
     fn follow_gradients(&self, variables: &[(String, Tensor)]) {
-        let _guard = tch::no_grad_guard();
-        if !self.descend_at_once(variables) {
-            self.descend_one_by_one(variables);
-        }
+        descend(self.kernels, self.rule.rule(), self.clip, self.updated(variables));
         forget_gradients(variables);
     }
 
-    fn descend_one_by_one(&self, variables: &[(String, Tensor)]) {
-        for (place, (name, variable)) in variables.iter().enumerate() {
-            let gradient = variable.grad();
-            if gradient.defined() {
-                let gradient = self.clip.map_or(gradient.shallow_clone(), |limit| gradient.clamp(-limit, limit));
-                self.update(place, name, variable.shallow_clone(), &gradient);
-            }
-        }
-    }
-
-    /// The same by one kernel for all variables on a GPU; false where there is none.
-    fn descend_at_once(&self, variables: &[(String, Tensor)]) -> bool {
-        let mut updated = self.updated(variables);
-        let served = self.kernels == Kernels::Own && !updated.is_empty() && updated.iter().all(Updated::is_served);
-        if served {
-            gpu::descend(self.rule.for_gpu(), self.clip, &mut updated);
-        }
-        served
-    }
-
-    /// The variables that have a gradient, as the kernel for GPUs takes them; none of a processor's.
+    /// The variables that have a gradient, with their slots and rates.
     fn updated(&self, variables: &[(String, Tensor)]) -> Vec<Updated> {
-        let Rates::OnDevice(rates) = &self.rates else { return Vec::new() };
-        let taught = variables.iter().enumerate().filter(|(_, (_, variable))| variable.grad().defined());
-        let updated = taught.map(|(place, (name, variable))| {
+        let with_gradient = variables.iter().enumerate().filter(|(_, (_, variable))| variable.grad().defined());
+        let updated = with_gradient.map(|(place, (name, variable))| {
             let slots = self.rule.slots().iter().map(|(slot, _)| self.slot(name, slot)).collect();
             let (variable, gradient) = (variable.shallow_clone(), variable.grad());
-            Updated { variable, gradient, slots, rate: rates.get(place as i64) }
+            Updated { variable, gradient, slots, rate: self.rates.of(place) }
         });
         updated.collect()
     }
@@ -195,44 +170,6 @@ impl Optimizer {
         match (self.rule, self.steps as f64) {
             (OptimizerKind::Adam, t) => (1.0 - b2.powf(t)).sqrt() / (1.0 - b1.powf(t)),
             _ => 1.0,
-        }
-    }
-
-    /// Changes a variable and its slots by the gradient `g`.
-    fn update(&self, place: usize, name: &str, mut variable: Tensor, g: &Tensor) {
-        let slot = |slot: &str| self.slot(name, slot);
-        match self.rule {
-            OptimizerKind::Sgd => {
-                let _ = variable.g_add_(&self.rates.descent(place, g));
-            }
-            OptimizerKind::Momentum => {
-                let mut a = slot("momentum");
-                let _ = a.g_mul_scalar_(MOMENTUM).g_add_(g);
-                let _ = variable.g_add_(&self.rates.descent(place, &a));
-            }
-            OptimizerKind::RmsProp => {
-                let mut ms = slot("ms");
-                let _ = ms.lerp_(&g.square(), 1.0 - RMSPROP_DECAY);
-                let root = (ms + RMSPROP_EPSILON).sqrt_();
-                let _ = variable.addcdiv_(&self.rates.descent(place, g), &root);
-            }
-            OptimizerKind::Adam => {
-                let (b1, b2) = ADAM_BETAS;
-                let (mut m, mut v) = (slot("m"), slot("v"));
-                let tensors = [&variable, g, &m, &v];
-                if let Rates::Numbers(rates) = &self.rates
-                    && self.kernels == Kernels::Own
-                    && paig_kernels::serve(&tensors)
-                    && tensors.iter().all(|it| it.is_contiguous())
-                {
-                    let [betas @ .., rate, epsilon] = [b1, b2, rates[place], ADAM_EPSILON].map(|number| number as f32);
-                    return paig_kernels::adam(AdamStep { betas, rate, epsilon }, g, [&mut variable, &mut m, &mut v]);
-                }
-                let _ = m.lerp_(g, 1.0 - b1);
-                let _ = v.lerp_(&g.square(), 1.0 - b2);
-                let root = v.sqrt().g_add_scalar_(ADAM_EPSILON);
-                let _ = variable.addcdiv_(&self.rates.descent(place, &m), &root);
-            }
         }
     }
 
@@ -271,12 +208,13 @@ impl Optimizer {
 }
 
 fn forget_gradients(variables: &[(String, Tensor)]) {
-    variables.iter().for_each(|(_, variable)| paig_kernels::forget_gradient(variable));
+    variables.iter().for_each(|(_, variable)| forget_gradient(variable));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use paig_kernels::gpu::{self, testing::test_device};
 
     const RULES: [OptimizerKind; 4] =
         [OptimizerKind::RmsProp, OptimizerKind::Adam, OptimizerKind::Momentum, OptimizerKind::Sgd];
@@ -373,7 +311,7 @@ mod tests {
     /// All variables at once, more than one launch takes, with gradients that are clipped and one that is no number.
     #[test]
     fn the_kernel_for_gpus_takes_the_same_steps() {
-        let Some(device) = gpu::testing::test_device() else { return };
+        let Some(device) = test_device() else { return };
         for (rule, clip) in RULES.into_iter().flat_map(|rule| [(rule, None), (rule, Some(0.5))]) {
             let [by_libtorch, by_kernel] = [false, true].map(|by_kernel| {
                 let values = (0..70).map(|n| {
@@ -397,7 +335,7 @@ mod tests {
                     optimizer.begin_step(&rates);
                     if by_kernel {
                         let _guard = tch::no_grad_guard();
-                        gpu::descend(rule.for_gpu(), clip, &mut optimizer.updated(&variables));
+                        gpu::descend(rule.rule(), clip, &mut optimizer.updated(&variables));
                         forget_gradients(&variables);
                     } else {
                         optimizer.follow_gradients(&variables);

@@ -46,8 +46,8 @@ pub fn line(record: &Record) -> Option<String> {
     }
 }
 
-impl Observer for Recorder {
-    fn observe(&mut self, event: &Event) -> Result<()> {
+impl<M> Observer<M> for Recorder {
+    fn observe(&mut self, event: &Event<M>) -> Result<()> {
         match event {
             Event::Recorded { record, .. } => {
                 if self.metrics.length()? == 0 {

@@ -70,6 +70,11 @@ impl Timetable {
         Timetable { schedule, max_steps: units * steps_per_unit, anneal_from, guides, good_enough, good }
     }
 
+    /// The same, in which the rates are divided from this step on at the latest.
+    pub fn annealed_from(self, step: u64) -> Self {
+        Timetable { anneal_from: step, ..self }
+    }
+
     /// The same with guides.
     pub(crate) fn with_guides(self, guides: GuideClock) -> Self {
         Timetable { guides, ..self }

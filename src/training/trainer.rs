@@ -1,8 +1,6 @@
 //! Takes a model through the phases of a config.
 
-use std::cell::OnceCell;
 use std::f32::consts::PI;
-use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use rand::Rng;
@@ -11,7 +9,6 @@ use tch::{Device, Tensor};
 use super::base::{Intervals, Outcome, Session, Validation};
 use super::config::Config;
 use super::observer::Observer;
-use crate::datasets::dataset::are_the_same;
 use crate::datasets::iterators::Clips;
 use crate::network::cells::{Actions, Coordinates, State};
 use crate::network::physics_models::PhysicsNet;
@@ -51,24 +48,10 @@ impl<'a> Trainer<'a> {
         }
         let batch = config.join.batch;
         let pass = if model.variables.device() == Device::Cpu { batch } else { batch.max(PASS_ON_GPU) };
-        let session = Session {
-            model,
-            train,
-            valid,
-            seed: config.seed,
-            validation: Validation { clips: config.join.validation_clips, pass, batch },
-            intervals: Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every },
-            last_phase: false,
-            begun: model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect(),
-            best: None,
-            motion: OnceCell::new(),
-            state: RunState::new(&config.task.name),
-            store: None,
-            observers: Vec::new(),
-            stop: Box::new(|| false),
-            slots: None,
-            clock: Instant::now(),
-        };
+        let validation = Validation { clips: config.join.validation_clips, pass, batch };
+        let intervals = Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every };
+        let mut session = Session::new(model, &config.task.name, [train, valid], config.seed, validation, intervals);
+        session.begun = model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect();
         Ok(Trainer { config, session, clips: String::new(), commit: UNKNOWN_COMMIT.into() })
     }
 
@@ -86,19 +69,19 @@ impl<'a> Trainer<'a> {
 
     /// Saves checkpoints there, and goes on from the last one if there is any.
     pub fn save_to(mut self, store: Store) -> Self {
-        self.session.store = Some(store);
+        self.session.save_to(store);
         self
     }
 
     /// Tells this observer what happens, after those that were named before.
     pub fn observed_by(mut self, observer: &'a mut dyn Observer) -> Self {
-        self.session.observers.push(observer);
+        self.session.observed_by(observer);
         self
     }
 
     /// Stops after the step in which this says so.
     pub fn stop_when(mut self, stop: impl Fn() -> bool + 'a) -> Self {
-        self.session.stop = Box::new(stop);
+        self.session.stop_when(stop);
         self
     }
 
@@ -151,15 +134,7 @@ impl<'a> Trainer<'a> {
         own_stream(model.variables.device())?;
         let own = model.options.kernels == Kernels::Own && model.variables.device() == Device::Cpu;
         let _alone = own.then(KernelsAlone::begin);
-        self.session.load_last()?;
-        let begun_with = &mut self.session.state.clips;
-        if begun_with.is_empty() {
-            begun_with.clone_from(&self.clips);
-        }
-        ensure!(
-            self.clips.is_empty() || are_the_same(&self.clips, begun_with),
-            "the clips are not those that the run was begun with; put them back, or begin another run in another folder"
-        );
+        self.session.resume(&self.clips)?;
         if self.session.state.steps == 0 {
             self.check_start()?;
         }

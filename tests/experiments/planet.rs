@@ -6,6 +6,7 @@ use std::path::Path;
 use crate::random::numbers;
 use ndarray::{Array2, Array5};
 use paig::datasets::iterators::Clips;
+use paig::kernels::Kernels;
 use paig::network::System;
 use paig::network::cells::Actions;
 use paig::support::random::normal;
@@ -82,6 +83,7 @@ fn config(steps: u64) -> WholeConfig {
         batch: 8,
         steps,
         checkpoint_every: 50,
+        kernels: Kernels::Own,
     }
 }
 

@@ -1,7 +1,7 @@
 //! The kernels against libtorch and its autograd at extreme finite inputs: saturated masks, sprites far outside the frame or of
 //! no extent, huge weights and gradients.
 
-use paig::kernels::{self, AdamStep, Instructions, Scene, UNetKernel};
+use paig::kernels::{self, Instructions, Kernels, Rate, Rule, Scene, UNetOperation, Updated};
 use paig::network::blocks::{Layers, UNet};
 use tch::nn::VarStore;
 use tch::{Device, Kind, Tensor};
@@ -11,6 +11,11 @@ const FLOAT: (Kind, Device) = (Kind::Float, Device::Cpu);
 const TOLERANCE: f64 = 1e-5;
 /// Where rounding takes what a ReLU or a pooling sees across a kink, a pixel's gradient changes, as in `tests/kernels.rs`.
 const ACROSS_KINKS: f64 = 3e-3;
+
+/// The kernels with every set of instructions that the processor has, whatever the environment names.
+fn all_kernels() -> Vec<Kernels> {
+    Instructions::all().into_iter().map(Kernels::With).collect()
+}
 
 /// Leaves of autograd with these values.
 fn leaves<const N: usize>(values: [&Tensor; N]) -> [Tensor; N] {
@@ -104,15 +109,20 @@ fn sprites_far_outside_or_of_no_extent_are_those_of_libtorch() {
                 for (_, columns) in [&places[number], &places[(number + 1) % places.len()]] {
                     let inputs = [&sprites, &background, rows, columns];
                     let theirs = with_gradients(inputs, &pull, |inputs| drawn(scene, inputs));
-                    let ours = with_gradients(inputs, &pull, |[sprites, background, rows, columns]| {
-                        kernels::draw(scene, sprites, background, rows, columns)
-                    });
-                    let context = format!("rows {name}, logits {logits:?}");
-                    let (drawing, ours_by_place) = ours.split_at(3);
-                    assert_finite_and_alike(drawing, &theirs[..3], TOLERANCE, 1.0, &context);
-                    // The gradient of a saturated mask is a difference of equal numbers; here it is multiplied by logits.
-                    let largest = f64::from(logits[0].abs().max(logits[1].abs()));
-                    assert_finite_and_alike(ours_by_place, &theirs[3..], TOLERANCE, largest, &context);
+                    for kernels in all_kernels() {
+                        let ours = with_gradients(inputs, &pull, |inputs| {
+                            let [sprites, background, rows, columns] = inputs.map(Tensor::shallow_clone);
+                            let layers = || [sprites.shallow_clone(), background.shallow_clone()];
+                            let [frames] = kernels::draw(kernels, scene, layers, [[rows, columns]]);
+                            frames
+                        });
+                        let context = format!("{kernels:?}, rows {name}, logits {logits:?}");
+                        let (drawing, ours_by_place) = ours.split_at(3);
+                        assert_finite_and_alike(drawing, &theirs[..3], TOLERANCE, 1.0, &context);
+                        // The gradient of a saturated mask is a difference of equal numbers; here it is multiplied by logits.
+                        let largest = f64::from(logits[0].abs().max(logits[1].abs()));
+                        assert_finite_and_alike(ours_by_place, &theirs[3..], TOLERANCE, largest, &context);
+                    }
                 }
             }
         }
@@ -121,13 +131,22 @@ fn sprites_far_outside_or_of_no_extent_are_those_of_libtorch() {
 
 #[test]
 fn masks_of_0_and_1_and_black_and_white_frames_are_those_of_libtorch() {
-    let (masks, frames) = (pattern(&[6, 3, 8, 8], &[0.0, 1.0, 1e-38]), pattern(&[6, 3, 8, 8], &[0.0, 1.0, 1.0]));
+    // Masks of 0, 1, 1/2 and 1e-38.
+    let (logits, background) = (pattern(&[6, 2, 8, 8], &[-1e4, 1e4, 1e4, -86.5]), 1.0);
+    let frames = pattern(&[6, 3, 8, 8], &[0.0, 1.0, 1.0]);
     let pull = pattern(&[2, 6, 3, 8, 8], &[1.0, -1e30, 0.0]);
-    let theirs = with_gradients([&masks], &pull, |[masks]| {
+    let theirs = with_gradients([&logits], &pull, |[logits]| {
+        let behind = logits.narrow(1, 0, 1).full_like(background);
+        let masks = Tensor::cat(&[logits, &behind], 1).softmax(1, Kind::Float);
         masks.narrow(1, 0, 2).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0)
     });
-    let ours = with_gradients([&masks], &pull, |[masks]| kernels::masked(2, masks, &frames));
-    assert_finite_and_alike(&ours, &theirs, TOLERANCE, 0.0, "masked frames");
+    for kernels in all_kernels() {
+        let ours = with_gradients([&logits], &pull, |[logits]| {
+            let [_, masked] = kernels::masked_frames(kernels, background, logits, &frames);
+            masked
+        });
+        assert_finite_and_alike(&ours, &theirs, TOLERANCE, 0.0, &format!("{kernels:?}, masked frames"));
+    }
 }
 
 #[test]
@@ -138,8 +157,11 @@ fn products_of_huge_and_tiny_numbers_are_those_of_libtorch() {
         let (bias, pull) = (pattern(&[17], &[1.0, -1e4]), pattern(&[20, 17], &[1.0, -1.0, 0.5]));
         let inputs = [&x, &weight, &bias];
         let theirs = with_gradients(inputs, &pull, |[x, weight, bias]| x.linear(weight, Some(bias)));
-        let ours = with_gradients(inputs, &pull, |[x, weight, bias]| kernels::linear(x, weight, bias));
-        assert_finite_and_alike(&ours, &theirs, TOLERANCE, 0.0, &format!("{of_x:e} times {of_weight:e}"));
+        for kernels in all_kernels() {
+            let ours = with_gradients(inputs, &pull, |[x, weight, bias]| kernels::linear(kernels, x, weight, bias));
+            let context = format!("{kernels:?}, {of_x:e} times {of_weight:e}");
+            assert_finite_and_alike(&ours, &theirs, TOLERANCE, 0.0, &context);
+        }
     }
 }
 
@@ -149,8 +171,10 @@ fn errors_of_huge_frames_are_those_of_libtorch() {
         let (a, b) = (pattern(&[4, 3, 50], &[size, -size, 0.0]), pattern(&[4, 3, 50], &[0.0, 1.0]));
         let pull = Tensor::from(0.5f32);
         let theirs = with_gradients([&a], &pull, |[a]| (a - &b).square().sum(Kind::Float));
-        let ours = with_gradients([&a], &pull, |[a]| kernels::squared_error(a, &b));
-        assert_finite_and_alike(&ours, &theirs, TOLERANCE, 0.0, &format!("frames of {size:e}"));
+        for kernels in all_kernels() {
+            let ours = with_gradients([&a], &pull, |[a]| kernels::squared_error(kernels, a, &b));
+            assert_finite_and_alike(&ours, &theirs, TOLERANCE, 0.0, &format!("{kernels:?}, frames of {size:e}"));
+        }
     }
 }
 
@@ -165,9 +189,11 @@ fn saturated_gates_are_those_of_libtorch() {
             let c = (&gates[1] + 1.0).sigmoid() * c + gates[0].sigmoid() * gates[2].tanh();
             Tensor::stack(&[gates[3].sigmoid() * c.tanh(), c], 0)
         });
-        let ours =
-            with_gradients([&gates, &c], &pull, |[gates, c]| Tensor::stack(&kernels::memory_step(gates, c, 1.0), 0));
-        assert_finite_and_alike(&ours, &theirs, TOLERANCE, 0.0, &format!("gates of {size:e}"));
+        for kernels in all_kernels() {
+            let step = |[gates, c]: [&Tensor; 2]| Tensor::stack(&kernels::lstm_cell(kernels, gates, c, 1.0), 0);
+            let ours = with_gradients([&gates, &c], &pull, step);
+            assert_finite_and_alike(&ours, &theirs, TOLERANCE, 0.0, &format!("{kernels:?}, gates of {size:e}"));
+        }
     }
 }
 
@@ -176,7 +202,7 @@ fn saturated_gates_are_those_of_libtorch() {
 fn huge_weights_of_the_unet_give_the_logits_and_gradients_of_libtorch() {
     let (side, objects) = (32, 2);
     let store = VarStore::new(Device::Cpu);
-    let net = UNet::for_side(&mut Layers::new(store.root()), side, 3, objects, kernels::Kernels::Libtorch);
+    let net = UNet::for_side(&mut Layers::new(store.root()), side, 3, objects, Kernels::Libtorch);
     let variables = store.variables();
     let layers: Vec<_> = (0..variables.len() / 2)
         .map(|i| if i == 0 { "conv2d".into() } else { format!("conv2d_{i}") })
@@ -200,10 +226,10 @@ fn huge_weights_of_the_unet_give_the_logits_and_gradients_of_libtorch() {
     let theirs = gradients(net.forward(&frames));
     assert!(theirs[0].abs().max().double_value(&[]) > 1e15);
     let borrowed: Vec<_> = layers.iter().map(|[weight, bias]| (weight, bias)).collect();
-    for instructions in Instructions::all() {
-        let kernel = UNetKernel::new(instructions, UNet::shape(side, 3, objects));
-        let ours = gradients(kernel.forward(&borrowed, &frames));
-        assert_finite_and_alike(&ours, &theirs, ACROSS_KINKS, 0.0, &format!("{instructions:?}"));
+    for kernels in all_kernels() {
+        let operation = UNetOperation::new(kernels, UNet::shape(side, 3, objects));
+        let ours = gradients(operation.forward(&borrowed, &frames));
+        assert_finite_and_alike(&ours, &theirs, ACROSS_KINKS, 0.0, &format!("{kernels:?}"));
     }
 }
 
@@ -211,22 +237,28 @@ fn huge_weights_of_the_unet_give_the_logits_and_gradients_of_libtorch() {
 /// libtorch's own operations.
 #[test]
 fn steps_of_adam_on_huge_gradients_are_those_of_libtorch() {
-    let step = AdamStep { betas: [0.9, 0.999], rate: 0.1, epsilon: 1e-8 };
+    let rule = Rule::Adam { decays: (0.9, 0.999), epsilon: 1e-8 };
     let gradient = Tensor::from_slice(&[1e15f32, -1e18, 1e30, -3e38]);
-    let [mut variable, mut mean, mut square] = [(); 3].map(|()| Tensor::zeros([4], FLOAT));
-    let [mut x, mut m, mut v] = [(); 3].map(|()| Tensor::zeros([4], FLOAT));
-    for number in 0..2 {
-        kernels::adam(step, &gradient, [&mut variable, &mut mean, &mut square]);
-        let _ = m.lerp_(&gradient, 1.0 - 0.9);
-        let _ = v.lerp_(&gradient.square(), 1.0 - 0.999);
-        let _ = x.addcdiv_(&(&m * -0.1), &(v.sqrt() + 1e-8));
-        let [ours, theirs] = [&variable, &x].map(|it| Vec::<f32>::try_from(it).unwrap());
-        for (ours, theirs) in ours.iter().zip(&theirs) {
-            // 1 - 0.999 in float32 is off by 5e-5; its root divides a step of 0.3.
-            let alike = (ours - theirs).abs() < 2e-5 || (ours.is_nan() && theirs.is_nan());
-            assert!(alike, "step {number}: {ours} {theirs}");
+    for kernels in all_kernels() {
+        let [variable, mean, square] = [(); 3].map(|()| Tensor::zeros([4], FLOAT));
+        let [mut x, mut m, mut v] = [(); 3].map(|()| Tensor::zeros([4], FLOAT));
+        for number in 0..2 {
+            let [of_variable, gradient, mean, square] =
+                [&variable, &gradient, &mean, &square].map(Tensor::shallow_clone);
+            let updated =
+                Updated { variable: of_variable, gradient, slots: vec![mean, square], rate: Rate::Number(0.1) };
+            let _ = m.lerp_(&updated.gradient, 1.0 - 0.9);
+            let _ = v.lerp_(&updated.gradient.square(), 1.0 - 0.999);
+            let _ = x.addcdiv_(&(&m * -0.1), &(v.sqrt() + 1e-8));
+            kernels::descend(kernels, rule, None, vec![updated]);
+            let [ours, theirs] = [&variable, &x].map(|it| Vec::<f32>::try_from(it).unwrap());
+            for (ours, theirs) in ours.iter().zip(&theirs) {
+                // 1 - 0.999 in float32 is off by 5e-5; its root divides a step of 0.3.
+                let alike = (ours - theirs).abs() < 2e-5 || (ours.is_nan() && theirs.is_nan());
+                assert!(alike, "{kernels:?}, step {number}: {ours} {theirs}");
+            }
+            let lost: Vec<_> = ours.iter().map(|number| number.is_nan()).collect();
+            assert_eq!(lost, if number == 0 { [false; 4] } else { [false, false, true, true] });
         }
-        let lost: Vec<_> = ours.iter().map(|number| number.is_nan()).collect();
-        assert_eq!(lost, if number == 0 { [false; 4] } else { [false, false, true, true] });
     }
 }

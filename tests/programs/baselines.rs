@@ -8,7 +8,9 @@ use std::process::Output;
 use crate::programs::{baseline, paig};
 use crate::project::project;
 use crate::random::numbers;
+use paig::kernels::Kernels;
 use paig::network::cells::Actions;
+use paig::runs::checkpoint::{SavedWeights, find_weights};
 use paig::tasks;
 use paig_experiments::baselines::list::Comparison;
 use paig_experiments::baselines::whole_models::config::WholeModel;
@@ -26,7 +28,11 @@ fn text(output: &Output) -> String {
 }
 
 fn built(model: WholeModel) -> Box<dyn FrameModel> {
-    model.build(&tasks::builtin("spring_color").unwrap().system, 3, Device::Cpu)
+    built_with(model, Kernels::Own)
+}
+
+fn built_with(model: WholeModel, kernels: Kernels) -> Box<dyn FrameModel> {
+    model.build(&tasks::builtin("spring_color").unwrap().system, kernels, 3, Device::Cpu)
 }
 
 fn clips(count: i64, time: i64) -> Tensor {
@@ -50,6 +56,22 @@ fn whole_models_see_only_the_input() {
         assert!((long.narrow(1, 0, 3) - short).abs().max().double_value(&[]) < 1e-6);
         assert!(long.min().double_value(&[]) >= 0.0 && long.max().double_value(&[]) <= 1.0);
     }
+}
+
+/// VideoLSTM by libtorch alone is the same model: float32 in another order, so not to the bit.
+#[test]
+fn video_lstm_honours_the_kernels() {
+    let [own, libtorch] = [Kernels::Own, Kernels::Libtorch].map(|kernels| {
+        let model = built_with(WholeModel::VideoLstm, kernels);
+        let batch = Batch { frames: clips(2, 8), actions: Actions::none(), rewards: None, noise: None };
+        let loss = model.loss(&batch);
+        loss.backward();
+        let gradients = named_variables(model.as_ref()).into_iter().map(|(_, variable)| variable.grad().flatten(0, -1));
+        (loss.double_value(&[]), Tensor::cat(&gradients.collect::<Vec<_>>(), 0))
+    });
+    assert!((own.0 / libtorch.0 - 1.0).abs() < 1e-5, "{} and {}", own.0, libtorch.0);
+    let off = ((&own.1 - &libtorch.1).norm() / libtorch.1.norm()).double_value(&[]);
+    assert!(off > 0.0 && off < 1e-4, "gradients off by {off:e}");
 }
 
 /// No part is left without a gradient but what stands still, which is taken from the clips.
@@ -226,10 +248,16 @@ fn a_small_comparison_runs_to_its_report() {
     assert!(!missing.status.success() && text(&missing).contains("nowhere/results.json"), "{}", text(&missing));
 }
 
-/// All of a whole model's checkpoint by name, but its step and seconds.
+/// All tensors of a whole model's last checkpoint, and of its best validation, by file and name.
 fn of_checkpoint(run: &Path) -> BTreeMap<String, Tensor> {
-    let all = Tensor::read_safetensors(run.join("checkpoint.safetensors")).unwrap();
-    all.into_iter().filter(|(name, _)| name != "progress").collect()
+    let checkpoints = run.join("checkpoints");
+    let last = find_weights(run, SavedWeights::Last).unwrap();
+    let files = [last.clone(), last.with_file_name("slots.safetensors"), checkpoints.join("best_train.safetensors")];
+    let named = files.iter().enumerate().flat_map(|(number, file)| {
+        let all = Tensor::read_safetensors(file).unwrap();
+        all.into_iter().map(move |(name, tensor)| (format!("{number} {name}"), tensor))
+    });
+    named.collect()
 }
 
 fn assert_same_bits(one: &BTreeMap<String, Tensor>, other: &BTreeMap<String, Tensor>) {
@@ -277,7 +305,8 @@ fn a_whole_model_goes_on_to_the_same_bits() {
     // As if it had been killed after its checkpoint at step 2: the later one and the results are gone.
     train("start", "2");
     let [whole, half, start] = ["whole", "half", "start"].map(|name| folder.path().join(name));
-    fs::copy(start.join("checkpoint.safetensors"), half.join("checkpoint.safetensors")).unwrap();
+    fs::remove_dir_all(half.join("checkpoints")).unwrap();
+    fs::rename(start.join("checkpoints"), half.join("checkpoints")).unwrap();
     fs::remove_file(half.join("scores.json")).unwrap();
     let said = train("half", "6");
     assert!(said.contains("step 4: validation") && !said.contains("step 2: validation"), "{said}");

@@ -141,6 +141,7 @@ fn one(config: &Config, dataset: &Dataset, device: Device, began: Instant) -> Re
     let truths = config.task.system.cell.parameters.iter().map(|parameter| &*parameter.name);
     let truths = truths.filter_map(|name| Some((name.to_string(), config.task.truth_of(name)?))).collect();
     let mut course = Course { seed: config.seed, began, truths, errors: Vec::new(), best: None, kept: 0 };
+    device::set_tf32(device, config.model.tf32);
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
     let learned: Vec<_> = model.learned().map(|parameter| parameter.kind.name.to_string()).collect();
     course.truths.retain(|(name, _): &(String, f64)| learned.contains(name));

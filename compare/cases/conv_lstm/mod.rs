@@ -17,7 +17,8 @@ pub fn compare(case: &mut Case) -> Result<()> {
     ensure!(kernel.len() == 4, "tensor param/conv2d.weight has shape {kernel:?}, expected four axes");
     let mut store = VarStore::new(Device::Cpu);
     let [inputs, hidden] = [frames.size()[2], kernel[0] / 4];
-    let cell = ConvLstmCell::new(&mut Layers::new(store.root()), inputs as usize, hidden as usize, kernel[2] as usize);
+    let mut layers = Layers::new(store.root());
+    let cell = ConvLstmCell::new(&mut layers, inputs as usize, hidden as usize, kernel[2] as usize, case.kernels);
     store.set_kind(case.kind);
     let mut variables: Vec<_> = store.variables().into_iter().collect();
     variables.sort_by(|a, b| a.0.cmp(&b.0));

@@ -1,6 +1,6 @@
 //! A step of Adam in one pass over the memory of a variable, its gradient and its slots.
 
-use super::lanes::{Instructions, Lanes, dispatched};
+use super::simd::{Instructions, Lanes, dispatched};
 use super::threads::in_parallel;
 
 /// Elements that a thread takes at a time.

@@ -3,10 +3,11 @@
 
 use std::sync::Arc;
 
-use super::lanes::Instructions;
-use super::mix;
+use super::bias_gradient::add_bias_gradient;
+use super::packing;
 use super::planes::{Picture, Workspace};
 use super::recycled::Recycled;
+use super::simd::Instructions;
 use super::threads::{in_parallel, part_of, workers_each};
 use super::weight_gradient::add_weight_gradient;
 use super::winograd::{self, Finish, Weights};
@@ -104,10 +105,10 @@ impl Kernel {
             let mut input = self.picture(inputs, self.inputs, side);
             let mut output = self.picture(outputs, self.outputs, side);
             let mut work = self.workspaces(workers);
-            mix::pack(self.instructions, pictures, input.all_mut());
+            packing::pack(self.instructions, pictures, input.all_mut());
             let (weights, finish) = (&self.forward, Finish::Linear);
             winograd::convolve(self.instructions, weights, input.all(), output.all_mut(), finish, &mut work);
-            mix::unpack(self.instructions, output.all(), results);
+            packing::unpack(self.instructions, output.all(), results);
             outputs.give(output);
             workspaces.give(work);
             input
@@ -158,11 +159,11 @@ impl Kernel {
         let mut pull = self.picture(outputs, self.outputs, seen.side);
         let mut by_input = self.picture(inputs, self.inputs, seen.side);
         let mut work = self.workspaces(workers);
-        mix::pack(instructions, gradient, pull.all_mut());
+        packing::pack(instructions, gradient, pull.all_mut());
         add_weight_gradient(instructions, seen.all(), pull.all(), by_weight, &mut work);
-        mix::add_pixels(instructions, pull.all(), by_bias);
+        add_bias_gradient(instructions, pull.all(), by_bias);
         winograd::convolve(instructions, &self.backward, pull.all(), by_input.all_mut(), Finish::Linear, &mut work);
-        mix::unpack(instructions, by_input.all(), by_pictures);
+        packing::unpack(instructions, by_input.all(), by_pictures);
         outputs.give(pull);
         inputs.give(by_input);
         workspaces.give(work);

@@ -3,7 +3,7 @@
 //!
 //! Numbers of a row stand side by side. A sum has the same order whatever the number of threads.
 
-use super::lanes::{Instructions, Lanes, dispatched};
+use super::simd::{Instructions, Lanes, dispatched};
 use super::threads::{in_parallel, threads};
 
 /// Rows that go over the weights together, and numbers of each at a time: they stay in a core's cache.

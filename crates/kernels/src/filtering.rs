@@ -9,8 +9,8 @@
 
 use std::ops::Range;
 
-use super::lanes::{Lanes, dispatched};
 use super::planes::Planes;
+use super::simd::{Lanes, dispatched};
 
 /// Pixels of a tile along an axis.
 pub(super) const PIXELS: usize = 4;

@@ -3,7 +3,7 @@
 //! The frames of a block stand side by side, one in each lane of a vector, so that every operation on pictures is an
 //! operation on whole vectors at any resolution, and the border is a convolution's zero padding.
 
-use super::lanes::{Instructions, Lanes};
+use super::simd::{Instructions, Lanes};
 
 /// A cache line: what planes are aligned to.
 #[derive(Debug, Clone, Copy)]

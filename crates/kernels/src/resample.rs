@@ -1,7 +1,7 @@
 //! 2x2 max-pooling and the doubling of a picture's sides, with their gradients through the ReLU before them.
 
-use super::lanes::{Lanes, dispatched};
 use super::planes::{Planes, PlanesMut};
+use super::simd::{Lanes, dispatched};
 
 /// The pixels of a window of 2x2, in the order in which the first of equal ones counts as the largest.
 const WINDOW: [(usize, usize); 4] = [(0, 0), (0, 1), (1, 0), (1, 1)];

@@ -1,17 +1,19 @@
 //! The U-Net, forward and backward, on blocks of frames.
 //!
-//! The network is `paig::network::blocks::UNet`'s. A block goes through all layers before the next one begins, so that
+//! The network is that of [`crate::UNetOperation`]. A block goes through all layers before the next one begins, so that
 //! most of what a layer reads is still in the cache. Every layer's result is kept for the gradient, except the doubled
 //! pictures, which are made again.
 
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::lanes::Instructions;
-use super::mix;
+use super::bias_gradient::add_bias_gradient;
+use super::conv1x1;
+use super::packing;
 use super::planes::{Picture, Planes, PlanesMut, Workspace};
 use super::recycled::Recycled;
 use super::resample::{self, Pooled};
+use super::simd::Instructions;
 use super::threads::{in_parallel, part_of, workers_each};
 use super::weight_gradient::add_weight_gradient;
 use super::winograd::{self, Finish, Weights};
@@ -48,7 +50,7 @@ impl Shape {
 
     /// `(inputs, outputs)` of the layers in the network's order: two for each level, from the lowest level up three each
     /// (after the doubling, and the two after the concatenation), and the logits.
-    fn layers(&self) -> Vec<(usize, usize)> {
+    pub fn layers(&self) -> Vec<(usize, usize)> {
         let mut layers = Vec::new();
         for level in self.levels() {
             let inputs = if level == 0 { self.channels } else { self.width(level - 1) };
@@ -288,7 +290,7 @@ impl Kernel {
         let mut convolve = |weights: &Weights, input: Planes, output: PlanesMut, finish: Finish| {
             winograd::convolve(instructions, weights, input, output, finish, workspaces);
         };
-        mix::pack(instructions, frames, inputs[0].all_mut());
+        packing::pack(instructions, frames, inputs[0].all_mut());
         for level in shape.levels() {
             if level > 0 {
                 let above = joined[level - 1].part(raised, shape.width(level - 1));
@@ -311,8 +313,8 @@ impl Kernel {
             convolve(&layer[2], up_firsts[level].all(), outputs[level].all_mut(), Finish::Relu);
         }
         let (weight, bias) = &network.logits;
-        mix::mix(instructions, weight, bias, outputs[0].all(), made.all_mut());
-        mix::unpack(instructions, made.all(), logits);
+        conv1x1::forward(instructions, weight, bias, outputs[0].all(), made.all_mut());
+        packing::unpack(instructions, made.all(), logits);
     }
 }
 
@@ -365,7 +367,7 @@ impl Pass {
         let operations = &mut Operations { instructions, places, sums: &mut gradients.sums, workspaces };
         let back = |layer: usize| self.network.backward[layer].as_ref().expect("only the first layer has none");
 
-        mix::pack(instructions, logits, gradients.logits.all_mut());
+        packing::pack(instructions, logits, gradients.logits.all_mut());
         operations.add_logits(&self.network.logits.0, &outputs[0], &gradients.logits, &mut gradients.outputs[0]);
         for level in 0..shape.poolings {
             let layer = shape.up(level);
@@ -430,14 +432,14 @@ impl Operations<'_> {
         let sums = &mut self.sums[self.places[layer].clone()];
         let (weights, biases) = sums.split_at_mut(sums.len() - gradient.channels);
         add_weight_gradient(self.instructions, input, gradient, weights, self.workspaces);
-        mix::add_pixels(self.instructions, gradient, biases);
+        add_bias_gradient(self.instructions, gradient, biases);
     }
 
     /// The last layer's, and the gradient before it.
     fn add_logits(&mut self, weight: &[f32], input: &Picture, gradient: &Picture, output: &mut Picture) {
         let sums = &mut self.sums[self.places[self.places.len() - 1].clone()];
         let (weights, biases) = sums.split_at_mut(sums.len() - gradient.channels);
-        mix::mix_backward(self.instructions, weight, input.all(), gradient.all(), output.all_mut(), weights);
-        mix::add_pixels(self.instructions, gradient.all(), biases);
+        conv1x1::backward(self.instructions, weight, input.all(), gradient.all(), output.all_mut(), weights);
+        add_bias_gradient(self.instructions, gradient.all(), biases);
     }
 }

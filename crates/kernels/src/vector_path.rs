@@ -3,7 +3,7 @@
 use std::env;
 use std::sync::OnceLock;
 
-use super::lanes::Instructions;
+use super::simd::Instructions;
 
 /// Environment variable that replaces the widest vector path: one of [`NAMES`]. For tests, and to compare processors.
 const VARIABLE: &str = "PAIG_INSTRUCTIONS";
@@ -21,19 +21,6 @@ pub fn vector_path() -> &'static Result<Option<Instructions>, String> {
         let value = env::var_os(VARIABLE).map(|value| value.to_string_lossy().into_owned());
         chosen(value.as_deref(), &Instructions::all())
     })
-}
-
-impl Instructions {
-    /// Those of the process: the widest, or what the environment names.
-    ///
-    /// # Panics
-    /// A name that [`vector_path`] refuses.
-    pub fn best() -> Self {
-        match vector_path() {
-            Ok(path) => path.unwrap_or_else(|| Instructions::all()[0]),
-            Err(why) => panic!("{why}"),
-        }
-    }
 }
 
 /// The instructions that `value` names among `available`, which begin with the widest.

@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use super::filtering::{PIXELS, POINTS, PRODUCTS, Tiles, of_taps, results, transform_input};
-use super::lanes::{Instructions, Lanes, dispatched};
 use super::planes::{Planes, PlanesMut, Workspace};
+use super::simd::{Instructions, Lanes, dispatched};
 use super::threads::side_by_side;
 
 /// Tiles side by side whose products are summed in registers.

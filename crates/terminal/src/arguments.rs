@@ -77,6 +77,7 @@ impl ScoredRun {
         let device = device::parse(&self.device)?;
         device::set_threads(self.threads)?;
         let (mut config, model) = load_model(&self.run, self.checkpoint.into(), device)?;
+        device::set_tf32(device, config.model.tf32);
         config.data.folder = self.data.clone().unwrap_or(config.data.folder);
         let own = || config.data.test_path();
         let file = self.file.clone().unwrap_or_else(own);

@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 use tch::nn::Path;
 use tch::{Device, Kind, Tensor};
 
-use crate::network::stn::hat_matrix;
-use paig_kernels::{self, ConvolutionKernel, Kernels, PreparedConvolution};
+use paig_kernels::{Convolution, Kernels, PreparedConvolution, linear, linear_twice};
 
+pub use paig_kernels::resize_bilinear_x2;
 pub use unet::{UNet, side_multiple, uses_deep_unet};
 pub use variable_from_network::VariableFromNetwork;
 pub(super) use variable_from_network::{CONSTANT_INPUTS, HIDDEN};
@@ -52,27 +52,23 @@ impl Conv2d {
         self.activation.apply(x.conv2d(&self.weight, Some(&self.bias), 1, self.padding, 1, 1))
     }
 
-    /// The layer with its weights as they are now, to be applied many times: by `kernel` where that serves, else by libtorch.
-    pub fn prepared(&self, kernel: &ConvolutionKernel) -> PreparedConv2d<'_> {
-        let kernel = kernel.serves(&self.weight).then(|| kernel.prepared(&self.weight, &self.bias));
-        PreparedConv2d { layer: self, kernel }
+    /// The layer with its weights as they are now, to be applied many times.
+    pub fn prepared(&self, convolution: &Convolution) -> PreparedConv2d {
+        PreparedConv2d { convolution: convolution.prepared(&self.weight, &self.bias), activation: self.activation }
     }
 }
 
 /// A [`Conv2d`] with the weights of one moment.
 #[derive(Debug)]
-pub struct PreparedConv2d<'a> {
-    layer: &'a Conv2d,
-    kernel: Option<PreparedConvolution>,
+pub struct PreparedConv2d {
+    convolution: PreparedConvolution,
+    activation: Activation,
 }
 
-impl PreparedConv2d<'_> {
+impl PreparedConv2d {
     /// As [`Conv2d::forward`], of square pictures.
     pub fn forward(&self, x: &Tensor) -> Tensor {
-        match &self.kernel {
-            Some(kernel) => self.layer.activation.apply(kernel.forward(x)),
-            None => self.layer.forward(x),
-        }
+        self.activation.apply(self.convolution.forward(x))
     }
 }
 
@@ -108,22 +104,17 @@ impl Dense {
                 let [x, weight] = [x, &self.weight].map(|factor| factor.to_kind(Kind::BFloat16));
                 x.linear::<Tensor>(&weight, None).to_kind(self.bias.kind()) + &self.bias
             }
-            Precision::Float32 if kernels == Kernels::Own && paig_kernels::serve(&[x, &self.weight]) => {
-                paig_kernels::linear(x, &self.weight, &self.bias)
-            }
-            Precision::Float32 => return self.forward(x),
+            Precision::Float32 => linear(kernels, x, &self.weight, &self.bias),
         };
         self.activation.apply(product)
     }
 
     /// The same twice: once differentiable by the input and the layer, once by the layer alone. The products are shared.
     pub(crate) fn forward_wide_twice(&self, x: &Tensor, kernels: Kernels, precision: Precision) -> [Tensor; 2] {
-        if precision == Precision::Float32 && kernels == Kernels::Own && paig_kernels::serve(&[x, &self.weight]) {
-            let by_layer = paig_kernels::linear(&x.detach(), &self.weight, &self.bias);
-            let by_both = paig_kernels::taught_through(&by_layer, x, &self.weight);
-            return [by_both, by_layer].map(|product| self.activation.apply(product));
+        match precision {
+            Precision::Bfloat16 => [x.shallow_clone(), x.detach()].map(|x| self.forward_wide(&x, kernels, precision)),
+            Precision::Float32 => linear_twice(kernels, x, &self.weight, &self.bias).map(|x| self.activation.apply(x)),
         }
-        [x.shallow_clone(), x.detach()].map(|x| self.forward_wide(&x, kernels, precision))
     }
 
     /// Replaces kernel and bias by the least-squares solution of `inputs -> outputs` (`[rows, in]` to `[rows, out]`, before
@@ -239,21 +230,4 @@ fn numbered(kind: &str, count: &mut usize) -> String {
     let name = if *count == 0 { kind.to_string() } else { format!("{kind}_{count}") };
     *count += 1;
     name
-}
-
-/// Doubles height and width as TensorFlow 1's `resize_bilinear` does (`align_corners=False`, no half-pixel centres):
-/// `out[2i] = in[i]`, `out[2i+1] = (in[i] + in[min(i+1, n-1)]) / 2` on each axis. No mode of PyTorch's `interpolate`
-/// equals it.
-pub fn resize_bilinear_x2(x: &Tensor) -> Tensor {
-    let (batch, channels, height, width) = x.size4().expect("images [batch, channels, h, w]");
-    // A matrix product for each axis, with the channels last: the layout in which the convolutions are fastest.
-    let rows = doubling_matrix(height, x).matmul(&x.permute([0, 2, 3, 1]).reshape([batch, height, width * channels]));
-    let both = doubling_matrix(width, x).matmul(&rows.reshape([batch * 2 * height, width, channels]));
-    both.reshape([batch, 2 * height, 2 * width, channels]).permute([0, 3, 1, 2])
-}
-
-/// `[2n, n]`: row r holds the bilinear weights at r / 2, the last element repeated.
-fn doubling_matrix(n: i64, like: &Tensor) -> Tensor {
-    let halves = Tensor::arange(2 * n, (like.kind(), like.device())) * 0.5;
-    hat_matrix(&halves.clamp_max((n - 1) as f64), n)
 }

@@ -2,20 +2,16 @@
 
 use tch::Tensor;
 
-use super::{Activation, Conv2d, Layers, resize_bilinear_x2};
-use paig_kernels::{Instructions, Kernels, Shape, UNetKernel};
+use super::{Activation, Conv2d, Layers};
+use paig_kernels::{Kernels, Shape, UNetOperation};
 
 /// A U-Net: `levels` times two convolutions and a 2x2 max pooling with the width doubling, and the way back up with
 /// skip connections. Gives one mask logit per object and pixel.
 #[derive(Debug)]
 pub struct UNet {
-    /// Two convolutions for each level, the lowest (not pooled) last.
-    down: Vec<[Conv2d; 2]>,
-    /// From the lowest level up: the linear convolution after the up-sampling, and the two after the concatenation.
-    up: Vec<(Conv2d, [Conv2d; 2])>,
-    logits: Conv2d,
-    /// Computes it where libtorch need not.
-    kernel: Option<UNetKernel>,
+    /// In the order of [`Shape::layers`].
+    layers: Vec<Conv2d>,
+    operation: UNetOperation,
 }
 
 /// Base width and poolings of the two networks (original: `shallow_unet`, `unet`).
@@ -48,72 +44,34 @@ impl UNet {
     }
 
     pub(crate) fn of_shape(layers: &mut Layers, shape: Shape, kernels: Kernels) -> Self {
-        let Shape { channels, objects, base, poolings, .. } = shape;
-        let mut down = Vec::new();
-        let (mut inputs, mut width) = (channels, base);
-        for _ in 0..=poolings {
-            down.push([
-                layers.conv2d(inputs, width, 3, Activation::Relu),
-                layers.conv2d(width, width, 3, Activation::Relu),
-            ]);
-            inputs = width;
-            width *= 2;
-        }
-        let mut up = Vec::new();
-        for level in (0..poolings).rev() {
-            let skip = base << level;
-            let upsampled = layers.conv2d(inputs, 2 * base, 3, Activation::None);
-            up.push((
-                upsampled,
-                [
-                    layers.conv2d(2 * base + skip, skip, 3, Activation::Relu),
-                    layers.conv2d(skip, skip, 3, Activation::Relu),
-                ],
-            ));
-            inputs = skip;
-        }
-        let kernel = (kernels == Kernels::Own).then(|| UNetKernel::new(Instructions::best(), shape));
-        UNet { down, up, logits: layers.conv2d(base, objects, 1, Activation::None), kernel }
+        let sizes = shape.layers();
+        let logits = sizes.len() - 1;
+        // Only the operation applies them: it knows what follows each.
+        let layer = |(place, (inputs, outputs)): (usize, (usize, usize))| {
+            layers.conv2d(inputs, outputs, if place == logits { 1 } else { 3 }, Activation::None)
+        };
+        let layers = sizes.into_iter().enumerate().map(layer).collect();
+        UNet { layers, operation: UNetOperation::new(kernels, shape) }
     }
 
     /// Weights and biases of all layers, in their order.
-    fn layers(&self) -> Vec<(&Tensor, &Tensor)> {
-        let down = self.down.iter().flatten();
-        let up = self.up.iter().flat_map(|(upsampled, after)| std::iter::once(upsampled).chain(after));
-        down.chain(up).chain([&self.logits]).map(|layer| (&layer.weight, &layer.bias)).collect()
+    fn variables(&self) -> Vec<(&Tensor, &Tensor)> {
+        self.layers.iter().map(|layer| (&layer.weight, &layer.bias)).collect()
+    }
+
+    fn logits(&self) -> &Conv2d {
+        self.layers.last().expect("a network has layers")
     }
 
     /// `[frames, channels, S, S]` in \[0, 1\] to logits `[frames, objects, S, S]`.
     pub fn forward(&self, frames: &Tensor) -> Tensor {
-        match &self.kernel {
-            Some(kernel) if kernel.serves(frames, &self.logits.weight) => kernel.forward(&self.layers(), frames),
-            _ => self.forward_by_libtorch(frames),
-        }
-    }
-
-    fn forward_by_libtorch(&self, frames: &Tensor) -> Tensor {
-        let mut skips: Vec<Tensor> = Vec::new();
-        let mut h = frames.shallow_clone();
-        for [first, second] in &self.down {
-            if !skips.is_empty() {
-                h = h.max_pool2d(2, 2, 0, 1, false);
-            }
-            h = second.forward(&first.forward(&h));
-            skips.push(h.shallow_clone());
-        }
-        skips.pop();
-        for (upsampled, [first, second]) in &self.up {
-            let skip = skips.pop().expect("one skip connection for each level");
-            h = Tensor::cat(&[upsampled.forward(&resize_bilinear_x2(&h)), skip], 1);
-            h = second.forward(&first.forward(&h));
-        }
-        self.logits.forward(&h)
+        self.operation.forward(&self.variables(), frames)
     }
 
     /// Gives the logits another order: the one that was `order[i]` (`[objects]`) is i from now on.
     pub(crate) fn reorder_logits(&self, order: &Tensor) {
         let _guard = tch::no_grad_guard();
-        let Conv2d { weight, bias, .. } = &self.logits;
+        let Conv2d { weight, bias, .. } = self.logits();
         for values in [weight, bias] {
             values.shallow_clone().copy_(&values.index_select(0, order));
         }
@@ -122,7 +80,7 @@ impl UNet {
     /// Replaces each logit y by `scale (y - mean) + centre`; `mean` is `[objects]`.
     pub(crate) fn rescale_logits(&self, scale: &Tensor, mean: &Tensor, centre: f64) {
         let _guard = tch::no_grad_guard();
-        let Conv2d { weight, bias, .. } = &self.logits;
+        let Conv2d { weight, bias, .. } = self.logits();
         bias.shallow_clone().copy_(&((bias - mean) * scale + centre));
         let _ = weight.shallow_clone().g_mul_(scale);
     }
@@ -174,11 +132,11 @@ mod tests {
             let pictures = scattered(&[frames, channels as i64, side, side], 0);
             let by_libtorch = network.forward(&pictures);
             let pull = scattered(&by_libtorch.size(), 99);
-            let variables: Vec<_> = network.layers().into_iter().flat_map(|(weight, bias)| [weight, bias]).collect();
+            let variables: Vec<_> = network.variables().into_iter().flat_map(|(weight, bias)| [weight, bias]).collect();
             let gradients =
                 |of: &Tensor| Tensor::run_backward(&[(of * &pull).sum(Kind::Float)], &variables, false, false);
             let expected = gradients(&by_libtorch);
-            let own = gpu::unet(shape, &network.layers(), &pictures);
+            let own = gpu::unet(shape, &network.variables(), &pictures);
             let found = gradients(&own);
             let error = |a: &Tensor, b: &Tensor| ((a - b).norm() / b.norm()).double_value(&[]);
             // Sums of up to some hundred float32 numbers in another order, layer after layer, libtorch's by Fourier transforms.

@@ -40,7 +40,7 @@ impl OnGpu {
     }
 
     fn by_kernel(&self, initial: &State, actions: &Actions, dt: f64, frames: usize) -> Option<Vec<State>> {
-        let served = gpu::serve(&[&initial.pos, &initial.vel]);
+        let served = gpu::supports(&[&initial.pos, &initial.vel]);
         served.then(|| self.launched(initial, actions, dt, frames)).flatten()
     }
 

@@ -12,6 +12,7 @@ use tch::Tensor;
 
 use super::{Features, Predictor};
 use crate::network::blocks::{Activation, Dense, Layers};
+use paig_kernels::{Kernels, lstm_cell};
 
 /// Units of the memory.
 const HIDDEN: usize = 100;
@@ -37,15 +38,10 @@ impl LstmCell {
 
     /// `[h, c]` (each `[batch, hidden]`) after `x` (`[batch, inputs]`).
     pub fn step(&self, x: &Tensor, [h, c]: [&Tensor; 2]) -> [Tensor; 2] {
-        memory_step(&self.gates.forward(&Tensor::cat(&[x, h], 1)), c)
+        let gates = self.gates.forward(&Tensor::cat(&[x, h], 1));
+        // A few thousand numbers: not worth a kernel.
+        lstm_cell(Kernels::Libtorch, &gates, c, FORGET_BIAS)
     }
-}
-
-/// `[h', c']` from the gates i, f, g, o on axis 1, before their activations, and c.
-pub fn memory_step(gates: &Tensor, c: &Tensor) -> [Tensor; 2] {
-    let gates = gates.chunk(4, 1);
-    let c = (&gates[1] + FORGET_BIAS).sigmoid() * c + gates[0].sigmoid() * gates[2].tanh();
-    [gates[3].sigmoid() * c.tanh(), c]
 }
 
 /// The memory, and a linear read-out.

@@ -25,7 +25,7 @@ use super::system::Scaling;
 
 pub use gru::GruCell;
 pub use interaction_network::InteractionNetwork;
-pub use lstm::{FORGET_BIAS, LstmCell, memory_step};
+pub use lstm::{FORGET_BIAS, LstmCell};
 
 /// Numbers that the position of an object is seen by: x and y, or sine and cosine.
 const SEEN: usize = 2;

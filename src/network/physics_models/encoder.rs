@@ -9,7 +9,7 @@ use tch::nn::Path;
 use super::{BACKGROUND_LOGIT, ModelOptions};
 use crate::network::System;
 use crate::network::blocks::{Activation, Dense, Layers, Precision, UNet, uses_deep_unet};
-use paig_kernels::{self, Kernels, Shape, gpu};
+use paig_kernels::{Kernels, Shape, masked_frames};
 
 const HIDDEN: usize = 200;
 /// Positions nearer to the frame's edge than this allows are not asked of the localisation network.
@@ -73,19 +73,7 @@ impl Encoder {
 
     /// Masks and masked frames, as in an [`Encoding`].
     fn parted(&self, frames: &Tensor) -> [Tensor; 2] {
-        let logits = self.unet.forward(frames);
-        let by_kernel = self.kernels == Kernels::Own && !frames.requires_grad();
-        if by_kernel && gpu::serve(&[&logits, frames]) {
-            return gpu::parted(BACKGROUND_LOGIT, &logits, frames);
-        }
-        let background = logits.narrow(1, 0, 1).full_like(BACKGROUND_LOGIT);
-        let masks = Tensor::cat(&[logits, background], 1).softmax(1, frames.kind());
-        let masked = if by_kernel && paig_kernels::serve(&[&masks, frames]) {
-            paig_kernels::masked(self.objects, &masks, frames)
-        } else {
-            masks.narrow(1, 0, self.objects).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0)
-        };
-        [masks, masked]
+        masked_frames(self.kernels, BACKGROUND_LOGIT, &self.unet.forward(frames), frames)
     }
 
     /// Masked frames `[objects, frames, channels, S, S]` to positions `[frames, 2 * objects]`.

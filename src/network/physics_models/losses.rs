@@ -7,19 +7,14 @@ use tch::{Kind, Tensor};
 
 use super::ForwardPass;
 use crate::network::System;
-use paig_kernels::{self, Kernels, gpu};
+use paig_kernels::{Kernels, squared_error};
 
 /// Mean over frames of the squared error summed over channels, height and width.
 ///
 /// Both `[batch, time, channels, S, S]`.
 pub fn frame_error(kernels: Kernels, frames: &Tensor, truth: &Tensor) -> Tensor {
     let frames_in_all = frames.size()[0] * frames.size()[1];
-    let sum = match kernels == Kernels::Own && !truth.requires_grad() {
-        true if paig_kernels::serve(&[frames, truth]) => paig_kernels::squared_error(frames, truth),
-        true if gpu::serve(&[frames, truth]) => gpu::squared_error(frames, truth),
-        _ => (frames - truth).square().sum(frames.kind()),
-    };
-    sum / frames_in_all as f64
+    squared_error(kernels, frames, truth) / frames_in_all as f64
 }
 
 /// The three losses of one pass. T_ext may be empty, then `extrapolation` is none.

@@ -30,7 +30,7 @@ use crate::network::System;
 use crate::network::cells::{Actions, Cell, OnGpu, PhysicalParameter, State};
 use crate::network::dynamics::BlackBox;
 use crate::network::initial_values;
-use paig_kernels::{Kernels, allow_tf32};
+use paig_kernels::Kernels;
 
 pub use decoder::{Decoder, DecoderKind, Rendering, Sprites};
 pub use encoder::{Encoder, Encoding};
@@ -160,10 +160,6 @@ impl PhysicsNet {
             cell = Box::new(OnGpu::new(&system.cell, system.walls, raw, cell));
         }
         initial_values::glorot_uniform(&variables, seed);
-        if device != Device::Cpu {
-            // A switch of the whole program: a model computes as the last one that was made.
-            allow_tf32(options.tf32);
-        }
         Ok(PhysicsNet {
             system: system.clone(),
             options: options.clone(),

@@ -56,6 +56,8 @@ pub struct ModelOptions {
     #[serde(default)]
     pub dense_precision: Precision,
     /// Whether a GPU may round the factors of all products to ten bits (TF32), which it multiplies several times as fast.
+    /// A switch of the whole program: who computes with the model on a GPU sets it by
+    /// [`set_tf32`](crate::support::device::set_tf32) first.
     #[serde(default)]
     pub tf32: bool,
 }

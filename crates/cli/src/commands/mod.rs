@@ -4,6 +4,7 @@ mod baselines;
 mod completions;
 mod control;
 mod convert;
+mod demo;
 mod evaluate;
 mod generate;
 mod import;
@@ -28,6 +29,7 @@ use paig_parity::{parity, speed};
 /// What `paig` is asked to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    Demo(demo::Arguments),
     Train(train::Arguments),
     Generate(generate::Arguments),
     Evaluate(evaluate::Arguments),
@@ -54,6 +56,7 @@ impl Command {
     pub fn run(self) -> Result<ExitCode> {
         let done = |()| ExitCode::SUCCESS;
         match self {
+            Command::Demo(arguments) => demo::run(&arguments),
             Command::Train(arguments) => train::run(&arguments),
             Command::Generate(arguments) => generate::run(arguments).map(done),
             Command::Evaluate(arguments) => evaluate::run(&arguments),

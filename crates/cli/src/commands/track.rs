@@ -9,14 +9,16 @@ use paig_terminal::progress::Progress;
 use paig_terminal::say;
 use paig_track::Options;
 use paig_video::import::sources::Video;
-use paig_video::track::{track, write_picture, write_table};
+use paig_video::track::{Followed, track, write_picture, write_table};
 
 use super::track_options::TrackOptions;
 
 /// Tracks the objects that move in a video, at its own resolution and without an equation: positions with standard deviations.
 ///
-/// The camera must stand still, or shake by a little. Shadows, hands and arms are told apart from objects and left out.
-/// Positions are pixels of the video from its top left corner, y down.
+/// The camera may stand, tremble or turn with an object; one that travels past things at several depths is refused. Shadows,
+/// hands and arms are told apart from objects and left out. Positions are pixels of the video from its top left corner, y
+/// down; where the camera moves, those of its reference frame. What is found of the time base, and the pieces in which
+/// objects move freely, are listed.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  paig track clip.mp4\n  paig track clip.mp4 --objects 2 --frames 30..200 --out positions.csv\n  \
@@ -37,12 +39,17 @@ pub struct Arguments {
     /// Only these frames, counted from 0, without the last: 118..202
     #[arg(long, value_name = "START..END")]
     frames: Option<String>,
+    /// How many times as slow as it was filmed the video plays, 8 for 240 frames a second stored as 30 [default: by its tags]
+    #[arg(long, value_name = "FACTOR")]
+    slow_motion: Option<f64>,
     #[command(flatten)]
     objects_shown: TrackOptions,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     ensure!(arguments.objects > 0, "--objects must be at least 1");
+    let positive = |factor: f64| factor.is_finite() && factor > 0.0;
+    ensure!(arguments.slow_motion.is_none_or(positive), "--slow-motion: must be a positive number");
     for path in [&arguments.out, &arguments.picture] {
         atomic::check_place(path)?;
         ensure!(*path != arguments.video, "{} is the video; choose another file to write", path.display());
@@ -52,6 +59,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let options = Options {
         frames: arguments.frames.as_deref().map(|text| frames(text, video.frames)).transpose()?,
         objects: arguments.objects,
+        slow_motion: arguments.slow_motion,
         hints,
         ignore,
         ..Options::default()
@@ -59,14 +67,20 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let waiting = Progress::busy("tracking");
     let tracking = track(&video, &options);
     waiting.finish();
-    let tracking = tracking?;
+    let Followed { tracking, segments } = tracking?;
+    say!("camera: {}", tracking.camera.line());
+    tracking.time.lines().iter().for_each(|line| say!("time: {line}"));
     say!("{:<8}{:>10}{:>12}{:>14}{:>14}{:>10}", "object", "frames", "diameter", "deviation x", "deviation y", "misfit");
     for (object, track) in tracking.tracks.iter().enumerate() {
         let seen = track.points.iter().filter(|point| point.measurement.is_some()).count();
         let [x, y] = track.quality.deviation;
         say!("{object:<8}{seen:>10}{:>9.1} px{x:>11.3} px{y:>11.3} px{:>10.3}", track.diameter, track.quality.misfit);
     }
-    write_table(&arguments.out, &video, &tracking)?;
+    for segment in &segments {
+        let std::ops::Range { start, end } = segment.frames;
+        say!("object {}, frames {start}..{end}: {}", segment.track, segment.reason());
+    }
+    write_table(&arguments.out, &tracking)?;
     write_picture(&arguments.picture, &video, &tracking)?;
     say!("positions in {}, paths in {}", arguments.out.display(), arguments.picture.display());
     Ok(())

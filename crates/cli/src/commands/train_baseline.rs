@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use paig::Error;
+use paig::kernels::Kernels;
 use paig::support::device;
 use paig::tasks;
 use paig::training::base::Outcome;
@@ -41,6 +42,22 @@ impl Model {
     /// Of its run folders.
     fn name(self) -> String {
         self.to_possible_value().expect("no model is hidden").get_name().into()
+    }
+}
+
+/// As `model.kernels` of the physics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum KernelChoice {
+    Own,
+    Libtorch,
+}
+
+impl From<KernelChoice> for Kernels {
+    fn from(choice: KernelChoice) -> Self {
+        match choice {
+            KernelChoice::Own => Kernels::Own,
+            KernelChoice::Libtorch => Kernels::Libtorch,
+        }
     }
 }
 
@@ -81,6 +98,9 @@ pub struct Arguments {
     /// Steps from one validation and checkpoint to the next
     #[arg(long, default_value_t = 250)]
     checkpoint_every: u64,
+    /// What computes the operations that have kernels: the program's own, or libtorch
+    #[arg(long, value_enum, default_value_t = KernelChoice::Own)]
+    kernels: KernelChoice,
     /// Threads to compute with; 0 for one a core
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -93,12 +113,13 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     environment::set();
     let Arguments { task, data, out, seed, learning_rate, batch, steps, checkpoint_every, threads, device, .. } =
         arguments;
+    let kernels = arguments.kernels.into();
     let (model, usual_task) = arguments.model.model();
     let task = task.unwrap_or_else(|| usual_task.into());
     let device = device::parse(&device)?;
     let filmed = tasks::find(&task)?;
     let data = data.unwrap_or_else(|| usual_data_folder(&filmed, &task).into());
-    let config = WholeConfig { model, task, data, seed, learning_rate, batch, steps, checkpoint_every };
+    let config = WholeConfig { model, task, data, seed, learning_rate, batch, steps, checkpoint_every, kernels };
     device::set_threads(threads)?;
     interrupt::catch()?;
     let of_task = filmed.name;

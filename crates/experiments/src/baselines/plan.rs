@@ -16,6 +16,7 @@ use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::support::toml_values::quoted;
 use paig::tasks;
+use paig_kernels::Kernels;
 
 /// What such a run changes in the recipe: it ends with its first phase.
 const ONLY_OBJECTS: [&str; 3] = ["identify.max_iterations=0", "identify.recentre=false", "join.max_steps=0"];
@@ -129,6 +130,7 @@ impl Places {
             batch: list.whole.batch,
             steps: if *searched { list.search.whole_steps } else { list.steps(entry, task) },
             checkpoint_every: list.whole.checkpoint_every,
+            kernels: Kernels::Own,
         })
     }
 

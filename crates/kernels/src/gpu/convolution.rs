@@ -104,7 +104,7 @@ impl<'a> Seen<'a> {
         Seen { first: pictures, second: None, reading: Reading::Pooled }
     }
 
-    /// Pictures of twice the side, as `paig::network::blocks::resize_bilinear_x2`.
+    /// Pictures of twice the side, as [`crate::resize_bilinear_x2`].
     pub fn doubled(pictures: &'a Tensor) -> Self {
         Seen { first: pictures, second: None, reading: Reading::Doubled }
     }

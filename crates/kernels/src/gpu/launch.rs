@@ -18,7 +18,7 @@ pub fn suits(index: usize) -> bool {
 }
 
 /// Whether the kernels can compute with these tensors: float32 on a GPU that they were compiled for.
-pub fn serve(tensors: &[&Tensor]) -> bool {
+pub fn supports(tensors: &[&Tensor]) -> bool {
     tensors.iter().all(|tensor| match tensor.device() {
         Device::Cuda(index) => tensor.kind() == Kind::Float && suits(index),
         _ => false,

@@ -43,6 +43,11 @@ unsafe extern "C" {
     ) -> bool;
 }
 
+/// Whether the kernels can compute with frames of so many channels.
+pub fn can_part(frames: &Tensor) -> bool {
+    matches!(frames.size()[1], 1 | 3)
+}
+
 /// From logits `[frames, objects, S, S]` and the background's constant one, masks `[frames, objects + 1, S, S]`; and
 /// frames `[frames, channels, S, S]` times each but the last, `[objects, frames, channels, S, S]` with the channels
 /// innermost in memory. Both are differentiable by the logits.
@@ -52,7 +57,7 @@ unsafe extern "C" {
 pub fn parted(background_logit: f64, logits: &Tensor, frames: &Tensor) -> [Tensor; 2] {
     let (count, objects, side, _) = logits.size4().expect("logits [frames, objects, S, S]");
     let channels = frames.size()[1];
-    assert!(matches!(channels, 1 | 3), "frames of 1 or 3 channels");
+    assert!(can_part(frames), "frames of 1 or 3 channels");
     assert_eq!(logits.size()[2..], [side, side], "square masks");
     assert_eq!(frames.size(), [count, channels, side, side], "frames of these masks");
     assert!(logits.device() == frames.device(), "all on one device");
@@ -110,14 +115,8 @@ mod tests {
 
     use super::super::testing::{assert_close, test_device};
     use super::parted;
-
-    fn by_libtorch(background: f64, logits: &Tensor, frames: &Tensor) -> [Tensor; 2] {
-        let objects = logits.size()[1];
-        let behind = logits.narrow(1, 0, 1).full_like(background);
-        let masks = Tensor::cat(&[logits, &behind], 1).softmax(1, Kind::Float);
-        let masked = masks.narrow(1, 0, objects).transpose(0, 1).unsqueeze(2) * frames.unsqueeze(0);
-        [masks, masked]
-    }
+    use crate::backend::Kernels;
+    use crate::operations::masked_frames;
 
     #[test]
     fn masks_are_those_of_libtorch_and_so_are_their_gradients() {
@@ -127,7 +126,7 @@ mod tests {
             let logits = Tensor::randn([count, objects, side, side], (Kind::Float, device)) * 3.0;
             let logits = logits.set_requires_grad(true);
             let frames = Tensor::rand([count, channels, side, side], (Kind::Float, device));
-            let [own, other] = [parted(1.0, &logits, &frames), by_libtorch(1.0, &logits, &frames)];
+            let [own, other] = [parted(1.0, &logits, &frames), masked_frames(Kernels::Libtorch, 1.0, &logits, &frames)];
             let weights = other.each_ref().map(Tensor::randn_like);
             for (own, other) in own.iter().zip(&other) {
                 assert_close(own, other);

@@ -6,21 +6,21 @@
 //! is compiled for the processor (`device.h`), for the tests alone, and libtorch computes on the GPU.
 
 mod convolution;
-mod error;
 mod launch;
 mod logits;
 mod masks;
 mod optimizer;
 pub mod roll_out;
 mod sprites;
+mod squared_error;
 #[doc(hidden)]
 pub mod testing;
 mod unet;
 
 pub use convolution::fits;
-pub use error::squared_error;
-pub use launch::{serve, suits};
-pub use masks::parted;
-pub use optimizer::{Rule, Updated, descend};
-pub use sprites::draw;
+pub use launch::{suits, supports};
+pub use masks::{can_part, parted};
+pub use optimizer::{can_update, descend};
+pub use sprites::{can_draw, draw};
+pub use squared_error::squared_error;
 pub use unet::unet;

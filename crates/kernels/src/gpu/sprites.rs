@@ -66,12 +66,17 @@ unsafe extern "C" {
     ) -> bool;
 }
 
-/// As [`crate::draw`].
+/// Whether the kernels can draw a scene.
+pub fn can_draw(scene: &Scene) -> bool {
+    matches!(scene.channels, 1 | 3) && scene.side <= MOST_COLUMNS
+}
+
+/// As [`crate::draw`], of sprites, background, rows and columns.
 ///
 /// # Panics
 /// Tensors that do not fit the scene, frames of neither 1 nor 3 channels, or of more than 512 columns.
-pub fn draw(scene: Scene, sprites: &Tensor, background: &Tensor, rows: &Tensor, columns: &Tensor) -> Tensor {
-    let inputs = [sprites, background, rows, columns];
+pub fn draw(scene: Scene, inputs: [&Tensor; 4]) -> Tensor {
+    let rows = inputs[2];
     let values = inputs.map(|input| input.detach().contiguous());
     let sizes = checked(scene, &values);
     let [count, channels, side] = [sizes.frames, sizes.channels, sizes.side].map(i64::from);
@@ -115,7 +120,7 @@ fn checked(scene: Scene, values: &[Tensor; 4]) -> Sizes {
     let frames = rows.size()[1];
     let [objects, channels, window, side] =
         [scene.objects, scene.channels, scene.window, scene.side].map(|size| size as i64);
-    assert!(matches!(channels, 1 | 3) && scene.side <= MOST_COLUMNS, "frames that the kernels can draw");
+    assert!(can_draw(&scene), "frames that the kernels can draw");
     assert_eq!(sprites.size(), [objects, 1 + channels, window, window], "sprites of the scene");
     assert_eq!(background.numel() as i64, channels * side * side, "a background of the scene");
     assert_eq!(rows.size(), [objects, frames, side], "rows of the scene");
@@ -136,28 +141,13 @@ mod tests {
 
     use super::super::testing::{assert_close, test_device};
     use super::{Scene, draw};
+    use crate::backend::Kernels;
 
-    /// The matrix `[objects, frames, side, window]` of linear interpolation at pixels, 0 outside.
-    fn matrix(pixels: &Tensor, window: i64) -> Tensor {
-        let floor = pixels.detach().floor();
-        let last = (window - 1) as f64;
-        let (below, above) = (floor.clamp(0.0, last), (&floor + 1.0).clamp(0.0, last));
-        let index = Tensor::arange(window, (pixels.kind(), pixels.device()));
-        let at = |place: &Tensor, weight: Tensor| {
-            place.unsqueeze(-1).eq_tensor(&index).to_kind(pixels.kind()) * weight.unsqueeze(-1)
-        };
-        at(&below, &above - pixels) + at(&above, pixels - &below)
-    }
-
-    fn by_libtorch(scene: Scene, [sprites, background, rows, columns]: [&Tensor; 4]) -> Tensor {
-        let (objects, channels) = (scene.objects as i64, scene.channels as i64);
-        let [rows, columns] = [rows, columns].map(|pixels| matrix(pixels, scene.window as i64).unsqueeze(2));
-        let moved = rows.matmul(&sprites.unsqueeze(1)).matmul(&columns.transpose(-1, -2));
-        let logits = moved.select(2, 0) - f64::from(scene.outside);
-        let behind = logits.narrow(0, 0, 1).full_like(f64::from(scene.background));
-        let masks = Tensor::cat(&[logits, behind], 0).softmax(0, Kind::Float);
-        let shown = masks.narrow(0, 0, objects).unsqueeze(2) * moved.narrow(2, 1, channels);
-        shown.sum_dim_intlist([0i64].as_slice(), false, None) + masks.select(0, objects).unsqueeze(1) * background
+    fn by_libtorch(scene: Scene, inputs: [&Tensor; 4]) -> Tensor {
+        let [sprites, background, rows, columns] = inputs.map(Tensor::shallow_clone);
+        let layers = || [&sprites, &background].map(Tensor::shallow_clone);
+        let [frames] = crate::operations::draw(Kernels::Libtorch, scene, layers, [[rows, columns]]);
+        frames
     }
 
     /// Sprites, a background, rows and columns, some of them outside.
@@ -178,8 +168,7 @@ mod tests {
         for (objects, channels, window, side, frames) in sizes {
             let scene = Scene { objects, channels, window, side, outside: 5.0, background: 1.0 };
             let inputs = anything(scene, frames, device);
-            let [sprites, background, rows, columns] = &inputs;
-            let own = draw(scene, sprites, background, rows, columns);
+            let own = draw(scene, inputs.each_ref());
             let other = by_libtorch(scene, inputs.each_ref());
             assert_close(&own, &other);
             let weight = own.randn_like();
@@ -197,10 +186,10 @@ mod tests {
         let scene = Scene { objects: 1, channels: 1, window: 4, side: 8, outside: 5.0, background: 1.0 };
         let [sprites, background, rows, columns] = anything(scene, 2, device).map(|input| input.detach());
         let outside = rows.full_like(-0.5).set_requires_grad(true);
-        draw(scene, &sprites, &background, &outside, &columns).sum(Kind::Float).backward();
+        draw(scene, [&sprites, &background, &outside, &columns]).sum(Kind::Float).backward();
         assert_eq!(outside.grad().abs().max().double_value(&[]), 0.0);
         let nowhere = rows.full_like(f64::NAN);
-        let drawn = draw(scene, &sprites, &background, &nowhere, &columns);
+        let drawn = draw(scene, [&sprites, &background, &nowhere, &columns]);
         assert!(bool::try_from(drawn.isnan().all()).unwrap());
     }
 }

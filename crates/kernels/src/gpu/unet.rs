@@ -1,13 +1,13 @@
-//! The U-Net on a GPU, forward and backward: that of `paig::network::blocks::UNet`.
+//! The U-Net on a GPU, forward and backward: that of [`crate::UNetOperation`].
 //!
 //! Pictures are pooled, doubled and joined where a convolution reads them, so that each layer is one pass through the memory.
 
 use tch::Tensor;
 
-use super::super::autograd;
-use super::super::unet::Shape;
 use super::convolution::{Seen, convolve, double_backward, input_gradient, pool_backward, weight_gradient};
 use super::logits;
+use crate::autograd;
+use crate::unet::Shape;
 
 /// What a forward pass leaves for the gradient.
 struct Pass {

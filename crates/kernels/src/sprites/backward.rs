@@ -1,6 +1,6 @@
 //! The gradients of a drawing.
 
-use super::super::lanes::{Instructions, Lanes, dispatched};
+use super::super::simd::{Instructions, Lanes, dispatched};
 use super::super::threads::{in_parallel, part_of};
 use super::{Drawn, DrawnGradients, Scene, WIDE, Workspace, check};
 

@@ -1,12 +1,12 @@
 //! Sprites moved by a separable spatial transformer and composed over a background, frame by frame.
 //!
-//! The computation is that of `paig::network::physics_models::Decoder`. Nothing but the frames goes to memory: what
+//! The computation is that of [`crate::compose`], at the places of [`crate::draw`]. Nothing but the frames goes to memory: what
 //! the gradient needs of a frame is computed again. Loops over the pixels of a row become vectors in the compiler's hands.
 
 mod backward;
 
 use super::exponential::reduced;
-use super::lanes::{Instructions, Lanes, dispatched};
+use super::simd::{Instructions, Lanes, dispatched};
 use super::threads::{in_parallel, part_of};
 
 pub use backward::draw_backward;

@@ -1,7 +1,7 @@
 //! Sums with a frame in each lane: `[x][y][input][output][frame]`.
 
 use super::super::filtering::{PRODUCTS, Tiles, taps};
-use super::super::lanes::{Lanes, dispatched};
+use super::super::simd::{Lanes, dispatched};
 use super::Kernels;
 
 dispatched! {

@@ -3,7 +3,7 @@
 //! The transformed gradient is turned from frames in its lanes to outputs in them; what a kernel saw is taken frame by frame.
 
 use super::super::filtering::{PRODUCTS, Tiles, taps};
-use super::super::lanes::{Lanes, dispatched};
+use super::super::simd::{Lanes, dispatched};
 use super::Kernels;
 
 dispatched! {

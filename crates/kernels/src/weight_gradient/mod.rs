@@ -4,8 +4,8 @@
 //! transformed, tile by tile; their products are summed over all tiles and frames, and the sums transformed back.
 
 use super::filtering::{PIXELS, PRODUCTS, Tiles, transform_gradient, transform_input};
-use super::lanes::Instructions;
 use super::planes::{Planes, Workspace};
+use super::simd::Instructions;
 use super::threads::side_by_side;
 
 mod by_frames;

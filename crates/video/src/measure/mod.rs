@@ -60,6 +60,7 @@ use paig::runs::checkpoint::{SavedWeights, clips_of};
 use paig::runs::names::CONFIG;
 use paig::runs::summary::Summary;
 use paig::support::atomic;
+use paig::support::device::set_tf32;
 use paig::support::storage::storage;
 use paig::tasks::equation_file::EquationFile;
 use paig::training::saved::load_model;
@@ -133,6 +134,7 @@ fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) ->
     let _guard = tch::no_grad_guard();
     let begun = Instant::now();
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;
+    set_tf32(device, config.model.tf32);
     let learned = Learned::read(&config, &model, &clips_of(folder)?, device)?;
     // Only for what can be measured: a name that is misspelt makes no folder.
     make_folder(out)?;

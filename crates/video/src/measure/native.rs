@@ -6,7 +6,7 @@ use paig_track::{Method, Options, Point, Role, Track, Tracking, Visibility};
 use super::recording::Positions;
 use super::scale::Scale;
 use crate::import::sources::Video;
-use crate::track::track;
+use crate::track::{Followed, track};
 use paig::network::System;
 use paig::network::cells::Coordinates;
 use paig::support::statistics::upper_median;
@@ -15,11 +15,6 @@ use paig::support::statistics::upper_median;
 const HALF: f64 = 0.5;
 /// Least precision of a position relative to the median one.
 const LEAST_WEIGHT: f64 = 0.1;
-/// A frame is repeated where the object goes this part of its usual step in the frames before and after, which must be so many
-/// pixels.
-const NEIGHBOURS: usize = 5;
-const REPEATED: f64 = 0.1;
-const LEAST_STEP: f64 = 1.0;
 /// Most tracks that are looked for beyond the objects: shadows, hands, and what else moves.
 const OTHERS: usize = 3;
 
@@ -31,6 +26,10 @@ pub(super) struct Tracked {
     pub others: Vec<Track>,
     /// First tracked frame.
     first: usize,
+    /// When every frame of the video was filmed, seconds; none where the video does not say.
+    pub times: Option<Vec<f64>>,
+    /// What was found of the time base and the camera, for people.
+    pub notes: Vec<String>,
 }
 
 /// Which positions of a track are taken.
@@ -49,7 +48,7 @@ impl Tracked {
     /// As [`track`], and fewer objects than the system has.
     pub fn of(video: &Video, options: &Options, objects: usize) -> Result<Self> {
         let options = Options { objects: objects + OTHERS, ..options.clone() };
-        let Tracking { tracks, .. } = track(video, &options)?;
+        let Followed { tracking: Tracking { tracks, camera, time, .. }, .. } = track(video, &options)?;
         let (mut tracks, mut others): (Vec<_>, Vec<_>) = (tracks, Vec::new());
         tracks.retain(|track| track.role == Role::Object);
         if tracks.len() < objects {
@@ -62,7 +61,11 @@ impl Tracked {
         }
         others.extend(tracks.drain(objects..));
         let first = tracks[0].points[0].frame;
-        Ok(Tracked { tracks, others, first })
+        let mut notes = time.lines();
+        if camera.moves() {
+            notes.push(format!("camera: {}", camera.line()));
+        }
+        Ok(Tracked { tracks, others, first, times: time.times, notes })
     }
 
     /// First frame and the one after the last between which all objects have positions.
@@ -77,15 +80,6 @@ impl Tracked {
         let first = ranges.iter().map(|range| range.0).max().unwrap_or(0);
         let end = ranges.iter().map(|range| range.1).min().unwrap_or(0).max(first);
         self.first + first..self.first + end
-    }
-
-    /// Positions of the templates in these frames, pixels of the video, all objects frame by frame.
-    pub fn raw_pixels(&self, numbers: &[usize]) -> Vec<f64> {
-        let point = |track: &Track, number: usize| {
-            let point = number.checked_sub(self.first).and_then(|it| track.points.get(it));
-            point.and_then(|point| position(point, By::Template)).unwrap_or([f64::NAN; 2])
-        };
-        numbers.iter().flat_map(|number| self.tracks.iter().flat_map(|track| point(track, *number))).collect()
     }
 
     /// Positions in these frames of the video.
@@ -122,32 +116,6 @@ impl Tracked {
         Positions { coordinates: coordinates(&pixels, system), pixels, weights }
     }
 
-    /// Forgets the positions in frames that repeat the one before: an object that steps on in the frames before and after, and does
-    /// not in this one. The number of such frames.
-    pub fn forget_repeated(&mut self) -> usize {
-        let repeats = |track: &Track, place: usize| {
-            let at = |place: usize| track.points.get(place).and_then(|point| position(point, By::Template));
-            let step = |to: usize| {
-                let (from, to) = (at(to.checked_sub(1)?)?, at(to)?);
-                Some((to[0] - from[0]).hypot(to[1] - from[1]))
-            };
-            let near = (place.saturating_sub(NEIGHBOURS)..=place + NEIGHBOURS).filter(|it| *it != place);
-            let Some(usual) = upper_median(near.filter_map(step)) else { return false };
-            let moves = |place: usize| step(place).is_some_and(|step| step > 0.5 * usual);
-            let stays = step(place).is_some_and(|step| step < REPEATED * usual);
-            stays && usual > LEAST_STEP && moves(place - 1) && moves(place + 1)
-        };
-        let frames = self.tracks[0].points.len();
-        let repeated: Vec<usize> =
-            (1..frames).filter(|place| self.tracks.iter().all(|track| repeats(track, *place))).collect();
-        for track in &mut self.tracks {
-            for place in &repeated {
-                (track.points[*place].measurement, track.points[*place].centroid) = (None, None);
-            }
-        }
-        repeated.len()
-    }
-
     /// Puts the tracks in the order of a model's objects: each takes the nearest track. `centroids` are the model's positions
     /// in these frames, pixels of a frame.
     pub fn name_after(&mut self, centroids: &[f64], numbers: &[usize], (scale, system): (&Scale, &System)) {
@@ -156,7 +124,13 @@ impl Tracked {
             std::mem::take(&mut self.tracks).into_iter().chain(std::mem::take(&mut self.others)).collect();
         for object in 0..objects {
             let distance = |track: &Track| {
-                let own = Tracked { tracks: vec![track.clone()], others: Vec::new(), first: self.first };
+                let own = Tracked {
+                    tracks: vec![track.clone()],
+                    others: Vec::new(),
+                    first: self.first,
+                    times: None,
+                    notes: Vec::new(),
+                };
                 let alone = System { objects: 1, ..system.clone() };
                 let pixels = own.positions(numbers, By::Template, (scale, &alone)).pixels;
                 let model = centroids.chunks(2 * objects).map(|frame| [frame[2 * object], frame[2 * object + 1]]);

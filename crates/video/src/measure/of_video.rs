@@ -3,10 +3,9 @@
 use std::ops::Range;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use paig_track::{Hint, Options, Region};
 
-use super::clock::Clock;
 use super::native::{By, Tracked};
 use super::pictures;
 use super::recording::{Observation, Recording, Scene, learned_from};
@@ -31,8 +30,6 @@ const PIECE_SHARE: usize = 10;
 const PIECES: Range<usize> = 12..48;
 /// Two bounds are widened on both sides by so many times what lies between them: a pivot may be far outside of the picture.
 const WIDENED: f64 = 4.0;
-/// Largest part of the median interval by which intervals differ in a video at a constant frame rate.
-const REGULAR: f64 = 0.05;
 
 /// Videos to be measured, and how.
 #[derive(Debug, Clone)]
@@ -67,7 +64,6 @@ struct Take {
     /// Of these frames, from 0 on, seconds.
     seconds: Vec<f64>,
     first_seconds: f64,
-    note: Option<String>,
 }
 
 impl VideoRequest {
@@ -160,7 +156,8 @@ impl VideoRequest {
             observation(By::Template, "the tracker's templates at the video's resolution"),
             observation(By::Centroid, "centroids of what moves"),
         ];
-        let notes = takes.iter().flat_map(|take| take.video.remarks.iter().cloned().chain(take.note.clone())).collect();
+        let notes =
+            takes.iter().flat_map(|take| take.video.remarks.iter().chain(&take.tracked.notes).cloned()).collect();
         let subject = Subject {
             task: names.join(", "),
             pictures: takes.into_iter().map(|take| pictures::Source::Filmed(Box::new(take.video))).collect(),
@@ -196,7 +193,7 @@ impl VideoRequest {
             ignore: self.ignore.clone(),
             ..Options::default()
         };
-        let mut tracked = Tracked::of(&video, &options, objects)?;
+        let tracked = Tracked::of(&video, &options, objects)?;
         let seen = tracked.range();
         ensure!(
             seen.len() >= LEAST_FRAMES,
@@ -204,44 +201,20 @@ impl VideoRequest {
             path.display(),
             seen.len()
         );
-        let stamps: Vec<f64> = match (self.fps, &video.times) {
+        let stamps: Vec<f64> = match (self.fps, &tracked.times) {
             (Some(fps), _) => seen.clone().map(|frame| frame as f64 / fps).collect(),
             (None, Some(times)) => times[seen.clone()].to_vec(),
             (None, None) => {
-                anyhow::bail!(
-                    "video {}: no time stamps; say with --fps how many frames it has a second",
-                    path.display()
-                )
+                bail!("video {}: no time stamps; say with --fps how many frames it has a second", path.display())
             }
         };
-        let mut seconds: Vec<f64> = stamps.iter().map(|stamp| stamp - stamps[0]).collect();
+        let seconds: Vec<f64> = stamps.iter().map(|stamp| stamp - stamps[0]).collect();
         ensure!(
             seconds.windows(2).all(|pair| pair[1] > pair[0]),
             "video {}: its times do not ascend; say with --fps how many frames it has a second",
             path.display()
         );
-        let numbers: Vec<usize> = seen.collect();
-        // Frames that a camera lost or a converter doubled, where the stamps are regular and do not show it.
-        let interval = seconds[seconds.len() - 1] / (seconds.len() - 1) as f64;
-        let regular = seconds.windows(2).all(|pair| (pair[1] - pair[0] - interval).abs() < REGULAR * interval);
-        let mut note = None;
-        if regular {
-            let of_video = tracked.raw_pixels(&numbers);
-            let clock = Clock::of(&of_video, 2 * objects);
-            let said = clock.text(&numbers.iter().map(|number| *number as u64).collect::<Vec<_>>());
-            note = said.map(|said| format!("{}: by the steps of what moves, {said}", path.display()));
-            seconds = clock.ticks.iter().map(|tick| *tick as f64 * interval).collect();
-        } else {
-            let repeated = tracked.forget_repeated();
-            if repeated > 0 {
-                let of = numbers.len();
-                note = Some(format!(
-                    "{}: {repeated} of {of} frames repeat the one before; they are left out",
-                    path.display()
-                ));
-            }
-        }
-        Ok(Take { video, tracked, numbers, first_seconds: stamps[0], seconds, note })
+        Ok(Take { video, tracked, numbers: seen.collect(), first_seconds: stamps[0], seconds })
     }
 }
 

@@ -12,7 +12,7 @@ use crate::network::System;
 use crate::network::blocks::{Layers, VariableFromNetwork};
 use crate::network::cells::Coordinates;
 use crate::network::stn;
-use paig_kernels::{self, Kernels, Scene, gpu};
+use paig_kernels::{Kernels, Scene, compose, draw, sample_separable};
 
 /// Of what the fainter of two objects draws, the share below which a difference between them is none.
 const TWINS: f64 = 0.1;
@@ -36,6 +36,7 @@ pub struct CoordinateConsistent {
     /// The middle of the frame on an axis, in the unit of positions.
     middle: f64,
     objects: i64,
+    channels: usize,
     /// Distance, in that unit, by which a sprite is moved by half the frame that is drawn; see
     /// [`super::super::ModelOptions::exact_shift`].
     half_span: f64,
@@ -65,6 +66,7 @@ impl CoordinateConsistent {
             side: system.given_side(),
             middle: system.side as f64 / 2.0,
             objects,
+            channels: system.channels,
             half_span: system.given_pixel() * (side - 1) as f64 / 2.0 / options.pixels_per_unit(system),
             kernels: options.kernels,
         }
@@ -232,42 +234,34 @@ impl CoordinateConsistent {
 
     /// Moved layers, `[objects, frames, 1 + channels, S, S]`, over the background.
     fn compose(&self, moved: &Tensor, background: &Tensor) -> Rendering {
-        let channels = moved.size()[2] - 1;
-        let template = moved.select(2, 0) - OUTSIDE;
-        let background_logit = template.narrow(0, 0, 1).full_like(BACKGROUND_LOGIT);
-        let masks = Tensor::cat(&[template, background_logit], 0).softmax(0, moved.kind());
-        let contents = moved.narrow(2, 1, channels);
-        let drawn =
-            (masks.narrow(0, 0, self.objects).unsqueeze(2) * &contents).sum_dim_intlist([0i64].as_slice(), false, None);
-        let frames = drawn + masks.select(0, self.objects).unsqueeze(1) * background;
-        Rendering { frames, masks, contents }
+        compose(moved, background, OUTSIDE, BACKGROUND_LOGIT)
     }
 
     /// See [`super::Decoder::draw`].
     pub fn draw<const LISTS: usize>(&self, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
-        let seen: Vec<_> = positions.into_iter().chain([&self.log_sigma]).collect();
-        let on_gpu = gpu::serve(&seen);
-        let served = on_gpu || paig_kernels::serve(&seen);
-        if self.kernels != Kernels::Own || self.coordinates != Coordinates::Position || !served {
+        if self.coordinates != Coordinates::Position {
             return positions.map(|positions| self.forward(positions).frames);
         }
-        let sprites = self.sprites();
-        let layers = sprites.layers();
-        let window = self.side / 2;
         let scene = Scene {
             objects: self.objects as usize,
-            channels: layers.size()[1] as usize - 1,
-            window,
+            channels: self.channels,
+            window: self.side / 2,
             side: self.side,
             outside: OUTSIDE as f32,
             background: BACKGROUND_LOGIT as f32,
         };
-        positions.map(|positions| {
-            let (scale, shift) = self.shift(positions);
-            let [rows, columns] = stn::separable_pixels(&scale, &shift, self.side as i64, window as i64);
-            let draw = if on_gpu { gpu::draw } else { paig_kernels::draw };
-            draw(scene, &layers, &sprites.background, &rows, &columns)
-        })
+        let layers = || {
+            let sprites = self.sprites();
+            [sprites.layers(), sprites.background]
+        };
+        draw(self.kernels, scene, layers, positions.map(|positions| self.places(positions)))
+    }
+
+    /// The source pixels of each row and column of the frames at positions `[frames, 2 * objects]`, `[objects, frames, S]`
+    /// each.
+    fn places(&self, positions: &Tensor) -> [Tensor; 2] {
+        let (scale, shift) = self.shift(positions);
+        stn::separable_pixels(&scale, &shift, self.side as i64, self.side as i64 / 2)
     }
 
     /// The transformer's scale, and its shift `[objects, frames, 2]` at positions `[frames, 2 * objects]` in pixels.
@@ -281,8 +275,8 @@ impl CoordinateConsistent {
 
     /// Layers `[objects, C, S/2, S/2]` at positions `[frames, 2 * objects]` in pixels: `[objects, frames, C, S, S]`.
     fn shifted(&self, layers: &Tensor, positions: &Tensor) -> Tensor {
-        let (scale, shift) = self.shift(positions);
-        stn::transform_separable(layers, &scale, &shift, self.side as i64)
+        let [rows, columns] = self.places(positions);
+        sample_separable(layers, &rows, &columns)
     }
 
     /// Layers `[objects, C, S/2, S/2]` turned about the frame's middle by angles `[frames, objects]`:

@@ -15,6 +15,8 @@ use self::mlp::MlpDecoder;
 use super::ModelOptions;
 use crate::network::System;
 
+pub use paig_kernels::Rendering;
+
 /// How frames are drawn.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -34,17 +36,6 @@ pub struct Sprites {
     pub contents: Tensor,
     /// Colours in \[0, 1\], `[1, channels, S, S]`.
     pub background: Tensor,
-}
-
-/// Drawn frames and their layers.
-#[derive(Debug)]
-pub struct Rendering {
-    /// `[frames, channels, S, S]` in \[0, 1\].
-    pub frames: Tensor,
-    /// Visibility of each object and of the background, summing to 1: `[objects + 1, frames, S, S]`.
-    pub masks: Tensor,
-    /// Each object's moved colours, `[objects, frames, channels, S, S]`.
-    pub contents: Tensor,
 }
 
 /// A decoder of either kind.

@@ -12,6 +12,7 @@ use super::planet::{self, Planet};
 use super::video_lstm::VideoLstm;
 use paig::network::System;
 use paig::support::storage;
+use paig_kernels::Kernels;
 
 /// The file of a run's folder that holds it.
 pub(super) const MODEL: &str = "model.toml";
@@ -27,9 +28,9 @@ pub enum WholeModel {
 
 impl WholeModel {
     /// A fresh model of a system.
-    pub fn build(self, system: &System, seed: u64, device: Device) -> Box<dyn FrameModel> {
+    pub fn build(self, system: &System, kernels: Kernels, seed: u64, device: Device) -> Box<dyn FrameModel> {
         match self {
-            WholeModel::VideoLstm => Box::new(VideoLstm::new(system, seed, device)),
+            WholeModel::VideoLstm => Box::new(VideoLstm::new(system, kernels, seed, device)),
             WholeModel::Ddpae => Box::new(Ddpae::new(system, seed, device)),
             WholeModel::Planet => Box::new(Planet::new(system, seed, device)),
         }
@@ -66,6 +67,14 @@ pub struct WholeConfig {
     pub steps: u64,
     /// Steps from one validation and checkpoint to the next.
     pub checkpoint_every: u64,
+    /// What computes the operations that have kernels, the optimizer's step among them.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub kernels: Kernels,
+}
+
+/// Files without the key stay as they are.
+fn is_default(kernels: &Kernels) -> bool {
+    *kernels == Kernels::default()
 }
 
 impl WholeConfig {

@@ -4,34 +4,37 @@
 //! i, f, g, o = W * [x, h] + b
 //! ```
 //!
-//! and on as in [`memory_step`].
+//! and on as in [`lstm_cell`].
 
 use tch::Tensor;
 
 use paig::network::blocks::{Activation, Conv2d, Layers, PreparedConv2d};
-use paig::network::dynamics::{FORGET_BIAS, memory_step};
-use paig_kernels::{self, ConvolutionKernel, Instructions};
+use paig::network::dynamics::FORGET_BIAS;
+use paig_kernels::{Convolution, Kernels, lstm_cell};
 
 /// One layer. Its kernel `[4 * hidden, inputs + hidden, size, size]` holds the gates in the order i, f, g, o.
 #[derive(Debug)]
 pub struct ConvLstmCell {
     gates: Conv2d,
-    kernel: ConvolutionKernel,
+    convolution: Convolution,
     hidden: i64,
+    kernels: Kernels,
 }
 
 /// A layer with its weights of one moment.
 #[derive(Debug)]
-pub struct PreparedConvLstm<'a> {
-    gates: PreparedConv2d<'a>,
+pub struct PreparedConvLstm {
+    gates: PreparedConv2d,
+    kernels: Kernels,
 }
 
 impl ConvLstmCell {
-    pub fn new(layers: &mut Layers, inputs: usize, hidden: usize, size: usize) -> Self {
+    pub fn new(layers: &mut Layers, inputs: usize, hidden: usize, size: usize, kernels: Kernels) -> Self {
         ConvLstmCell {
             gates: layers.conv2d(inputs + hidden, 4 * hidden, size, Activation::None),
-            kernel: ConvolutionKernel::new(Instructions::best()),
+            convolution: Convolution::new(kernels),
             hidden: hidden as i64,
+            kernels,
         }
     }
 
@@ -42,19 +45,15 @@ impl ConvLstmCell {
     }
 
     /// Ready for many steps.
-    pub fn prepared(&self) -> PreparedConvLstm<'_> {
-        PreparedConvLstm { gates: self.gates.prepared(&self.kernel) }
+    pub fn prepared(&self) -> PreparedConvLstm {
+        PreparedConvLstm { gates: self.gates.prepared(&self.convolution), kernels: self.kernels }
     }
 }
 
-impl PreparedConvLstm<'_> {
+impl PreparedConvLstm {
     /// `[h, c]` (each `[batch, hidden, side, side]`) after `x` (`[batch, inputs, side, side]`).
     pub fn step(&self, x: &Tensor, [h, c]: &[Tensor; 2]) -> [Tensor; 2] {
         let gates = self.gates.forward(&Tensor::cat(&[x, h], 1));
-        if paig_kernels::serve(&[&gates, c]) {
-            paig_kernels::memory_step(&gates, c, FORGET_BIAS as f32)
-        } else {
-            memory_step(&gates, c)
-        }
+        lstm_cell(self.kernels, &gates, c, FORGET_BIAS)
     }
 }

@@ -6,7 +6,9 @@
 pub mod checkpoint;
 pub mod config;
 pub mod conv_lstm;
+mod data;
 pub mod ddpae;
+mod descent;
 pub mod frame_model;
 pub mod gaussian;
 pub mod planet;

@@ -37,6 +37,7 @@ pub struct VideoLstm {
     /// Side of a patch, pixels.
     patch: i64,
     input_steps: i64,
+    kernels: Kernels,
 }
 
 /// The greatest side of a patch, in pixels, that divides a frame's `side` into [`PATCHES`] or more.
@@ -44,20 +45,20 @@ fn side_of_patches(side: usize) -> usize {
     (1..=side / PATCHES).rev().find(|patch| side.is_multiple_of(*patch)).unwrap_or(1)
 }
 
-fn prepared(cells: &[ConvLstmCell]) -> Vec<PreparedConvLstm<'_>> {
+fn prepared(cells: &[ConvLstmCell]) -> Vec<PreparedConvLstm> {
     cells.iter().map(ConvLstmCell::prepared).collect()
 }
 
 impl VideoLstm {
     /// A fresh model with initial values drawn from `seed`.
-    pub fn new(system: &System, seed: u64, device: Device) -> Self {
+    pub fn new(system: &System, kernels: Kernels, seed: u64, device: Device) -> Self {
         let variables = VarStore::new(device);
         let patch = side_of_patches(system.side);
         let pixels = system.channels * patch * patch;
         let cells = |scope: &str| {
             let mut layers = Layers::new(variables.root() / scope);
             let inputs = [pixels, HIDDEN];
-            inputs.map(|inputs| ConvLstmCell::new(&mut layers, inputs, HIDDEN, KERNEL)).into()
+            inputs.map(|inputs| ConvLstmCell::new(&mut layers, inputs, HIDDEN, KERNEL, kernels)).into()
         };
         let (encoder, forecaster) = (cells("encoder"), cells("forecaster"));
         let output = Layers::new(variables.root() / "output").conv2d(LAYERS * HIDDEN, pixels, 1, Activation::None);
@@ -69,6 +70,7 @@ impl VideoLstm {
             output,
             patch: patch as i64,
             input_steps: system.input_steps as i64,
+            kernels,
         }
     }
 
@@ -103,11 +105,8 @@ impl FrameModel for VideoLstm {
         let clips = &batch.frames;
         let after = clips.size()[1] - self.input_steps;
         let truth = clips.narrow(1, self.input_steps, after);
-        frame_error(
-            Kernels::Own,
-            &self.predict(&clips.narrow(1, 0, self.input_steps), &batch.actions, after as usize),
-            &truth,
-        )
+        let predicted = self.predict(&clips.narrow(1, 0, self.input_steps), &batch.actions, after as usize);
+        frame_error(self.kernels, &predicted, &truth)
     }
 
     fn predict(&self, input: &Tensor, _actions: &Actions, frames: usize) -> Tensor {

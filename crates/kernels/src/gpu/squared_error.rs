@@ -1,4 +1,4 @@
-//! The squared error (`error.cu`), within libtorch's autograd.
+//! The squared error (`squared_error.cu`), within libtorch's autograd.
 
 use std::ffi::{c_int, c_void};
 
@@ -7,7 +7,7 @@ use tch::Tensor;
 use super::launch::{empty_beside, floats, floats_mut, on_stream};
 use crate::autograd;
 
-/// `PaigCompared` in `error.cu`.
+/// `PaigCompared` in `squared_error.cu`.
 #[derive(Debug)]
 #[repr(C)]
 struct Compared {
@@ -30,7 +30,7 @@ unsafe extern "C" {
     ) -> bool;
 }
 
-/// As [`crate::squared_error`]; nothing is copied where what follows the first axis stands side by side in
+/// As [`crate::squared_error()`]; nothing is copied where what follows the first axis stands side by side in
 /// memory.
 ///
 /// # Panics

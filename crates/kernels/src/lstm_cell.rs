@@ -1,7 +1,7 @@
 //! A step of a long short-term memory after its gates' affine map, forward and backward, in one pass each.
 
 use super::exponential::reduced;
-use super::lanes::{Instructions, Lanes, dispatched};
+use super::simd::{Instructions, Lanes, dispatched};
 use super::threads::in_parallel;
 
 /// What a step leaves for its gradient.

@@ -406,19 +406,19 @@ impl Instructions {
 macro_rules! dispatched {
     ($(#[$attribute:meta])* fn $name:ident($($argument:ident: $type:ty),* $(,)?) = $generic:ident) => {
         $(#[$attribute])*
-        pub fn $name(instructions: $crate::lanes::Instructions, $($argument: $type),*) {
-            use $crate::lanes::{self, Set};
+        pub fn $name(instructions: $crate::simd::Instructions, $($argument: $type),*) {
+            use $crate::simd::{self, Set};
 
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f")]
             fn avx512($($argument: $type),*) {
-                $generic::<lanes::Avx512>($($argument),*)
+                $generic::<simd::Avx512>($($argument),*)
             }
 
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]
             fn avx2($($argument: $type),*) {
-                $generic::<lanes::Avx2>($($argument),*)
+                $generic::<simd::Avx2>($($argument),*)
             }
 
             match instructions.set() {
@@ -427,7 +427,7 @@ macro_rules! dispatched {
                 Set::Avx512 => unsafe { avx512($($argument),*) },
                 #[cfg(target_arch = "x86_64")]
                 Set::Avx2 => unsafe { avx2($($argument),*) },
-                Set::Portable => $generic::<lanes::Portable>($($argument),*),
+                Set::Portable => $generic::<simd::Portable>($($argument),*),
             }
         }
     };

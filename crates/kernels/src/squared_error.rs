@@ -1,6 +1,6 @@
 //! The sum of squared differences, and its gradient, in one pass each.
 
-use super::lanes::{Instructions, Lanes, dispatched};
+use super::simd::{Instructions, Lanes, dispatched};
 use super::threads::{in_parallel, part_of};
 
 /// Rows of floats `[.., width]` in memory, one at each of these places.

@@ -16,6 +16,9 @@ pub struct EquationFile {
     pub equation: EquationEntry,
     /// How many objects the file speaks of, if it does.
     pub objects: Option<usize>,
+    /// Side of the frame in whose pixels its starts and bounds are, and the time between frames in whose unit, if it says.
+    pub side: Option<usize>,
+    pub dt: Option<f64>,
 }
 
 /// What is read of it; the rest is for those who learn or generate.
@@ -27,18 +30,21 @@ struct Contents {
 #[derive(Deserialize)]
 struct Part {
     objects: Option<usize>,
+    side: Option<usize>,
+    dt: Option<f64>,
     equation: EquationEntry,
 }
 
 impl EquationFile {
-    /// Reads `[system.equation]`, and `system.objects` where it is given.
+    /// Reads `[system.equation]`, `system.objects`, `system.side` and `system.dt` where they are given.
     ///
     /// # Errors
     /// A file that cannot be read or holds no such table; the message names the key.
     pub fn read(path: &Path) -> Result<Self> {
         let read = || -> Result<Self> {
-            let Contents { system: Part { objects, equation } } = toml::from_str(&storage::read_to_string(path)?)?;
-            Ok(EquationFile { name: path.display().to_string(), equation, objects })
+            let Contents { system: Part { objects, side, dt, equation } } =
+                toml::from_str(&storage::read_to_string(path)?)?;
+            Ok(EquationFile { name: path.display().to_string(), equation, objects, side, dt })
         };
         read().with_context(|| format!("equation file {}", path.display()))
     }

@@ -6,7 +6,7 @@ use clap::Command;
 
 /// Purposes, and the commands of each.
 const GROUPS: [(&str, &[&str]); 5] = [
-    ("Learn", &["train", "generate", "evaluate", "predict", "convert"]),
+    ("Learn", &["demo", "train", "generate", "evaluate", "predict", "convert"]),
     ("Your own video", &["track", "import", "measure", "measurements"]),
     ("Many runs", &["sweep", "report", "stress", "baselines", "train-baseline"]),
     ("Control", &["control"]),
@@ -14,6 +14,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
 ];
 
 const EXAMPLES: &str = "Examples:
+  paig demo
   paig generate --task spring_color
   paig train --task spring_color --seed 1
   paig import clip.mp4 --out my-scene --equation falling

@@ -6,13 +6,14 @@ use paig_video::measure::results::Measurement;
 
 /// Prints the quantities with their intervals, the prediction of what was held out, and the comparison of equations.
 pub fn print_measurement(it: &Measurement) {
-    say!("\n{:<30}{:>12}   {:<26}{:<8}{:>16}", "measured", "", "95 % interval", "", "colour tracker");
+    say!("\n{:<30}{:>12}   {:<26}{:<8}{:>12}  {}", "measured", "", "95 % interval", "", "cross-check", "");
     for quantity in &it.quantities {
         let tracker = quantity.by_tracker.map_or("-".into(), |value| significant(value, 6));
         let interval = quantity.interval(|end| significant(end, 6)).unwrap_or("-".into());
         let name = quantity.name.replace('_', " ");
         let value = significant(quantity.value, 6);
-        say!("{name:<30}{value:>12}   {interval:<26}{:<8}{tracker:>16}", quantity.unit);
+        let outcome = quantity.outcome.map_or(String::new(), |outcome| outcome.to_string());
+        say!("{name:<30}{value:>12}   {interval:<26}{:<8}{tracker:>12}  {outcome}", quantity.unit);
     }
     let held_out = &it.held_out;
     let unit = &held_out.unit;
@@ -20,7 +21,7 @@ pub fn print_measurement(it: &Measurement) {
     say!("  distance {:.4} {unit}, {:.2} % of the amplitude", held_out.error, held_out.percent_of_amplitude);
     say!("  by constant velocity {:.4} {unit}", held_out.constant_velocity);
     if let Some(error) = held_out.tracker_fit {
-        say!("  by the equation fitted to a colour tracker {error:.4} {unit}");
+        say!("  by the equation fitted to the other observation {error:.4} {unit}");
     }
     let left = &it.residuals;
     let first = left.autocorrelation.first().copied().unwrap_or(0.0);
@@ -34,4 +35,8 @@ pub fn print_measurement(it: &Measurement) {
         say!("{name:<44}{:>9}{left:>10.4}{held_out:>10.4}{:>12.1}{:>12.1}", other.unknowns, other.aic, other.bic);
     }
     it.notes.iter().for_each(|note| say!("note: {note}"));
+    if let Some(verdict) = &it.verdict {
+        say!("\nverdict: {}", verdict.outcome);
+        verdict.reasons.iter().for_each(|reason| say!("  {reason}"));
+    }
 }

@@ -41,6 +41,12 @@ pub fn program() {
     println!("cargo:rustc-env=PAIG_COMMIT={}", commit());
 }
 
+/// Only the commit, for a module that is loaded into a process which has loaded libtorch: it needs no search path.
+pub fn module() {
+    println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rustc-env=PAIG_COMMIT={}", commit());
+}
+
 /// The commit of the sources, with a `+` where the sources differ from it; `unknown` outside a repository.
 fn commit() -> String {
     let Some(root) = ROOTS.into_iter().map(Path::new).find(|root| root.join("Cargo.lock").exists()) else {

@@ -30,18 +30,26 @@ const NO_MEMORY: [&str; 3] = ["can't allocate memory", "CUDA out of memory", "ba
 /// place in a text, with the lines that show it. Output that could not be written is an error, unless the terminal has
 /// closed and the program was asked to stop.
 pub fn exit_code(program: impl FnOnce() -> Result<ExitCode>) -> ExitCode {
-    flush_subnormals();
-    panic::set_hook(Box::new(note));
     one_line_on_abort();
-    let checked = || vector_path().as_ref().map_err(anyhow::Error::msg).and_then(|_| program());
-    match panic::catch_unwind(AssertUnwindSafe(checked)) {
-        Ok(Ok(code)) => match ensure_written() {
+    match guarded(program) {
+        Ok(code) => match ensure_written() {
             Err(error) if !(interrupt::asked() && is_hung_up(&error)) => failed(error),
             _ => code,
         },
-        Ok(Err(error)) => failed(error),
-        Err(panic) => failed(panicked(panic).into()),
+        Err(error) => failed(error),
     }
+}
+
+/// Does work of the library as all programs do it: subnormal numbers count as 0 in this thread from now on, and a panic is an
+/// error.
+///
+/// # Errors
+/// The work's own, a panic, a vector path that this processor lacks.
+pub fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    flush_subnormals();
+    panic::set_hook(Box::new(note));
+    let checked = || vector_path().as_ref().map_err(anyhow::Error::msg).and_then(|_| work());
+    panic::catch_unwind(AssertUnwindSafe(checked)).unwrap_or_else(|panic| Err(panicked(panic).into()))
 }
 
 /// Where memory runs out in Rust or an exception leaves a thread of libtorch, the process is aborted after a line that says
@@ -78,8 +86,8 @@ fn is_hung_up(error: &anyhow::Error) -> bool {
     of_system.any(|error| error.raw_os_error() == Some(Errno::EIO as i32))
 }
 
-/// An error with its causes, each said once: many an error repeats its cause in its own words.
-fn text(error: &anyhow::Error) -> String {
+/// An error with its causes, each once: many an error repeats its cause in its own words.
+pub fn text(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain().map(ToString::to_string) {
         if text.is_empty() {

@@ -1,16 +1,16 @@
 //! Background and noise: robust statistics of each pixel over sampled frames.
 
+use std::ops::Range;
+
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
-use crate::error::Error;
 use crate::exposure::Exposure;
 use crate::mask::Mask;
 use crate::options::Region;
 use crate::resting::remove_resting;
-use crate::shake::{Edges, moved_back, shakes};
 use crate::statistics::median;
-use crate::video::{Size, Video, map_frames};
+use crate::video::Size;
 
 /// Most frames that are sampled: the median of 35 values has 21 % of one value's noise.
 const MOST_SAMPLED: usize = 35;
@@ -33,8 +33,6 @@ pub(crate) struct Samples {
     /// Frame indices and bytes, `[height, width, 3]`.
     frames: Vec<(usize, Vec<u8>)>,
     exposures: Vec<Exposure>,
-    /// Largest translation of the camera, pixels; `None` where it stands.
-    shake: Option<f64>,
 }
 
 /// Scene without its moving objects.
@@ -49,21 +47,17 @@ pub struct Background {
 }
 
 impl Samples {
-    /// Reads frames evenly over `first..end`.
-    ///
-    /// # Errors
-    /// Errors of the source.
-    pub(crate) fn read(video: &dyn Video, first: usize, end: usize, bytes: usize) -> Result<Self, Error> {
-        let size = video.size();
+    /// Frames of a range to sample, evenly spread.
+    pub(crate) fn chosen(range: &Range<usize>, size: Size, bytes: usize) -> Vec<usize> {
         let room = (bytes / (size.pixels() * 3)).clamp(LEAST_SAMPLED, MOST_SAMPLED);
-        let count = room.min(end - first);
-        let chosen: Vec<usize> = (0..count).map(|i| first + (2 * i + 1) * (end - first) / (2 * count)).collect();
-        let frames = map_frames(video, &|frame| chosen.binary_search(&frame).is_ok(), |_, bytes| bytes.to_vec())?;
-        if frames.len() < count {
-            return Err(Error::MissingFrame { frame: chosen[frames.len()] });
-        }
+        let count = room.min(range.len());
+        (0..count).map(|i| range.start + (2 * i + 1) * range.len() / (2 * count)).collect()
+    }
+
+    /// Samples from frame indices and bytes, `[height, width, 3]`.
+    pub(crate) fn new(size: Size, frames: Vec<(usize, Vec<u8>)>) -> Self {
         let exposures = vec![Exposure::default(); frames.len()];
-        Ok(Self { size, frames, exposures, shake: None })
+        Self { size, frames, exposures }
     }
 
     /// Frame indices of the samples.
@@ -81,33 +75,12 @@ impl Samples {
         let mut background = self.estimate(None);
         self.expose(&background);
         let steady = self.exposures.iter().all(|e| e.change() < 0.5);
-        if self.stabilise(&background) || !steady {
+        if !steady {
             background = self.estimate(None);
             self.expose(&background);
         }
-        self.finish(&mut background, ignore);
-        background
-    }
-
-    /// Whether the camera shakes, so that frames are to be stabilised.
-    pub(crate) fn shaken(&self) -> bool {
-        self.shake.is_some()
-    }
-
-    /// Takes the precision from ignored regions, and from the border that a stabilised frame does not show.
-    fn finish(&self, background: &mut Background, ignore: &[Region]) {
         background.ignore(ignore);
-        if let Some(shake) = self.shake {
-            let Size { width, height } = self.size;
-            let margin = (shake.ceil() as usize + 2).min(width.min(height) / 4);
-            let (right, bottom) = (width - 1, height - 1);
-            background.ignore(&[
-                Region { first: [0, 0], last: [right, margin] },
-                Region { first: [0, bottom - margin], last: [right, bottom] },
-                Region { first: [0, 0], last: [margin, bottom] },
-                Region { first: [right - margin, 0], last: [right, bottom] },
-            ]);
-        }
+        background
     }
 
     fn expose(&mut self, background: &Background) {
@@ -115,40 +88,11 @@ impl Samples {
         self.exposures = self.frames.par_iter().map(|(_, bytes)| Exposure::fit(bytes, levels)).collect();
     }
 
-    /// Moves the samples back by the camera's translation. Returns whether the camera shakes.
-    fn stabilise(&mut self, background: &Background) -> bool {
-        let mut sharper = None;
-        // The median of shaken frames is blurred: the second round aligns to a sharper one.
-        for round in 0..2 {
-            let Some(edges) = Edges::find(sharper.as_ref().unwrap_or(background)) else { break };
-            let translations: Vec<[f64; 2]> = self
-                .frames
-                .par_iter()
-                .zip(&self.exposures)
-                .map(|((_, bytes), exposure)| edges.translation(bytes, exposure))
-                .collect();
-            if self.shake.is_none() && !shakes(&translations) {
-                break;
-            }
-            let largest = translations.iter().flatten().fold(0.0, |m: f64, t| m.max(t.abs()));
-            self.shake = Some(self.shake.unwrap_or(0.0) + largest);
-            let size = self.size;
-            self.frames
-                .par_iter_mut()
-                .zip(translations)
-                .for_each(|((_, bytes), translation)| *bytes = moved_back(bytes, size, translation));
-            if round == 0 {
-                sharper = Some(self.estimate(None));
-            }
-        }
-        self.shake.is_some()
-    }
-
     /// Background from the samples in which a pixel is not occupied. A pixel occupied in nearly all samples keeps the
     /// median of all.
     pub(crate) fn unoccupied(&self, occupied: &[Mask], ignore: &[Region]) -> Background {
         let mut background = self.estimate(Some(occupied));
-        self.finish(&mut background, ignore);
+        background.ignore(ignore);
         background
     }
 
@@ -284,22 +228,23 @@ fn level_and_noise(values: &mut [f32]) -> (f32, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::video::Clip;
-    use ndarray::Array4;
 
     /// A square of 4 pixels that rests at x = 2 for 60 % of 30 frames, then at x = 12.
-    fn resting() -> Clip {
-        Clip::new(Array4::from_shape_fn((30, 16, 20, 3), |(frame, y, x, _)| {
+    fn resting() -> Samples {
+        let frame = |frame: usize| {
             let left = if frame < 18 { 2 } else { 12 };
-            if (left..left + 4).contains(&x) && (6..10).contains(&y) { 200 } else { 50 + (x * 3) as u8 }
-        }))
-        .unwrap()
+            let level = |place: usize| {
+                let (x, y) = (place / 3 % 20, place / 60);
+                if (left..left + 4).contains(&x) && (6..10).contains(&y) { 200 } else { 50 + (x * 3) as u8 }
+            };
+            (frame, (0..16 * 20 * 3).map(level).collect())
+        };
+        Samples::new(Size { width: 20, height: 16 }, (0..30).map(frame).collect())
     }
 
     #[test]
     fn pixels_are_estimated_from_unoccupied_frames() {
-        let clip = resting();
-        let mut samples = Samples::read(&clip, 0, 30, 1 << 20).unwrap();
+        let mut samples = resting();
         let first = samples.background(&[]);
         assert_eq!(first.levels[[7, 13, 0]], 89.0);
         let masks: Vec<Mask> = samples
@@ -317,8 +262,7 @@ mod tests {
 
     #[test]
     fn ignored_regions_have_no_precision() {
-        let clip = resting();
-        let mut samples = Samples::read(&clip, 0, 30, 1 << 20).unwrap();
+        let mut samples = resting();
         let background = samples.background(&[Region { first: [0, 0], last: [3, 90] }]);
         assert_eq!(background.precision[[15, 3]], 0.0);
         assert!(background.precision[[15, 4]] > 0.0);

@@ -6,8 +6,8 @@ use crate::detection::Detection;
 use crate::linking::{Node, paths};
 use crate::mask::Mask;
 use crate::options::Options;
+use crate::pieces::{Stop, pieces};
 use crate::quality;
-use crate::segments::{Stop, segments};
 use crate::shadow::Core;
 use crate::statistics::{median, quantile};
 use crate::video::Size;
@@ -88,7 +88,7 @@ pub(crate) fn candidates(detections: &[Detection], size: Size, options: &Options
                 Stop { frame, centre, diameter, colour: core.colour }
             };
             let stops: Vec<Stop> = path.nodes.iter().map(stop).collect();
-            segments(&stops).into_iter().filter(|group| group.len() >= LEAST_NODES).map(move |group| {
+            pieces(&stops).into_iter().filter(|group| group.len() >= LEAST_NODES).map(move |group| {
                 let share = group.len() as f64 / path.nodes.len() as f64;
                 (group.into_iter().map(|index| path.nodes[index]).collect::<Vec<_>>(), share * path.score)
             })

@@ -1,6 +1,6 @@
 //! Moving regions of every frame.
 
-use std::borrow::Cow;
+use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -11,9 +11,8 @@ use crate::error::Error;
 use crate::exposure::Exposure;
 use crate::options::Options;
 use crate::shadow::{Core, core};
-use crate::shake::{Edges, moved_back};
 use crate::statistics::{median, quantile};
-use crate::video::{Size, Video, map_frames};
+use crate::video::{Video, map_frames};
 
 /// Most regions kept of a frame.
 const MOST_BLOBS: usize = 6;
@@ -27,8 +26,6 @@ const EMPTY: f64 = 0.25;
 pub(crate) struct Detection {
     pub(crate) frame: usize,
     pub(crate) exposure: Exposure,
-    /// Translation of the camera `[x, y]`, pixels, by which the frame is moved back.
-    pub(crate) translation: [f64; 2],
     /// Regions by descending weight, each with its part that is no shadow.
     pub(crate) blobs: Vec<(Blob, Core)>,
     /// Share of the frame's pixels above the threshold.
@@ -60,24 +57,21 @@ pub(crate) fn threshold(samples: &Samples, background: &Background, options: &Op
     Ok((options.threshold * typical as f32).max(0.7 * options.least_peak))
 }
 
-/// Moving regions of the frames `first..end`.
+/// Moving regions of a range of frames.
 ///
 /// # Errors
 /// Errors of the source.
 pub(crate) fn detect(
     video: &dyn Video,
-    (first, end): (usize, usize),
+    range: Range<usize>,
     background: &Background,
-    (threshold, shaken): (f32, bool),
+    threshold: f32,
     options: &Options,
 ) -> Result<Vec<Detection>, Error> {
     let kernel = gaussian(options.blur);
     let width = background.size().width;
-    let edges = if shaken { Edges::find(background) } else { None };
     let work = |frame: usize, bytes: &[u8]| {
         let exposure = exposure(bytes, background);
-        let translation = edges.as_ref().map_or([0.0; 2], |edges| edges.translation(bytes, &exposure));
-        let bytes = &*steady(bytes, background.size(), translation);
         let image = difference(bytes, background, &exposure, &kernel);
         let moving = image.iter().filter(|&&value| value > threshold).count();
         let blobs = components(&image, width, threshold, LEAST_AREA, MOST_BLOBS)
@@ -87,18 +81,13 @@ pub(crate) fn detect(
                 (blob, core)
             })
             .collect();
-        Detection { frame, exposure, translation, blobs, share: moving as f64 / image.len() as f64 }
+        Detection { frame, exposure, blobs, share: moving as f64 / image.len() as f64 }
     };
-    let found = map_frames(video, &|frame| (first..end).contains(&frame), work)?;
-    if found.len() < end - first {
-        return Err(Error::MissingFrame { frame: first + found.len() });
+    let found = map_frames(video, &|frame| range.contains(&frame), work)?;
+    if found.len() < range.len() {
+        return Err(Error::MissingFrame { frame: range.start + found.len() });
     }
     Ok(found.into_iter().map(|(_, detection)| detection).collect())
-}
-
-/// Frame moved back by the camera's translation.
-pub(crate) fn steady(bytes: &[u8], size: Size, translation: [f64; 2]) -> Cow<'_, [u8]> {
-    if translation == [0.0; 2] { Cow::Borrowed(bytes) } else { Cow::Owned(moved_back(bytes, size, translation)) }
 }
 
 fn exposure(bytes: &[u8], background: &Background) -> Exposure {

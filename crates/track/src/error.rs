@@ -21,6 +21,9 @@ pub enum Error {
     /// The range of frames in the options lies outside the video.
     #[error("frames {first}..{end} lie outside the video of {frames} frames")]
     Range { first: usize, end: usize, frames: usize },
+    /// The camera moves, and the frames cannot be registered on one background.
+    #[error("the camera moves: {reason} (look at frame {frame})")]
+    Camera { frame: usize, reason: String },
     /// No pixel differs from the background by more than the noise.
     #[error("nothing moves: the largest difference from the background is {peak:.1} times the noise")]
     NothingMoves { peak: f32 },

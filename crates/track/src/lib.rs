@@ -1,17 +1,19 @@
 //! Tracks moving objects in decoded video at native resolution.
 //!
 //! [`track()`] returns, for every mover and frame, a position in pixels with its covariance, a visibility flag and measures
-//! of quality. It assumes a camera that stands or shakes a little, and objects that keep their look.
+//! of quality. It assumes objects that keep their look.
 //!
-//! 1. Background: median and noise of each pixel over sampled frames, after a fit of each frame's exposure and, where the
-//!    camera shakes, of its translation; then once more from the frames in which no mover covers a pixel.
-//! 2. Detection: largest difference over the channels in units of the noise, blurred, thresholded and divided into thick
+//! 1. Camera: corners of reduced images show whether it stands. Where it does not, every frame is registered on the edges
+//!    of a background pieced together from the frames, and resampled into its frame.
+//! 2. Background: median and noise of each pixel over sampled frames, after a fit of each frame's exposure; then once more
+//!    from the frames in which no mover covers a pixel.
+//! 3. Detection: largest difference over the channels in units of the noise, blurred, thresholded and divided into thick
 //!    connected parts.
-//! 3. Linking: paths of largest reward with a penalty on changes of velocity, cut at jumps and joined by looks; shadows
+//! 4. Linking: paths of largest reward with a penalty on changes of velocity, cut at jumps and joined by looks; shadows
 //!    and hands get a [`Role`] of their own.
-//! 4. Appearance: a template with a soft mask, averaged over aligned frames; every frame is registered to it by robust
+//! 5. Appearance: a template with a soft mask, averaged over aligned frames; every frame is registered to it by robust
 //!    Gauss-Newton on its pixels against the known background. Where that fails, the region's centroid stands in.
-//! 5. Covariance: normal matrix of the registration, inflated for residuals that correlate within blocks, and scaled to
+//! 6. Covariance: normal matrix of the registration, inflated for residuals that correlate within blocks, and scaled to
 //!    the noise that high differences of the positions show.
 //!
 //! Coordinates: x points right, y down, and pixel centres are integers. A position is the template's centroid: a fixed
@@ -33,15 +35,24 @@
 
 mod appearance;
 mod background;
+mod boundary;
+pub mod calibration;
+mod camera;
 mod candidates;
 mod components;
+mod corners;
 mod detection;
 mod difference;
+mod edges;
 mod error;
 mod exposure;
+mod grey;
 mod linking;
 mod mask;
+mod mosaic;
 mod options;
+mod pictures;
+mod pieces;
 mod plane;
 mod points;
 mod quality;
@@ -50,20 +61,28 @@ mod resting;
 mod roles;
 mod segments;
 mod shadow;
-mod shake;
+mod similarity;
 mod start;
 mod statistics;
+mod steady;
+mod survey;
 pub mod synthetic;
 mod template;
 mod thick_parts;
+mod time_base;
 mod track;
 mod tracking;
 mod video;
+mod warp;
 mod window;
 pub use background::Background;
+pub use camera::{Camera, Motion};
 pub use error::Error;
 pub use options::{Hint, Options, Region};
 pub use quality::Quality;
+pub use segments::{Limit, Segment, segments};
+pub use similarity::Similarity;
+pub use time_base::{Clock, Finding, TimeBase, gravity_line};
 pub use track::{Measurement, Method, Point, Role, Track, Tracking, Visibility};
 pub use tracking::track;
 pub use video::{Clip, Size, Video, Visitor};

@@ -34,6 +34,8 @@ pub struct Options {
     pub hints: Vec<Hint>,
     /// Regions in which nothing is looked for.
     pub ignore: Vec<Region>,
+    /// How many times as slow as it was filmed the video plays; by its tags where absent.
+    pub slow_motion: Option<f64>,
     /// Standard deviation of the blur of difference images, pixels.
     pub blur: f32,
     /// Threshold of a moving region, as a share of the median peak of the difference images.
@@ -53,6 +55,7 @@ impl Default for Options {
             objects: 4,
             hints: Vec::new(),
             ignore: Vec::new(),
+            slow_motion: None,
             blur: 1.5,
             threshold: 0.35,
             least_peak: 6.0,

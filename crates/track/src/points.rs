@@ -71,6 +71,7 @@ pub(crate) fn points(
             centroid: None,
             misfit: None,
             contrast: None,
+            diameter: None,
         };
         if !frames.contains(&frame) {
             return point;
@@ -78,6 +79,8 @@ pub(crate) fn points(
         let start = course.positions[frame - frames.start];
         let fit = fits[frame - frames.start].as_ref();
         point.centroid = has_region(frame).then_some(start);
+        let region = candidate.nodes.iter().find(|node| detections[node.0].frame == frame);
+        point.diameter = region.map(|&(index, blob)| detections[index].blobs[blob].0.diameter());
         point.misfit = fit.map(|fit| fit.misfit);
         point.contrast = fit.map(|fit| fit.contrast);
         point.visibility = Visibility::Occluded;

@@ -3,6 +3,7 @@
 use ndarray::{Array3, Array4};
 use rayon::prelude::*;
 
+use crate::similarity::Similarity;
 use crate::video::Size;
 
 /// Shadow that follows the object.
@@ -45,6 +46,9 @@ pub struct Scene {
     pub flicker: f64,
     /// Standard deviation of the camera's position in each frame, pixels.
     pub shake: f64,
+    /// Place `[x, y]` and angle of the scene in each frame, pixels and radians; zero where absent. Positions are places of
+    /// the scene.
+    pub camera: Vec<[f64; 3]>,
     pub seed: u64,
 }
 
@@ -65,6 +69,7 @@ impl Default for Scene {
             drift: 0.0,
             flicker: 0.0,
             shake: 0.0,
+            camera: Vec::new(),
             seed: 1,
         }
     }
@@ -82,18 +87,21 @@ impl Scene {
     fn frame(&self, frame: usize, image: &mut [u8]) {
         let Size { width, height } = self.size;
         let mut random = Random::new(self.seed ^ (frame as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
-        let camera = [self.shake * random.normal(), self.shake * random.normal()];
+        let [x, y, angle] = self.camera.get(frame).copied().unwrap_or([0.0; 3]);
+        let translation = [x + self.shake * random.normal(), y + self.shake * random.normal()];
+        let camera = Similarity { a: angle.cos(), b: angle.sin(), u: translation[0], v: translation[1] };
+        let scene = camera.inverse();
         let time = frame as f64 / (self.positions.len().max(2) - 1) as f64;
         let light = (1.0 + self.drift * time) * (1.0 + self.flicker * random.normal());
         let mut levels = Array3::<f64>::zeros((height, width, 3));
         for ((y, x, c), level) in levels.indexed_iter_mut() {
-            let at = [x as f64 - camera[0], y as f64 - camera[1]];
+            let at = scene.apply([x as f64, y as f64]);
             *level = self.background[c] + self.background_texture * texture(at, 17.0, self.seed + c as u64 / 2);
         }
         if let Some(shadow) = self.shadow {
-            self.shade(&mut levels, frame, camera, shadow);
+            self.shade(&mut levels, frame, &camera, shadow);
         }
-        self.draw(&mut levels, frame, camera);
+        self.draw(&mut levels, frame, &camera);
         for (to, level) in image.iter_mut().zip(&levels) {
             *to = (level * light + self.noise * random.normal()).round().clamp(0.0, 255.0) as u8;
         }
@@ -109,8 +117,8 @@ impl Scene {
         (0..steps).map(|k| way.map(|w| w * ((k as f64 + 0.5) / steps as f64 - 0.5))).collect()
     }
 
-    fn shade(&self, levels: &mut Array3<f64>, frame: usize, camera: [f64; 2], shadow: Shadow) {
-        let centre = [0, 1].map(|a| self.positions[frame][a] + shadow.offset[a] + camera[a]);
+    fn shade(&self, levels: &mut Array3<f64>, frame: usize, camera: &Similarity, shadow: Shadow) {
+        let centre = camera.apply([0, 1].map(|a| self.positions[frame][a] + shadow.offset[a]));
         let (height, width, _) = levels.dim();
         for y in span(centre[1], shadow.axes[1] + 8.0, height) {
             for x in span(centre[0], shadow.axes[0] + 8.0, width) {
@@ -122,12 +130,12 @@ impl Scene {
         }
     }
 
-    fn draw(&self, levels: &mut Array3<f64>, frame: usize, camera: [f64; 2]) {
+    fn draw(&self, levels: &mut Array3<f64>, frame: usize, camera: &Similarity) {
         let steps = self.blur(frame);
         let way = steps.iter().map(|s| s[0].hypot(s[1])).fold(0.0, f64::max);
         let reach = self.axes[0].max(self.axes[1]) + way + 2.0;
-        let centre = [0, 1].map(|a| self.positions[frame][a] + camera[a]);
-        let (sin, cos) = self.angles.get(frame).copied().unwrap_or(0.0).sin_cos();
+        let centre = camera.apply(self.positions[frame]);
+        let (sin, cos) = (self.angles.get(frame).copied().unwrap_or(0.0) + camera.angle()).sin_cos();
         let (height, width, _) = levels.dim();
         for y in span(centre[1], reach, height) {
             for x in span(centre[0], reach, width) {

@@ -3,7 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use crate::background::Background;
+use crate::camera::Camera;
 use crate::quality::Quality;
+use crate::time_base::TimeBase;
 
 /// Whether an object is seen in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,6 +55,8 @@ pub struct Point {
     pub misfit: Option<f64>,
     /// Contrast relative to the template; 1 where the object looks as usual.
     pub contrast: Option<f64>,
+    /// Diameter of a disc of the moving region's area, pixels.
+    pub diameter: Option<f64>,
 }
 
 /// Kind of a mover.
@@ -85,9 +89,10 @@ pub struct Tracking {
     /// Movers by descending rank; objects come before shadows and visitors.
     pub tracks: Vec<Track>,
     pub background: Background,
-    /// Translation of the camera `[x, y]` in each frame, pixels; zero unless the camera shakes. Positions are given with
-    /// the camera held still.
-    pub translations: Vec<[f64; 2]>,
+    /// Motion of the camera. Positions are given in the frame of the background.
+    pub camera: Camera,
+    /// When the frames were filmed.
+    pub time: TimeBase,
     /// Median share of a frame's pixels that differ from the background.
     pub moving_share: f64,
     /// Median change of brightness from the background, levels.

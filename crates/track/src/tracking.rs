@@ -1,18 +1,24 @@
 //! Tracking of a video from its frames to its tracks.
 
+use std::ops::Range;
+
 use crate::appearance::{Start, registered};
 use crate::background::{Background, Samples};
+use crate::camera::{self, Camera, Found};
 use crate::candidates::{Candidate, candidates, changed, occupied};
-use crate::detection::{Detection, detect, steady, threshold};
+use crate::detection::{Detection, detect, threshold};
 use crate::error::Error;
-use crate::options::Options;
+use crate::options::{Hint, Options};
 use crate::points::points;
 use crate::quality;
 use crate::roles::roles;
 use crate::start::{Course, course};
 use crate::statistics::median;
-use crate::track::{Track, Tracking};
-use crate::video::{Video, map_frames};
+use crate::steady::Steady;
+use crate::survey::Survey;
+use crate::time_base::TimeBase;
+use crate::track::{Point, Role, Track, Tracking, Visibility};
+use crate::video::{Size, Video, map_frames};
 use crate::window::{Layout, Window};
 
 /// Fewest frames of a video.
@@ -30,7 +36,8 @@ const CHANGED: f64 = 0.05;
 ///
 /// # Errors
 /// [`Error::TooFewFrames`], [`Error::FrameTooSmall`] and [`Error::Range`] for unsuitable videos and ranges,
-/// [`Error::NothingMoves`] and [`Error::NoPath`] where there is no mover, and errors of the source.
+/// [`Error::Camera`] for a camera that moves so that frames cannot be registered, [`Error::NothingMoves`] and
+/// [`Error::NoPath`] where there is no mover, and errors of the source.
 pub fn track(video: &dyn Video, options: &Options) -> Result<Tracking, Error> {
     let size = video.size();
     if size.width.min(size.height) < LEAST_SIDE {
@@ -43,7 +50,67 @@ pub fn track(video: &dyn Video, options: &Options) -> Result<Tracking, Error> {
     if range.len() < LEAST_FRAMES {
         return Err(Error::TooFewFrames { least: LEAST_FRAMES, found: range.len() });
     }
-    let scene = Scene::find(video, (range.start, range.end), options)?;
+    let chosen = Samples::chosen(&range, size, options.background_bytes);
+    let mut survey = Survey::read(video, range.clone(), Survey::stride(range.len()), &chosen)?;
+    let kept = std::mem::take(&mut survey.kept);
+    let Found { camera, mosaic } = camera::find(video, &survey, &kept, range)?;
+    let kept = kept.into_iter().filter(|(frame, _)| camera.frames.contains(frame));
+    let mut time = TimeBase::new(&video.clock(), options.slow_motion);
+    time.look(&survey.changes);
+    let tracking = match mosaic {
+        None => {
+            let samples = Samples::new(size, kept.collect());
+            follow(video, samples, camera, options)?
+        }
+        Some(mosaic) => {
+            let steady = Steady { video, camera: &camera, mosaic: &mosaic };
+            let kept = kept.map(|(frame, bytes)| (frame, steady.frame(frame, &bytes))).collect();
+            let samples = Samples::new(mosaic.size, kept);
+            let hint = |hint: &Hint| {
+                let position = camera.pose(hint.frame).map_or(hint.position, |pose| pose.apply(hint.position));
+                Hint { position, ..*hint }
+            };
+            let options = Options { hints: options.hints.iter().map(hint).collect(), ..options.clone() };
+            let mut tracking = follow(&steady, samples, camera.clone(), &options)?;
+            for track in &mut tracking.tracks {
+                let reach = 0.5 * track.diameter;
+                track.points.iter_mut().for_each(|point| within_frame(point, &camera, video.size(), reach));
+            }
+            tracking
+        }
+    };
+    Ok(timed(tracking, time))
+}
+
+/// Adds what the first track shows of the time base, and removes the positions of frames that show nothing new.
+fn timed(mut tracking: Tracking, mut time: TimeBase) -> Tracking {
+    time.breaks.extend(&tracking.camera.cuts);
+    for point in tracking.tracks.iter_mut().flat_map(|track| &mut track.points) {
+        if time.stale.binary_search(&point.frame).is_ok() && point.measurement.take().is_some() {
+            point.visibility = Visibility::Occluded;
+        }
+    }
+    if let Some(first) = tracking.tracks.iter().find(|track| track.role == Role::Object) {
+        time.follow(first);
+    }
+    Tracking { time, ..tracking }
+}
+
+/// Removes the position of an object that reaches beyond its frame, or whose frame is not registered.
+fn within_frame(point: &mut Point, camera: &Camera, size: Size, reach: f64) {
+    let (Some(measurement), Some(pose)) = (point.measurement, camera.pose(point.frame)) else { return };
+    let [x, y] = pose.inverse().apply(measurement.position);
+    let (right, bottom) = (size.width as f64 - 1.0 - reach, size.height as f64 - 1.0 - reach);
+    if !(reach..=right).contains(&x) || !(reach..=bottom).contains(&y) {
+        (point.measurement, point.visibility) = (None, Visibility::CutOff);
+    } else if camera.unregistered.contains(&point.frame) {
+        (point.measurement, point.visibility) = (None, Visibility::Occluded);
+    }
+}
+
+/// Tracks the movers of a video whose camera stands.
+fn follow(video: &dyn Video, samples: Samples, camera: Camera, options: &Options) -> Result<Tracking, Error> {
+    let scene = Scene::find(video, samples, &camera.frames, options)?;
     let ranked = roles(scene.candidates, &scene.detections);
     let best = ranked.iter().map(|(_, candidate)| candidate.rank()).fold(0.0, f64::max);
     let ranked: Vec<_> = ranked.into_iter().filter(|(_, c)| c.rank() >= NEGLIGIBLE * best).collect();
@@ -84,7 +151,8 @@ pub fn track(video: &dyn Video, options: &Options) -> Result<Tracking, Error> {
     let middle = |values: &mut Vec<f64>| median(values).unwrap_or(0.0);
     Ok(Tracking {
         tracks,
-        translations: scene.detections.iter().map(|d| d.translation).collect(),
+        camera,
+        time: TimeBase::default(),
         moving_share: middle(&mut scene.detections.iter().map(|d| d.share).collect()),
         flicker: middle(&mut scene.detections.iter().map(|d| d.exposure.change()).collect()),
         background: scene.background,
@@ -99,8 +167,7 @@ struct Scene {
 }
 
 impl Scene {
-    fn find(video: &dyn Video, range: (usize, usize), options: &Options) -> Result<Self, Error> {
-        let mut samples = Samples::read(video, range.0, range.1, options.background_bytes)?;
+    fn find(video: &dyn Video, mut samples: Samples, range: &Range<usize>, options: &Options) -> Result<Self, Error> {
         let background = samples.background(&options.ignore);
         let mut scene = Self::detect(video, range, &samples, background, options)?;
         for _ in 0..BACKGROUND_ROUNDS {
@@ -117,13 +184,13 @@ impl Scene {
 
     fn detect(
         video: &dyn Video,
-        range: (usize, usize),
+        range: &Range<usize>,
         samples: &Samples,
         background: Background,
         options: &Options,
     ) -> Result<Self, Error> {
         let threshold = threshold(samples, &background, options)?;
-        let detections = detect(video, range, &background, (threshold, samples.shaken()), options)?;
+        let detections = detect(video, range.clone(), &background, threshold, options)?;
         let candidates = candidates(&detections, video.size(), options);
         if candidates.is_empty() {
             return Err(Error::NoPath { blobs: detections.iter().map(|d| d.blobs.len()).sum() });
@@ -142,8 +209,7 @@ fn cut(
     let start = detections[0].frame;
     let wanted = |frame: usize| courses.iter().any(|(course, _)| course.frames().contains(&frame));
     let work = |frame: usize, bytes: &[u8]| -> Vec<Option<Window>> {
-        let Detection { exposure, translation, .. } = &detections[frame - start];
-        let bytes = &*steady(bytes, background.size(), *translation);
+        let exposure = &detections[frame - start].exposure;
         let window = |(course, layout): &(Course, Layout)| {
             let frames = course.frames();
             frames.contains(&frame).then(|| {

@@ -4,6 +4,7 @@ use ndarray::{Array4, ArrayView4};
 use rayon::prelude::*;
 
 use crate::error::Error;
+use crate::time_base::Clock;
 
 /// Frames held at once by a parallel pass.
 const BATCH: usize = 16;
@@ -33,6 +34,11 @@ pub trait Video: Sync {
 
     /// Number of frames.
     fn frames(&self) -> usize;
+
+    /// What the source states about time.
+    fn clock(&self) -> Clock {
+        Clock::default()
+    }
 
     /// Visits the frames for which `wanted` holds, in ascending order.
     ///

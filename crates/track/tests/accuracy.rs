@@ -1,7 +1,7 @@
 //! Accuracy and calibration on synthetic videos with known positions.
 
 use paig_track::synthetic::{Scene, Shadow};
-use paig_track::{Clip, Method, Options, Size, Track, Visibility, track};
+use paig_track::{Camera, Clip, Method, Motion, Options, Similarity, Size, Track, Visibility, track};
 
 /// Errors of the visible frames along x and y, less their median (the template's centre is a convention), and the same in
 /// units of the standard deviation.
@@ -85,6 +85,80 @@ fn a_shaking_camera_is_held_still() {
     let scene = Scene { positions: pendulum(60), shake: 1.2, seed: 3, ..Scene::default() };
     let (size, _, _) = accuracy(&scene);
     assert!(size < 0.2, "{size}");
+}
+
+/// Rotation, scale and translation of the camera in each frame: a hand that trembles by some pixels and a few milliradians.
+fn hand(frames: usize) -> Vec<[f64; 3]> {
+    let wave = |f: usize, rate: f64, phase: f64| (f as f64 * rate + phase).sin();
+    (0..frames).map(|f| [3.1 * wave(f, 0.31, 0.0), 2.3 * wave(f, 0.23, 1.0), 0.004 * wave(f, 0.17, 2.0)]).collect()
+}
+
+/// Median distance between the place of the frame's middle in the background and the true one, less the mean offset.
+fn camera_error(found: &Camera, scene: &Scene) -> f64 {
+    let middle = [160.0, 120.0];
+    let offsets: Vec<[f64; 2]> = found
+        .frames
+        .clone()
+        .map(|frame| {
+            let [x, y, angle] = scene.camera[frame];
+            let truth = Similarity { a: angle.cos(), b: angle.sin(), u: x, v: y }.inverse().apply(middle);
+            let place = found.pose(frame).unwrap().apply(middle);
+            [place[0] - truth[0], place[1] - truth[1]]
+        })
+        .collect();
+    let mean = [0, 1].map(|axis| offsets.iter().map(|o| o[axis]).sum::<f64>() / offsets.len() as f64);
+    median(offsets.iter().map(|o| (o[0] - mean[0]).hypot(o[1] - mean[1])).collect())
+}
+
+#[test]
+fn a_hand_held_camera_is_registered_to_a_few_hundredths_of_a_pixel() {
+    let scene = Scene { positions: pendulum(60), camera: hand(60), seed: 3, ..Scene::default() };
+    let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap();
+    assert_eq!(found.camera.motion, Motion::Trembling, "{}", found.camera.line());
+    let error = camera_error(&found.camera, &scene);
+    assert!(error < 0.05, "{error}");
+    // Positions are those of the reference frame.
+    let [x, y, angle] = scene.camera[found.camera.reference];
+    let reference = Similarity { a: angle.cos(), b: angle.sin(), u: x, v: y };
+    let positions = scene.positions.iter().map(|p| reference.apply(*p)).collect();
+    let (errors, _) = errors(&found.tracks[0], &Scene { positions, ..scene });
+    let size = median(errors.iter().map(|e| e[0].hypot(e[1])).collect());
+    assert!(size < 0.1, "{size}");
+}
+
+#[test]
+fn a_camera_that_follows_a_thrown_ball_gives_its_path_on_the_background() {
+    let positions: Vec<[f64; 2]> =
+        (0..60).map(f64::from).map(|t| [60.0 + 9.0 * t, 200.0 - 6.0 * t + 0.1 * t * t]).collect();
+    // The ball stays near the middle of the frame.
+    let camera = positions.iter().map(|p| [140.0 - 0.9 * p[0], 20.0 - 0.1 * p[1], 0.0]).collect();
+    let scene = Scene { positions, camera, seed: 5, ..Scene::default() };
+    let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap();
+    assert_eq!(found.camera.motion, Motion::Panning, "{}", found.camera.line());
+    // Each frame hangs on edges of its own part of the background.
+    let error = camera_error(&found.camera, &scene);
+    assert!(error < 0.2, "{error}");
+    let (size, _, _) = accuracy(&scene);
+    assert!(size < 0.3, "{size}");
+}
+
+#[test]
+fn a_large_object_before_a_standing_camera_does_not_move_it() {
+    let positions = (0..50).map(|f| [60.0 + 4.0 * f64::from(f), 120.0]).collect();
+    let scene = Scene { positions, axes: [70.0, 90.0], texture: 50.0, ..Scene::default() };
+    let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap();
+    assert_eq!(found.camera.motion, Motion::Standing, "{}", found.camera.line());
+}
+
+#[test]
+fn a_cut_leaves_the_longest_scene() {
+    let one = Scene { positions: pendulum(30), ..Scene::default() }.render();
+    let other =
+        Scene { positions: pendulum(60), seed: 77, background: [60.0, 190.0, 90.0], ..Scene::default() }.render();
+    let both = ndarray::concatenate(ndarray::Axis(0), &[one.view(), other.view()]).unwrap();
+    let found = track(&Clip::new(both).unwrap(), &Options::default()).unwrap();
+    assert_eq!((found.camera.frames.clone(), &found.camera.cuts[..]), (30..90, &[30][..]));
+    assert_eq!(found.tracks[0].points[0].frame, 30);
 }
 
 #[test]

@@ -7,11 +7,11 @@ use anyhow::{Context, Result, bail, ensure};
 use image::{Rgb, RgbImage};
 use paig::support::atomic;
 use paig::support::significant::significant;
-use paig_track::{Options, Point, Role, Size, Tracking, Visibility, Visitor};
+use paig_track::{Clock, Motion, Options, Point, Role, Segment, Size, Tracking, Visibility, Visitor, segments};
 
 use crate::import::sources::Video;
 
-/// Share of a frame's pixels in motion above which the camera, not an object, moves.
+/// Share of a frame's pixels in motion above which the camera, not an object, moves; before a background without marks.
 const MOVING_CAMERA: f64 = 0.2;
 /// From the middle of a pixel, where the tracker counts from, to its corner, where videos are measured from.
 const HALF: f64 = 0.5;
@@ -30,6 +30,10 @@ impl paig_track::Video for Frames<'_> {
         self.0.frames
     }
 
+    fn clock(&self) -> Clock {
+        self.0.clock.clone()
+    }
+
     fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), paig_track::Error> {
         let source = |error: anyhow::Error| paig_track::Error::Source(format!("{error:#}"));
         let mut frames = self.0.decode().map_err(source)?;
@@ -40,40 +44,52 @@ impl paig_track::Video for Frames<'_> {
     }
 }
 
+/// Objects of a video, and the pieces in which they move freely.
+#[derive(Debug)]
+pub struct Followed {
+    pub tracking: Tracking,
+    pub segments: Vec<Segment>,
+}
+
 /// Tracks the objects of a video. Shadows, hands and arms are told apart from objects and left out.
 ///
 /// # Errors
-/// Damage, frames outside the video, nothing that moves or can be followed, a camera that moves.
-pub fn track(video: &Video, options: &Options) -> Result<Tracking> {
+/// Damage, frames outside the video, nothing that moves or can be followed, a camera that moves so that frames cannot be
+/// registered.
+pub fn track(video: &Video, options: &Options) -> Result<Followed> {
     let mut tracking = paig_track::track(&Frames(video), options).with_context(|| format!("video {}", video.name()))?;
     ensure!(
-        tracking.moving_share <= MOVING_CAMERA,
+        tracking.moving_share <= MOVING_CAMERA || tracking.camera.motion != Motion::Unknown,
         "video {}: {:.0} % of its pixels differ from a still background; the camera seems to move",
         video.name(),
         100.0 * tracking.moving_share
     );
+    // Objects come first, so the segments' tracks keep their numbers.
+    let segments = segments(&tracking);
     tracking.tracks.retain(|track| track.role == Role::Object);
     if tracking.tracks.is_empty() {
         bail!("video {}: what moves in it looks like shadows, hands or arms alone", video.name());
     }
-    Ok(tracking)
+    Ok(Followed { tracking, segments })
 }
 
-/// Writes a table: a row for each object and frame, in pixels of the video from its top left corner, y down.
+/// Writes a table: a row for each object and frame, in pixels of the video from its top left corner, y down; where the
+/// camera moves, from that corner of the camera's reference frame.
 ///
-/// Columns: `object` (from 0), `frame` (from 0), `seconds` (empty where the video has no times), `x`, `y`, `deviation_x`,
+/// Columns: `object` (from 0), `frame` (from 0), `seconds` (as filmed; empty where the video has no times), `x`, `y`, `deviation_x`,
 /// `deviation_y` (standard deviations), `covariance_xy`, `visibility`. Positions are empty where the object is not seen.
 ///
 /// # Errors
 /// A file that cannot be written.
-pub fn write_table(path: &Path, video: &Video, tracking: &Tracking) -> Result<()> {
+pub fn write_table(path: &Path, tracking: &Tracking) -> Result<()> {
     atomic::write_file(path, |file| {
         writeln!(file, "object,frame,seconds,x,y,deviation_x,deviation_y,covariance_xy,visibility")?;
         for (object, track) in tracking.tracks.iter().enumerate() {
             for point in &track.points {
                 let seconds =
-                    video.times.as_ref().map_or_else(String::new, |times| format!("{:.6}", times[point.frame]));
-                writeln!(file, "{object},{},{seconds},{},{}", point.frame, numbers(point), word(point.visibility))?;
+                    tracking.time.times.as_ref().map_or_else(String::new, |times| format!("{:.6}", times[point.frame]));
+                let numbers = numbers(point, tracking.camera.origin);
+                writeln!(file, "{object},{},{seconds},{numbers},{}", point.frame, word(point.visibility))?;
             }
         }
         Ok(())
@@ -81,9 +97,9 @@ pub fn write_table(path: &Path, video: &Video, tracking: &Tracking) -> Result<()
 }
 
 /// Position, deviations and covariance of a point as five cells.
-fn numbers(point: &Point) -> String {
+fn numbers(point: &Point, origin: [f64; 2]) -> String {
     let Some(measurement) = point.measurement else { return ",,,,".into() };
-    let [x, y] = measurement.position.map(|place| place + HALF);
+    let [x, y] = [0, 1].map(|axis| measurement.position[axis] - origin[axis] + HALF);
     let [[xx, xy], [_, yy]] = measurement.covariance;
     let deviations = [xx.sqrt(), yy.sqrt(), xy].map(|number| significant(number, 4));
     format!("{x:.4},{y:.4},{}", deviations.join(","))
@@ -98,13 +114,22 @@ fn word(visibility: Visibility) -> &'static str {
     }
 }
 
-/// Writes a picture: the paths of the objects over the frame in which the first of them is first seen.
+/// Writes a picture: the paths of the objects over the frame in which the first of them is first seen; where the camera
+/// moves, over the background.
 ///
 /// # Errors
 /// A frame that cannot be decoded, a file that cannot be written.
 pub fn write_picture(path: &Path, video: &Video, tracking: &Tracking) -> Result<()> {
     let seen = tracking.tracks[0].points.iter().find(|point| point.measurement.is_some());
-    let mut picture = video.decode()?.frame(seen.map_or(0, |point| point.frame))?;
+    let mut picture = if tracking.camera.moves() {
+        let levels = &tracking.background.levels;
+        let (height, width, _) = levels.dim();
+        RgbImage::from_fn(width as u32, height as u32, |x, y| {
+            Rgb([0, 1, 2].map(|channel| levels[[y as usize, x as usize, channel]].round() as u8))
+        })
+    } else {
+        video.decode()?.frame(seen.map_or(0, |point| point.frame))?
+    };
     for (track, colour) in tracking.tracks.iter().zip(COLOURS.into_iter().cycle()) {
         for measurement in track.points.iter().filter_map(|point| point.measurement) {
             dot(&mut picture, measurement.position, Rgb(colour));
@@ -155,8 +180,9 @@ mod tests {
         let [film, table, picture] = ["a.gif", "a.csv", "a.png"].map(|name| folder.path().join(name));
         write_gif(&film);
         let video = Video::open(&film).unwrap();
-        let tracking = track(&video, &Options { objects: 1, ..Options::default() }).unwrap();
-        write_table(&table, &video, &tracking).unwrap();
+        let Followed { tracking, segments } = track(&video, &Options { objects: 1, ..Options::default() }).unwrap();
+        assert_eq!(segments.len(), 1);
+        write_table(&table, &tracking).unwrap();
         write_picture(&picture, &video, &tracking).unwrap();
         let text = std::fs::read_to_string(&table).unwrap();
         let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split(',').collect()).collect();

@@ -28,6 +28,17 @@ impl Bounds {
         }
     }
 
+    /// Derivative of the value by the raw number.
+    pub fn slope(self, raw: f64) -> f64 {
+        match self {
+            Bounds::Above(_) => raw.exp(),
+            Bounds::Between(low, high) => {
+                let share = 1.0 / (1.0 + (-raw).exp());
+                (high - low) * share * (1.0 - share)
+            }
+        }
+    }
+
     /// The raw number of a value; not a finite number if the value is not within the bounds.
     pub fn raw(self, value: f64) -> f64 {
         match self {

@@ -2,20 +2,20 @@
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result};
 use clap::Args;
 use paig::network::system::EquationEntry;
 use paig::support::significant::significant;
 use paig::tasks::equation_file::EquationFile;
 use paig_terminal::progress::Progress;
 use paig_terminal::say;
-use paig_video::import::crop::{CropChoice, Rectangle};
+use paig_video::import::crop::CropChoice;
 use paig_video::import::request::Request;
-use paig_video::import::time_base::{Clock, Part};
-use paig_video::import::tracker::TrackerFile;
+use paig_video::import::time_base::Clock;
 use paig_video::import::{Imported, import};
+
+use super::scene_options::{SceneOptions, rectangle};
 
 /// Turns videos into a task: clips for training, validation and test, the task file, and a contact sheet that shows what
 /// will be learned from.
@@ -45,19 +45,9 @@ pub struct Arguments {
     /// Replace the files of an --out that holds something already
     #[arg(long)]
     force: bool,
-    /// Only these frames of each video, counted from 0, without the last: 118..202, or 118.. to the end. Several throws
-    /// are several parts: 30..62,120..155
-    #[arg(long, value_name = "START..END", help_heading = "Frames", conflicts_with = "seconds")]
-    frames: Option<String>,
-    /// The same in seconds from the first frame, as a player shows them: 1.5..9
-    #[arg(long, value_name = "START..END", help_heading = "Frames")]
-    seconds: Option<String>,
     /// Keep every n-th frame
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Frames")]
     step: usize,
-    /// Frames a second as it was filmed, where the file says something else (slow motion) or nothing (pictures, arrays)
-    #[arg(long, help_heading = "Frames")]
-    fps: Option<f64>,
     /// What is cut out: auto (around what moves), full, or X,Y,WIDTH,HEIGHT in pixels of the upright video. The shorter
     /// side grows to a square; where that sticks out of the video it is black
     #[arg(long, default_value = "auto", value_name = "SQUARE", help_heading = "Picture")]
@@ -71,31 +61,8 @@ pub struct Arguments {
     /// Frames with three channels (default)
     #[arg(long, help_heading = "Picture")]
     colour: bool,
-    /// Pixels of the video to a metre
-    #[arg(long, value_name = "F", help_heading = "Scale and axes", conflicts_with = "scale")]
-    pixels_per_metre: Option<f64>,
-    /// The same from two points in the video and their distance in metres
-    #[arg(long, value_name = "X1,Y1,X2,Y2,LENGTH", allow_hyphen_values = true, help_heading = "Scale and axes")]
-    scale: Option<String>,
-    /// How well the scale is known: its standard deviation, per cent
-    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, help_heading = "Scale and axes")]
-    scale_percent: f64,
-    /// How well the time between two frames is known: its standard deviation, per cent
-    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, help_heading = "Frames")]
-    time_percent: f64,
-    /// Origin of the scene's axes, pixels of the video, from its top left corner [default: that corner]
-    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, help_heading = "Scale and axes")]
-    origin: Option<String>,
-    /// Angle of the x axis, degrees, counter-clockwise [default: 0]
-    #[arg(long, value_name = "DEG", help_heading = "Scale and axes")]
-    angle: Option<f64>,
-    /// The y axis points up
-    #[arg(long, help_heading = "Scale and axes")]
-    y_up: bool,
-    /// File of the program Tracker (.trk, .trz): its scale, axes and time between frames are taken where no option says
-    /// them
-    #[arg(long, value_name = "FILE", help_heading = "Scale and axes")]
-    tracker: Option<PathBuf>,
+    #[command(flatten)]
+    scene: SceneOptions,
     /// The equation that the objects obey: its name, or a file (.toml) whose [system.equation] is taken, such as one of
     /// configs/gallery; it can be changed in the new task file
     #[arg(long, default_value = "falling", help_heading = "Task")]
@@ -147,34 +114,26 @@ fn equation(named: String) -> Result<(EquationEntry, Option<usize>)> {
 }
 
 fn request(arguments: Arguments) -> Result<Request> {
-    let tracker = arguments.tracker.as_deref().map(TrackerFile::read).transpose()?;
-    let of_points = arguments.scale.as_deref().map(|text| {
-        let [x1, y1, x2, y2, length] = numbers("scale", text)?;
-        let distance = (x2 - x1).hypot(y2 - y1);
-        ensure!(distance > 0.0 && length > 0.0, "--scale: the points must differ, and the length must be positive");
-        Ok::<_, anyhow::Error>(distance / length)
-    });
-    let pixels_per_metre = of_points.transpose()?.or(arguments.pixels_per_metre);
+    let scene = arguments.scene.read()?;
     let (equation, of_file) = equation(arguments.equation)?;
     let objects = arguments.objects.or(of_file);
-    let origin = arguments.origin.as_deref().map(|text| numbers("origin", text)).transpose()?;
     Ok(Request {
         videos: arguments.videos,
         out: arguments.out,
         force: arguments.force,
         name: arguments.name,
-        parts: parts(arguments.frames.as_deref(), arguments.seconds.as_deref())?,
+        parts: scene.parts,
         step: arguments.step,
-        fps: arguments.fps.or(tracker.and_then(|file| file.fps)),
+        fps: scene.fps,
         crop: crop(&arguments.crop)?,
         side: arguments.side,
         grey: arguments.grey,
-        pixels_per_metre: pixels_per_metre.or(tracker.map(|file| file.pixels_per_metre)),
-        scale_percent: arguments.scale_percent,
-        time_percent: arguments.time_percent,
-        origin: origin.or(tracker.map(|file| file.origin)),
-        angle: arguments.angle.or(tracker.map(|file| file.angle)).unwrap_or(0.0),
-        y_up: arguments.y_up || tracker.is_some(),
+        pixels_per_metre: scene.pixels_per_metre,
+        scale_percent: scene.scale_percent,
+        time_percent: scene.time_percent,
+        origin: scene.origin,
+        angle: scene.angle,
+        y_up: scene.y_up,
         time_unit: arguments.dt_unit,
         equation,
         objects,
@@ -189,49 +148,8 @@ fn crop(text: &str) -> Result<CropChoice> {
     Ok(match text {
         "auto" => CropChoice::Auto,
         "full" => CropChoice::Full,
-        _ => {
-            let wrong = || format!("--crop {text:?}: expected auto, full, or X,Y,WIDTH,HEIGHT in whole pixels");
-            let numbers = text.split(',').map(|number| number.trim().parse().ok()).collect::<Option<Vec<u32>>>();
-            let [x, y, width, height] = numbers.with_context(wrong)?[..] else { bail!(wrong()) };
-            CropChoice::Rectangle(Rectangle { x, y, width, height })
-        }
+        _ => CropChoice::Rectangle(rectangle(text).context("--crop takes auto, full, or a rectangle")?),
     })
-}
-
-/// So many numbers with commas between them.
-fn numbers<const N: usize>(option: &str, text: &str) -> Result<[f64; N]> {
-    let finite = |number: &str| number.trim().parse::<f64>().ok().filter(|number| number.is_finite());
-    let numbers = text.split(',').map(finite).collect::<Option<Vec<f64>>>();
-    let numbers = numbers.and_then(|numbers| <[f64; N]>::try_from(numbers).ok());
-    numbers.with_context(|| format!("--{option} {text:?}: expected {N} numbers with commas between them"))
-}
-
-/// The parts of a video, with commas between them.
-fn parts(frames: Option<&str>, seconds: Option<&str>) -> Result<Vec<Part>> {
-    fn bounds<T: FromStr>(option: &str, text: &str) -> Result<(Option<T>, Option<T>)> {
-        let wrong = || format!("--{option} {text:?}: expected START..END, START.. or ..END");
-        let (start, end) = text.split_once("..").with_context(wrong)?;
-        let bound = |text: &str| match text.trim() {
-            "" => Ok(None),
-            text => text.parse().ok().map(Some).with_context(wrong),
-        };
-        Ok((bound(start)?, bound(end)?))
-    }
-    let by_frames = |text: &str| {
-        let (start, end) = bounds("frames", text)?;
-        Ok(Part::Frames(start.unwrap_or(0), end))
-    };
-    let by_seconds = |text: &str| {
-        let (start, end) = bounds::<f64>("seconds", text)?;
-        let finite = start.is_none_or(f64::is_finite) && end.is_none_or(f64::is_finite);
-        ensure!(finite, "--seconds {text:?}: not finite");
-        Ok(Part::Seconds(start.unwrap_or(0.0), end))
-    };
-    match (frames, seconds) {
-        (Some(text), _) => text.split(',').map(by_frames).collect(),
-        (None, Some(text)) => text.split(',').map(by_seconds).collect(),
-        (None, None) => Ok(vec![Part::All]),
-    }
 }
 
 fn summarize(request: &Request, imported: &Imported) {

@@ -1,37 +1,63 @@
-//! Measures what a run learned from videos. See `paig measure --help`.
+//! Measures videos, or what a run learned from videos. See `paig measure --help`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use crate::measure_display::print_measurement;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::Args;
+use paig::network::system::EquationEntry;
 use paig::support::device;
 use paig::tasks::equation_file::EquationFile;
-use paig_terminal::environment;
-use paig_terminal::say;
-use paig_video::measure::{Request, measure};
+use paig_terminal::progress::Progress;
+use paig_terminal::{environment, say};
+use paig_video::measure::results::Measurement;
+use paig_video::measure::{Request, VideoRequest, is_run, measure, measure_videos};
 
-/// Measures the parameters of a run's videos: fits the equation to every frame as one long trajectory, predicts the last
-/// quarter, and says how far all of it can be trusted.
+use super::scene_options::{SceneOptions, rectangle};
+use super::track_options::TrackOptions;
+use crate::measure_display::print_measurement;
+
+/// Measures the physical parameters of what moves in a video, with 95 % intervals and a verdict.
 ///
-/// `paig train` does this at the end of a run on a task that `paig import` made. Writes measurement.json, measurement.html,
-/// measurement-positions.png, positions.csv and overlay.gif.
+/// Of videos: tracks the objects at the video's own resolution, fits the equation to every frame as one long trajectory,
+/// predicts the last quarter to judge the fit, and quotes the parameters of the fit to all frames. Seconds, no training.
+///
+/// Of a run folder: the same with what the run has learned, held against the model's own positions. `paig train` does this at
+/// the end of a run on a task that `paig import` made.
+///
+/// Writes measurement.json, measurement.html, measurement-positions.png, positions.csv and overlay.gif.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  paig measure runs/my-scene/fast/seed=0\n  \
-                  measure runs/my-scene/fast/seed=0 --against configs/gallery/free_pendulum.toml")]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Examples:\n  paig measure throw.mp4\n  \
+                  paig measure swing.mov --equation configs/gallery/damped_pendulum.toml --scale 12,40,12,300,0.5\n  \
+                  paig measure bounce.mp4 --equation configs/gallery/bounce_on_a_floor.toml --frames 31..160 --at 40:210,95\n  \
+                  paig measure runs/my-scene/fast/seed=0 --against configs/gallery/free_pendulum.toml"
+)]
 pub struct Arguments {
-    /// Run folder
-    run: PathBuf,
-    /// File with another equation than the run's own, in [system.equation] as in a task
-    #[arg(long, value_name = "FILE")]
-    equation: Option<PathBuf>,
+    /// Videos of one motion, or one run folder
+    #[arg(required = true, value_name = "VIDEO or RUN")]
+    paths: Vec<PathBuf>,
+    /// The equation: its name, or a file (.toml) with [system.equation] as in a task [default: falling, or the run's own]
+    #[arg(long, value_name = "NAME or FILE")]
+    equation: Option<String>,
     /// File with an equation to be compared with; may be repeated
     #[arg(long, value_name = "FILE")]
     against: Vec<PathBuf>,
-    /// Folder for the files [default: the run's]
+    /// Things that move [default: 1, or as the equation has it]
+    #[arg(long, value_name = "N", help_heading = "Videos")]
+    objects: Option<usize>,
+    /// Frame of the equation, X,Y,WIDTH,HEIGHT in pixels of the video: angles are about its middle, walls stand at its
+    /// edges [default: the whole picture]
+    #[arg(long, value_name = "RECTANGLE", help_heading = "Videos")]
+    crop: Option<String>,
+    #[command(flatten)]
+    scene: SceneOptions,
+    #[command(flatten)]
+    objects_shown: TrackOptions,
+    /// Folder for the files [default: the run's, or one beside you named after the video]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// cpu, cuda or cuda:n
+    /// cpu, cuda or cuda:n; for a run
     #[arg(long, default_value = "cpu")]
     device: String,
     /// Threads to compute with; 0 for one a core
@@ -43,13 +69,66 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     environment::set();
     let device = device::parse(&arguments.device)?;
     device::set_threads(arguments.threads)?;
-    let request = Request {
-        equation: arguments.equation.as_deref().map(EquationFile::read).transpose()?,
-        against: arguments.against.iter().map(|path| EquationFile::read(path)).collect::<Result<_>>()?,
+    let against = arguments.against.iter().map(|path| EquationFile::read(path)).collect::<Result<Vec<_>>>()?;
+    let (measurement, out) = if is_run(&arguments.paths[0]) {
+        ensure!(
+            arguments.paths.len() == 1,
+            "one run folder is measured at a time; {} are given",
+            arguments.paths.len()
+        );
+        let equation = arguments.equation.as_deref().map(equation).transpose()?;
+        let out = arguments.out.as_ref().unwrap_or(&arguments.paths[0]);
+        (measure(&arguments.paths[0], &Request { equation, against }, out, device)?, out.clone())
+    } else {
+        of_videos(arguments, &against)?
     };
-    let out = arguments.out.as_ref().unwrap_or(&arguments.run);
-    let measurement = measure(&arguments.run, &request, out, device)?;
     print_measurement(&measurement);
     say!("look at {}", out.join("measurement.html").display());
     Ok(())
+}
+
+fn of_videos(arguments: &Arguments, against: &[EquationFile]) -> Result<(Measurement, PathBuf)> {
+    let scene = arguments.scene.read()?;
+    let (hints, ignore) = arguments.objects_shown.read()?;
+    let request = VideoRequest {
+        videos: arguments.paths.clone(),
+        parts: scene.parts,
+        fps: scene.fps,
+        crop: arguments.crop.as_deref().map(rectangle).transpose()?,
+        pixels_per_metre: scene.pixels_per_metre,
+        scale_percent: scene.scale_percent,
+        time_percent: scene.time_percent,
+        origin: scene.origin,
+        angle: scene.angle,
+        y_up: scene.y_up,
+        equation: equation(arguments.equation.as_deref().unwrap_or("falling"))?,
+        objects: arguments.objects,
+        hints,
+        ignore,
+    };
+    let out = arguments.out.clone().unwrap_or_else(|| named_after(&arguments.paths[0]));
+    let waiting = Progress::busy("tracking and fitting");
+    let measured = measure_videos(&request, against, &out);
+    waiting.finish();
+    Ok((measured?, out))
+}
+
+/// A folder in the present one.
+fn named_after(video: &Path) -> PathBuf {
+    let stem = video.file_stem().unwrap_or(video.as_os_str());
+    PathBuf::from(format!("{}-measurement", stem.to_string_lossy()))
+}
+
+/// An equation by its name or from a file.
+fn equation(named: &str) -> Result<EquationFile> {
+    if named.ends_with(".toml") {
+        return EquationFile::read(Path::new(named));
+    }
+    Ok(EquationFile {
+        name: named.into(),
+        equation: EquationEntry::Name(named.into()),
+        objects: None,
+        side: None,
+        dt: None,
+    })
 }

@@ -4,6 +4,7 @@ mod baselines;
 mod completions;
 mod control;
 mod convert;
+mod demo;
 mod evaluate;
 mod generate;
 mod import;
@@ -11,9 +12,11 @@ mod measure;
 mod measurements;
 mod predict;
 mod report;
+mod scene_options;
 mod stress;
 mod sweep;
 mod track;
+mod track_options;
 mod train;
 mod train_baseline;
 
@@ -26,13 +29,14 @@ use paig_parity::{parity, speed};
 /// What `paig` is asked to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    Demo(demo::Arguments),
     Train(train::Arguments),
     Generate(generate::Arguments),
     Evaluate(evaluate::Arguments),
     Predict(predict::Arguments),
     Convert(convert::Arguments),
     Import(Box<import::Arguments>),
-    Measure(measure::Arguments),
+    Measure(Box<measure::Arguments>),
     Measurements(measurements::Arguments),
     Track(track::Arguments),
     Sweep(sweep::Arguments),
@@ -52,6 +56,7 @@ impl Command {
     pub fn run(self) -> Result<ExitCode> {
         let done = |()| ExitCode::SUCCESS;
         match self {
+            Command::Demo(arguments) => demo::run(&arguments),
             Command::Train(arguments) => train::run(&arguments),
             Command::Generate(arguments) => generate::run(arguments).map(done),
             Command::Evaluate(arguments) => evaluate::run(&arguments),

@@ -7,14 +7,18 @@ use clap::Args;
 use paig::support::atomic;
 use paig_terminal::progress::Progress;
 use paig_terminal::say;
-use paig_track::{Hint, Options, Region};
+use paig_track::Options;
 use paig_video::import::sources::Video;
-use paig_video::track::{track, write_picture, write_table};
+use paig_video::track::{Followed, track, write_picture, write_table};
+
+use super::track_options::TrackOptions;
 
 /// Tracks the objects that move in a video, at its own resolution and without an equation: positions with standard deviations.
 ///
-/// The camera must stand still, or shake by a little. Shadows, hands and arms are told apart from objects and left out.
-/// Positions are pixels of the video from its top left corner, y down.
+/// The camera may stand, tremble or turn with an object; one that travels past things at several depths is refused. Shadows,
+/// hands and arms are told apart from objects and left out. Positions are pixels of the video from its top left corner, y
+/// down; where the camera moves, those of its reference frame. What is found of the time base, and the pieces in which
+/// objects move freely, are listed.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  paig track clip.mp4\n  paig track clip.mp4 --objects 2 --frames 30..200 --out positions.csv\n  \
@@ -35,39 +39,48 @@ pub struct Arguments {
     /// Only these frames, counted from 0, without the last: 118..202
     #[arg(long, value_name = "START..END")]
     frames: Option<String>,
-    /// A point on the object: frame, then x,y in pixels; may be repeated
-    #[arg(long, value_name = "FRAME:X,Y")]
-    at: Vec<String>,
-    /// A rectangle in which nothing is looked for: its left, top, width and height in pixels; may be repeated
-    #[arg(long, value_name = "X,Y,WIDTH,HEIGHT")]
-    ignore: Vec<String>,
+    /// How many times as slow as it was filmed the video plays, 8 for 240 frames a second stored as 30 [default: by its tags]
+    #[arg(long, value_name = "FACTOR")]
+    slow_motion: Option<f64>,
+    #[command(flatten)]
+    objects_shown: TrackOptions,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     ensure!(arguments.objects > 0, "--objects must be at least 1");
+    let positive = |factor: f64| factor.is_finite() && factor > 0.0;
+    ensure!(arguments.slow_motion.is_none_or(positive), "--slow-motion: must be a positive number");
     for path in [&arguments.out, &arguments.picture] {
         atomic::check_place(path)?;
         ensure!(*path != arguments.video, "{} is the video; choose another file to write", path.display());
     }
     let video = Video::open(&arguments.video)?;
+    let (hints, ignore) = arguments.objects_shown.read()?;
     let options = Options {
         frames: arguments.frames.as_deref().map(|text| frames(text, video.frames)).transpose()?,
         objects: arguments.objects,
-        hints: arguments.at.iter().map(|text| hint(text)).collect::<Result<_>>()?,
-        ignore: arguments.ignore.iter().map(|text| region(text)).collect::<Result<_>>()?,
+        slow_motion: arguments.slow_motion,
+        hints,
+        ignore,
         ..Options::default()
     };
     let waiting = Progress::busy("tracking");
     let tracking = track(&video, &options);
     waiting.finish();
-    let tracking = tracking?;
+    let Followed { tracking, segments } = tracking?;
+    say!("camera: {}", tracking.camera.line());
+    tracking.time.lines().iter().for_each(|line| say!("time: {line}"));
     say!("{:<8}{:>10}{:>12}{:>14}{:>14}{:>10}", "object", "frames", "diameter", "deviation x", "deviation y", "misfit");
     for (object, track) in tracking.tracks.iter().enumerate() {
         let seen = track.points.iter().filter(|point| point.measurement.is_some()).count();
         let [x, y] = track.quality.deviation;
         say!("{object:<8}{seen:>10}{:>9.1} px{x:>11.3} px{y:>11.3} px{:>10.3}", track.diameter, track.quality.misfit);
     }
-    write_table(&arguments.out, &video, &tracking)?;
+    for segment in &segments {
+        let std::ops::Range { start, end } = segment.frames;
+        say!("object {}, frames {start}..{end}: {}", segment.track, segment.reason());
+    }
+    write_table(&arguments.out, &tracking)?;
     write_picture(&arguments.picture, &video, &tracking)?;
     say!("positions in {}, paths in {}", arguments.out.display(), arguments.picture.display());
     Ok(())
@@ -82,36 +95,13 @@ fn frames(text: &str, count: usize) -> Result<std::ops::Range<usize>> {
     Ok(range)
 }
 
-fn hint(text: &str) -> Result<Hint> {
-    let parse = || {
-        let (frame, place) = text.split_once(':')?;
-        let (x, y) = place.split_once(',')?;
-        let position = [x.trim().parse::<f64>().ok()?, y.trim().parse::<f64>().ok()?];
-        // The tracker counts from the middle of the first pixel.
-        let position = position.map(|place| place - 0.5);
-        position.iter().all(|place| place.is_finite()).then_some(Hint { frame: frame.trim().parse().ok()?, position })
-    };
-    parse().with_context(|| format!("--at {text:?}: expected FRAME:X,Y, for example 12:340,220"))
-}
-
-fn region(text: &str) -> Result<Region> {
-    let numbers: Option<Vec<usize>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-    let wrong = || format!("--ignore {text:?}: expected X,Y,WIDTH,HEIGHT in whole pixels");
-    let [x, y, width, height] = numbers.with_context(wrong)?[..] else { anyhow::bail!(wrong()) };
-    ensure!(width > 0 && height > 0, "--ignore {text:?}: width and height must be at least 1");
-    let end = |from: usize, length: usize| from.saturating_add(length - 1);
-    Ok(Region { first: [x, y], last: [end(x, width), end(y, height)] })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn hints_regions_and_frames_are_read() {
-        assert_eq!(hint("12: 340, 220.5").unwrap(), Hint { frame: 12, position: [339.5, 220.0] });
-        assert_eq!(region("5,6,10,1").unwrap(), Region { first: [5, 6], last: [14, 6] });
+    fn frames_are_read() {
         assert_eq!((frames("3..", 9).unwrap(), frames("..4", 9).unwrap()), (3..9, 0..4));
-        assert!(hint("1,2").is_err() && region("1,2,0,4").is_err() && frames("4..2", 9).is_err());
+        assert!(frames("4..2", 9).is_err());
     }
 }

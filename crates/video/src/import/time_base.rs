@@ -94,7 +94,11 @@ impl Kept {
     }
 }
 
-fn range(frames: usize, times: Option<&[f64]>, fps: Option<f64>, part: Part) -> Result<Range<usize>> {
+/// The frames of a part of a video.
+///
+/// # Errors
+/// A part outside of the video, seconds of a video without times.
+pub fn range(frames: usize, times: Option<&[f64]>, fps: Option<f64>, part: Part) -> Result<Range<usize>> {
     let range = match part {
         Part::All => 0..frames,
         Part::Frames(start, end) => start..end.unwrap_or(frames),

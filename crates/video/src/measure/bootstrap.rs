@@ -18,6 +18,7 @@ use super::errors::Errors;
 use super::fit::{Fitted, Problem, Track};
 use super::normal_equations::NormalEquations;
 use super::shown::{Shown, jacobian, of_unknowns};
+use paig::network::cells::Bounds;
 use paig::support::random::{named_generator, normal};
 
 /// Draws of what might have been found.
@@ -28,8 +29,10 @@ const LONGEST_BLOCK: usize = 4;
 const CHANCE: f64 = 2.0;
 /// Lags of the autocorrelation that are kept.
 const KEPT_LAGS: usize = 60;
+/// How near a draw comes to a bound, as a share of the value's own distance from it.
+const NEAR_BOUND: f64 = 1e-3;
 /// A smallest number of independent residuals beyond the unknowns, so that there is a width at all.
-const LEAST_FREE: f64 = 1.0;
+const LEAST_FREE: f64 = 4.0;
 /// 97.5 % quantile of normal numbers.
 const NORMAL_QUANTILE: f64 = 1.959964;
 
@@ -75,7 +78,7 @@ pub fn bootstrap(
 ) -> Result<Uncertainty> {
     let problem = Problem::new(dynamics, tracks, learned);
     let coordinates = dynamics.coordinates();
-    let bounded = bounded(fitted, coordinates);
+    let bounded = bounded(fitted);
     let jacobian = jacobian(&problem, fitted);
     let counted = fitted.residuals.iter().flatten().filter(|x| x.abs() <= fitted.huber).count() as f64;
     let all: usize = fitted.residuals.iter().map(Vec::len).sum();
@@ -110,12 +113,13 @@ pub fn bootstrap(
 }
 
 /// Frames that together hold as much as one independent one.
-pub fn frames_in_one(fitted: &Fitted, coordinates: usize) -> f64 {
-    autocorrelation(&bounded(fitted, coordinates)).1
+pub fn frames_in_one(fitted: &Fitted) -> f64 {
+    autocorrelation(&bounded(fitted)).1
 }
 
 /// Residuals of each video, `[coordinates, frames]`. What counted linearly in the fit does so here.
-fn bounded(fitted: &Fitted, coordinates: usize) -> Vec<DMatrix<f64>> {
+fn bounded(fitted: &Fitted) -> Vec<DMatrix<f64>> {
+    let coordinates = fitted.coordinate_weights.len();
     let of_video = |residuals: &Vec<f64>| {
         let bounded = residuals.iter().map(|x| x.clamp(-fitted.huber, fitted.huber));
         DMatrix::from_iterator(coordinates, residuals.len() / coordinates, bounded)
@@ -126,9 +130,26 @@ fn bounded(fitted: &Fitted, coordinates: usize) -> Vec<DMatrix<f64>> {
 fn draw(problem: &Problem, fitted: &Fitted, change: &DVector<f64>, [scale, time]: [f64; 2]) -> Draw {
     let (mut raw, mut states) = (fitted.raw.clone(), fitted.states.clone());
     let mut change = change.iter();
-    problem.learned.iter().zip(&mut change).for_each(|(place, change)| raw[*place] += change);
+    problem.learned.iter().zip(&mut change).for_each(|(place, change)| {
+        raw[*place] = match problem.dynamics.system.cell.parameters.get(*place) {
+            Some(kind) => changed(kind.bounds, raw[*place], *change),
+            None => raw[*place] + change,
+        };
+    });
     states.iter_mut().flatten().zip(change).for_each(|(state, change)| *state += change);
     Draw { raw, states, scale, time }
+}
+
+/// A raw number after a change that is linear in the parameter's value, as far as its bounds allow: a friction that is nearly
+/// nothing is known by its size, not by its logarithm.
+fn changed(bounds: Bounds, raw: f64, change: f64) -> f64 {
+    let value = bounds.value(raw);
+    let linear = value + bounds.slope(raw) * change;
+    let (low, high) = match bounds {
+        Bounds::Above(low) => (low, f64::INFINITY),
+        Bounds::Between(low, high) => (low, high),
+    };
+    bounds.raw(linear.clamp(low + NEAR_BOUND * (value - low), high - NEAR_BOUND * (high - value).min(f64::MAX)))
 }
 
 /// The normal equations of the first unknowns, the others eliminated.
@@ -209,10 +230,11 @@ mod tests {
         let dynamics = Dynamics::new(task.system.clone(), 0.1).unwrap();
         let parameters = task.system.cell.parameters;
         let raw: Vec<f64> = parameters.iter().map(|it| it.bounds.raw(task.truth_of(it.name).unwrap())).collect();
-        let positions = dynamics.positions(&raw, &[16.0, 5.0, 1.0, 0.0], 0, 24);
+        let times = dynamics.even_times(24);
+        let positions = dynamics.positions(&raw, &[16.0, 5.0, 1.0, 0.0], &times);
         let mut random = named_generator(1, "noise");
         let seen = positions.iter().map(|x| x + 0.05 * normal(&mut random)).collect();
-        let (tracks, learned) = ([Track::even(seen, 2, 24)], vec![true; raw.len()]);
+        let (tracks, learned) = ([Track::new(seen, times, 24)], vec![true; raw.len()]);
         let start = Start { raw, learned: learned.clone(), piece: 12 };
         let fitted = fit(&dynamics, &tracks, &start).unwrap();
         let uncertainty = bootstrap(&dynamics, &tracks, &learned, &fitted, 0).unwrap();

@@ -121,7 +121,8 @@ impl Kind {
     fn track(&self, dynamics: &Dynamics, truth: &[f64], random: &mut impl Rng) -> Track {
         let mut around = |middle: [f64; 2], spread: f64| middle.map(|x| x + spread * normal(random));
         let state = [around(self.begin, self.spread[0]), around(self.speed, self.spread[1])].concat();
-        let mut positions = dynamics.positions(truth, &state, 0, self.frames);
+        let times = dynamics.even_times(self.frames);
+        let mut positions = dynamics.positions(truth, &state, &times);
         let own = (1.0 - self.correlation.powi(2)).sqrt();
         for coordinate in 0..2 {
             let mut noise = normal(random);
@@ -130,6 +131,6 @@ impl Kind {
                 noise = self.correlation * noise + own * normal(random);
             }
         }
-        Track::even(positions, 2, self.frames)
+        Track::new(positions, times, self.frames)
     }
 }

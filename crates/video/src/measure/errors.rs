@@ -11,6 +11,8 @@ use super::normal_equations::NormalEquations;
 /// Correlations that are tried.
 const MOST: f64 = 0.98;
 const TRIED: usize = 50;
+/// Spread of the correlation beforehand, of its inverse hyperbolic tangent (Fisher's transformation).
+const USUAL: f64 = 0.9;
 
 /// The errors of the frames that were learned from.
 #[derive(Debug, Clone)]
@@ -34,12 +36,14 @@ impl Errors {
         let residuals = DMatrix::from_iterator(jacobian.nrows(), 1, all);
         let mut errors = Errors { correlation: 0.0, variance: 0.0, videos, coordinates };
         let mut best = f64::NEG_INFINITY;
+        // Few residuals say little of their correlation: a small one is likelier beforehand.
+        let beforehand = |correlation: f64| -0.5 * (correlation.atanh() / USUAL).powi(2);
         for step in 0..=TRIED {
             let tried = Errors { correlation: MOST * step as f64 / TRIED as f64, ..errors.clone() };
             if let Some((likelihood, variance)) = tried.likelihood(jacobian, &residuals)
-                && likelihood > best
+                && likelihood + beforehand(tried.correlation) > best
             {
-                best = likelihood;
+                best = likelihood + beforehand(tried.correlation);
                 errors = Errors { variance, ..tried };
             }
         }

@@ -11,7 +11,7 @@ pub struct Explained {
     pub dynamics: Dynamics,
     pub learned: Vec<bool>,
     pub fitted: Fitted,
-    /// Of each video: rolled out from its first frame to its last at even times, positions and then velocities.
+    /// Of each video: rolled out from its first frame to its last, positions and then velocities, frame by frame.
     pub states: Vec<Vec<f64>>,
     pub errors: Errors,
 }
@@ -63,14 +63,14 @@ pub fn explain(dynamics: &Dynamics, tracks: &[Track], starts: &[Start]) -> Resul
             true => found.next().expect("a state of each video that teaches").clone(),
             false => begin(dynamics, track, &fitted.raw, start.piece)?,
         };
-        Ok(dynamics.roll_out(&fitted.raw, &state, 0, track.duration()))
+        Ok(dynamics.roll_out(&fitted.raw, &state, &track.times))
     };
     let states = tracks.iter().map(rolled_out).collect::<Result<Vec<_>>>()?;
     let at_frames = |(track, states): (&Track, &Vec<f64>)| {
-        let mut positions = track.at_frames(&positions_of(states, coordinates), coordinates);
-        for (frame, tick) in track.ticks.iter().enumerate() {
+        let mut positions = positions_of(states, coordinates);
+        for (frame, time) in track.times.iter().enumerate() {
             for coordinate in 0..coordinates {
-                positions[frame * coordinates + coordinate] += dynamics.beside(&fitted.raw, *tick, coordinate);
+                positions[frame * coordinates + coordinate] += dynamics.beside(&fitted.raw, *time, coordinate);
             }
         }
         positions
@@ -126,11 +126,11 @@ pub fn constant_velocity(tracks: &[Track], coordinates: usize) -> Vec<Vec<f64>> 
         let first = track.trained.saturating_sub(LINE);
         for coordinate in 0..coordinates {
             let points = (first..track.trained)
-                .map(|frame| (track.ticks[frame] as f64, track.positions[frame * coordinates + coordinate]));
+                .map(|frame| (track.times[frame], track.positions[frame * coordinates + coordinate]));
             let points: Vec<_> = points.filter(|(_, x)| !x.is_nan()).collect();
             let (level, slope, middle) = line(&points);
             for frame in track.trained..positions.len() / coordinates {
-                positions[frame * coordinates + coordinate] = level + slope * (track.ticks[frame] as f64 - middle);
+                positions[frame * coordinates + coordinate] = level + slope * (track.times[frame] - middle);
             }
         }
         positions
@@ -183,9 +183,9 @@ mod tests {
         let falling = paig::tasks::find("falling").unwrap().system;
         let dynamics = Dynamics::new(falling, 0.3).unwrap();
         // Every third frame is missing.
-        let ticks: Vec<usize> = (0..30).filter(|tick| tick % 3 != 2).collect();
-        let positions = ticks.iter().flat_map(|&tick| [3.0 + 0.5 * tick as f64, 40.0 - 1.25 * tick as f64]).collect();
-        let tracks = [Track { positions, ticks, trained: 12, teaches: true }];
+        let times: Vec<f64> = (0..30).filter(|tick| tick % 3 != 2).map(f64::from).collect();
+        let positions = times.iter().flat_map(|time| [3.0 + 0.5 * time, 40.0 - 1.25 * time]).collect();
+        let tracks = [Track::new(positions, times, 12)];
         let errors = Errors::of(&tracks, &constant_velocity(&tracks, 2), &dynamics);
         // Rounding of float64.
         assert!(errors.learned == 0.0 && errors.held_out < 1e-9, "{errors:?}");
@@ -193,8 +193,9 @@ mod tests {
 
     /// A throw without errors, of 20 frames: the first 14 teach, or only say how it begins.
     fn throw(dynamics: &Dynamics, g: f64, speed: f64, teaches: bool) -> Track {
-        let positions = dynamics.positions(&[g.ln()], &[3.0, 20.0, speed, -8.0], 0, 20);
-        Track { teaches, ..Track::even(positions, 2, 14) }
+        let times = dynamics.even_times(20);
+        let positions = dynamics.positions(&[g.ln()], &[3.0, 20.0, speed, -8.0], &times);
+        Track { teaches, ..Track::new(positions, times, 14) }
     }
 
     fn one_ball() -> Dynamics {

@@ -28,16 +28,23 @@ const LARGEST_STEP: f64 = 0.5;
 const HUBER: f64 = 3.0;
 /// Least usual residual, in the unit of a coordinate: made data may have none.
 const LEAST_DEVIATION: f64 = 1e-9;
+/// Fewest frames of a piece, and most frames of a track while pieces grow: of longer ones every n-th leads to the same.
+const LEAST_PIECE: usize = 3;
+const MOST_FRAMES: usize = 300;
 /// Frames in which an object is seen from which the first state of a piece is guessed.
 const GUESSED_FROM: usize = 9;
+/// Largest ratio of a coordinate's weight to the geometric mean of all.
+const MOST_WEIGHT: f64 = 10.0;
 
 /// What is seen of one video.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Track {
     /// In the equation's coordinates, frame by frame; not a number where an object is not seen.
     pub positions: Vec<f64>,
-    /// When each frame was filmed, in frames of an even clock.
-    pub ticks: Vec<usize>,
+    /// When each frame was filmed, in the unit of `dt`, from 0 on.
+    pub times: Vec<f64>,
+    /// Precision of each position relative to the others': their residuals are multiplied by it. As many as positions.
+    pub weights: Vec<f64>,
     /// Frames that may be learned from. Those after them are held out.
     pub trained: usize,
     /// Whether those frames teach the parameters. Of a video that was held out whole they only say how its motion begins.
@@ -45,20 +52,15 @@ pub struct Track {
 }
 
 impl Track {
-    /// Frames at even times; `coordinates` numbers each.
-    pub fn even(positions: Vec<f64>, coordinates: usize, trained: usize) -> Self {
-        let ticks = (0..positions.len() / coordinates).collect();
-        Track { positions, ticks, trained, teaches: true }
+    /// Frames at these times and of one precision.
+    pub fn new(positions: Vec<f64>, times: Vec<f64>, trained: usize) -> Self {
+        let weights = vec![1.0; positions.len()];
+        Track { positions, times, weights, trained, teaches: true }
     }
 
-    /// Frames of an even clock from the first frame to the last, both counted.
-    pub fn duration(&self) -> usize {
-        self.ticks.last().map_or(0, |last| last + 1)
-    }
-
-    /// What belongs to each frame, of something with `size` numbers at each tick.
-    pub fn at_frames(&self, by_tick: &[f64], size: usize) -> Vec<f64> {
-        self.ticks.iter().flat_map(|tick| &by_tick[size * tick..size * (tick + 1)]).copied().collect()
+    /// From the first frame to the last, in the unit of `dt`.
+    pub fn duration(&self) -> f64 {
+        self.times.last().copied().unwrap_or(0.0)
     }
 }
 
@@ -79,7 +81,8 @@ pub struct Fitted {
     pub raw: Vec<f64>,
     /// Of each video that teaches, at its first frame: positions, velocities.
     pub states: Vec<Vec<f64>>,
-    /// Of each video that teaches, of the frames that were learned from: seen minus rolled-out, frame by frame.
+    /// Of each video that teaches, of the frames that were learned from: seen minus rolled-out, times their weights, frame by
+    /// frame.
     pub residuals: Vec<Vec<f64>>,
     /// What a residual usually is: from the median of their sizes.
     pub usual_residual: f64,
@@ -88,6 +91,8 @@ pub struct Fitted {
     pub piecewise_residual: Option<f64>,
     /// Residuals beyond this counted linearly.
     pub huber: f64,
+    /// Weight of each coordinate, next to that of each position; their geometric mean is 1.
+    pub coordinate_weights: Vec<f64>,
 }
 
 /// Some frames of a video that follow each other, with the state at their beginning.
@@ -116,8 +121,9 @@ struct Unknowns {
 
 /// What is made least.
 struct Goal<'a> {
-    /// Residuals beyond this count linearly.
+    /// Weighted residuals beyond this count linearly.
     huber: f64,
+    coordinate_weights: &'a [f64],
     /// Weight of the squared distance of the raw numbers from where they began.
     held: f64,
     start: &'a [f64],
@@ -141,39 +147,33 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitte
     for track in &problem.tracks {
         ensure!(track.trained >= 3, "a video of {} frames is too short to be fitted", track.trained);
     }
-    let longest = problem.tracks.iter().map(|track| track.trained).max().unwrap_or(0);
-    let mut length = start.piece.clamp(3, longest);
-    let mut unknowns = Unknowns { raw: start.raw.clone(), pieces: problem.first_pieces(length) };
-    let in_pieces = unknowns.pieces.len() >= 2 * problem.tracks.len();
-    let mut huber = f64::INFINITY;
-    let mut piecewise = None;
-    loop {
-        // The second time with the scale of what is left by the first.
+    let thinned: Vec<Track> = tracks.iter().map(thinned).collect();
+    let stride = tracks.iter().map(stride).max().unwrap_or(1);
+    let coarse = Problem::new(dynamics, &thinned, &start.learned).grown(start, (start.piece / stride).max(LEAST_PIECE));
+    let Grown { mut unknowns, mut huber, mut coordinate_weights, piecewise } = coarse;
+    if stride > 1 {
+        for (piece, track) in unknowns.pieces.iter_mut().zip(&problem.tracks) {
+            piece.frames = track.trained;
+        }
         for _ in 0..2 {
-            let last = length == longest;
-            let deviation = if last { 0.0 } else { problem.usual(&unknowns).min(huber / HUBER) };
-            let goal = Goal { huber, held: (deviation / HELD).powi(2), start: &start.raw };
-            problem.minimise(&mut unknowns, &goal, if last { CONVERGED } else { NEAR_ENOUGH });
-            huber = HUBER * problem.usual(&unknowns);
+            let goal = Goal { huber, coordinate_weights: &coordinate_weights, held: 0.0, start: &start.raw };
+            problem.minimise(&mut unknowns, &goal, CONVERGED);
+            coordinate_weights = problem.coordinate_weights(&unknowns);
+            huber = HUBER * problem.usual_weighted(&unknowns, &coordinate_weights);
         }
-        piecewise = piecewise.or(in_pieces.then_some(huber / HUBER));
-        if length == longest {
-            break;
-        }
-        length = (2 * length).min(longest);
-        unknowns.pieces = problem.longer_pieces(&unknowns, length);
-        // Longer pieces may at first be far off.
-        huber = f64::INFINITY;
     }
-    let residuals =
-        unknowns.pieces.iter().map(|piece| problem.residual(piece, &unknowns.raw).iter().map(|x| -x).collect());
+    let residuals = unknowns.pieces.iter().map(|piece| {
+        let weights = problem.weights(piece, &coordinate_weights);
+        problem.residual(piece, &unknowns.raw).iter().zip(weights.iter()).map(|(x, weight)| -x * weight).collect()
+    });
     let residuals: Vec<Vec<f64>> = residuals.collect();
     ensure!(
         residuals.iter().flatten().all(|x| x.is_finite()),
         "the equation leads to infinity; are its bounds and starts right?"
     );
     Ok(Fitted {
-        usual_residual: huber / HUBER,
+        usual_residual: problem.usual(&unknowns),
+        coordinate_weights,
         piecewise_residual: piecewise,
         states: unknowns.pieces.iter().map(|piece| piece.state.clone()).collect(),
         raw: unknowns.raw,
@@ -182,7 +182,66 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitte
     })
 }
 
+/// Every how many-th frame of a track is enough to lead to the whole of it.
+fn stride(track: &Track) -> usize {
+    track.trained.div_ceil(MOST_FRAMES).max(1)
+}
+
+/// Some frames of the part that is learned from, evenly over it.
+fn thinned(track: &Track) -> Track {
+    let stride = stride(track);
+    if stride == 1 {
+        return track.clone();
+    }
+    let coordinates = track.positions.len() / track.times.len();
+    let rows =
+        |of: &[f64]| of[..coordinates * track.trained].chunks(coordinates).step_by(stride).flatten().copied().collect();
+    let times: Vec<f64> = track.times[..track.trained].iter().step_by(stride).copied().collect();
+    Track { trained: times.len(), positions: rows(&track.positions), weights: rows(&track.weights), times, ..*track }
+}
+
+/// Where growing pieces lead to.
+struct Grown {
+    /// One piece for each track.
+    unknowns: Unknowns,
+    huber: f64,
+    coordinate_weights: Vec<f64>,
+    /// What a residual usually was while pieces were short; none of tracks too short for two.
+    piecewise: Option<f64>,
+}
+
 impl<'a> Problem<'a> {
+    /// Fits pieces of a growing number of frames until each is a whole track.
+    fn grown(&self, start: &Start, piece: usize) -> Grown {
+        let longest = self.tracks.iter().map(|track| track.trained).max().unwrap_or(0);
+        let mut length = piece.clamp(LEAST_PIECE, longest.max(LEAST_PIECE));
+        let mut unknowns = Unknowns { raw: start.raw.clone(), pieces: self.first_pieces(length) };
+        let in_pieces = unknowns.pieces.len() >= 2 * self.tracks.len();
+        let mut huber = f64::INFINITY;
+        let mut coordinate_weights = vec![1.0; self.dynamics.coordinates()];
+        let mut piecewise = None;
+        loop {
+            // The second time with the scale of what is left by the first.
+            for _ in 0..2 {
+                let last = length >= longest;
+                let deviation = if last { 0.0 } else { self.usual(&unknowns).min(huber / HUBER) };
+                let held = (deviation / HELD).powi(2);
+                let goal = Goal { huber, coordinate_weights: &coordinate_weights, held, start: &start.raw };
+                self.minimise(&mut unknowns, &goal, if last { CONVERGED } else { NEAR_ENOUGH });
+                coordinate_weights = self.coordinate_weights(&unknowns);
+                huber = HUBER * self.usual_weighted(&unknowns, &coordinate_weights);
+            }
+            piecewise = piecewise.or(in_pieces.then(|| self.usual(&unknowns)));
+            if length >= longest {
+                return Grown { unknowns, huber, coordinate_weights, piecewise };
+            }
+            length = (2 * length).min(longest);
+            unknowns.pieces = self.longer_pieces(&unknowns, length);
+            // Longer pieces may at first be far off.
+            huber = f64::INFINITY;
+        }
+    }
+
     pub(super) fn new(dynamics: &'a Dynamics, tracks: &'a [Track], learned: &[bool]) -> Self {
         let learned = (0..learned.len()).filter(|place| learned[*place]).collect();
         Problem { dynamics, tracks: tracks.iter().filter(|track| track.teaches).collect(), learned }
@@ -190,8 +249,7 @@ impl<'a> Problem<'a> {
 
     /// Derivatives of a whole video's training part.
     pub(super) fn of_track(&self, track: usize, raw: &[f64], state: &[f64]) -> Linearised {
-        let piece = Piece { track, first: 0, frames: self.tracks[track].trained, state: state.to_vec() };
-        self.linearise(&piece, raw)
+        self.linearise(&self.training_part(track, state), raw)
     }
 
     fn seen(&self, piece: &Piece) -> &[f64] {
@@ -224,16 +282,14 @@ impl<'a> Problem<'a> {
     fn guessed(&self, piece: &Piece) -> Vec<f64> {
         let (coordinates, seen) = (self.dynamics.coordinates(), self.seen(piece));
         let guess = |coordinate: usize| {
-            let ticks = self.tracks[piece.track].ticks[piece.first..].iter().map(|tick| tick - self.begin(piece));
-            let points = ticks.zip(seen.chunks(coordinates).map(|frame| frame[coordinate]));
+            let times = self.tracks[piece.track].times[piece.first..].iter().map(|time| time - self.begin(piece));
+            let points = times.zip(seen.chunks(coordinates).map(|frame| frame[coordinate]));
             let points: Vec<_> = points.filter(|(_, x)| x.is_finite()).take(GUESSED_FROM).collect();
             if points.is_empty() {
                 return (self.seen_before(piece, coordinate).unwrap_or(0.0), 0.0);
             }
             let powers = (points.len() - 1).min(2);
-            let matrix = DMatrix::from_fn(points.len(), powers + 1, |row, power| {
-                (points[row].0 as f64 * self.dynamics.dt).powi(power as i32)
-            });
+            let matrix = DMatrix::from_fn(points.len(), powers + 1, |row, power| points[row].0.powi(power as i32));
             let values = DVector::from_iterator(points.len(), points.iter().map(|(_, x)| *x));
             let solved = matrix.svd(true, true).solve(&values, 1e-12);
             let solved = solved.unwrap_or_else(|_| DVector::zeros(1));
@@ -256,9 +312,8 @@ impl<'a> Problem<'a> {
         cut.map(|(track, first, frames)| {
             let before = unknowns.pieces.iter().rev().find(|piece| piece.track == track && piece.first <= first);
             let before = before.expect("the first piece begins with the video");
-            let ticks = &self.tracks[track].ticks;
-            let begin = ticks[before.first];
-            let way = self.dynamics.roll_out(&unknowns.raw, &before.state, begin, ticks[first] - begin + 1);
+            let between = &self.tracks[track].times[before.first..=first];
+            let way = self.dynamics.roll_out(&unknowns.raw, &before.state, between);
             let led_to = Piece { track, first, frames, state: way[way.len() - before.state.len()..].to_vec() };
             let afresh = Piece { state: self.guessed(&led_to), ..led_to.clone() };
             // Over so long a way a state that was good for a short one may lead to infinity.
@@ -271,72 +326,93 @@ impl<'a> Problem<'a> {
         .collect()
     }
 
-    /// The tick of a piece's first frame.
-    fn begin(&self, piece: &Piece) -> usize {
-        self.tracks[piece.track].ticks[piece.first]
+    /// The time of a piece's first frame.
+    fn begin(&self, piece: &Piece) -> f64 {
+        self.tracks[piece.track].times[piece.first]
     }
 
-    /// Positions in the frames of a piece, from a state at its first.
-    fn rolled_out(&self, piece: &Piece, raw: &[f64], state: &[f64]) -> Vec<f64> {
-        let ticks = &self.tracks[piece.track].ticks[piece.first..piece.first + piece.frames];
-        let begin = self.begin(piece);
-        let last = ticks.last().map_or(0, |last| last - begin);
-        let positions = self.dynamics.positions(raw, state, begin, last + 1);
+    /// Observed positions in the frames of a piece as several motions have them, each from raw numbers and a state at the first.
+    fn rolled_out(&self, piece: &Piece, motions: &[(Vec<f64>, Vec<f64>)]) -> Vec<DVector<f64>> {
+        let times = &self.tracks[piece.track].times[piece.first..piece.first + piece.frames];
         let coordinates = self.dynamics.coordinates();
-        let at = |tick: usize, coordinate: usize| {
-            positions[coordinates * (tick - begin) + coordinate] + self.dynamics.beside(raw, tick, coordinate)
-        };
-        ticks.iter().flat_map(|tick| (0..coordinates).map(|coordinate| at(*tick, coordinate))).collect()
+        let mut all = self.dynamics.ensemble(motions, times);
+        for (positions, (raw, _)) in all.iter_mut().zip(motions) {
+            for (frame, time) in positions.chunks_mut(coordinates).zip(times) {
+                for (coordinate, x) in frame.iter_mut().enumerate() {
+                    *x += self.dynamics.beside(raw, *time, coordinate);
+                }
+            }
+        }
+        all.into_iter().map(DVector::from_vec).collect()
+    }
+
+    /// What the residuals of a piece are multiplied by.
+    fn weights(&self, piece: &Piece, coordinate_weights: &[f64]) -> DVector<f64> {
+        let coordinates = self.dynamics.coordinates();
+        let of_track = &self.tracks[piece.track].weights[coordinates * piece.first..];
+        DVector::from_fn(coordinates * piece.frames, |row, _| of_track[row] * coordinate_weights[row % coordinates])
+    }
+
+    /// The weights of a whole video's training part.
+    pub(super) fn weights_of_track(&self, track: usize, coordinate_weights: &[f64]) -> DVector<f64> {
+        self.weights(&self.training_part(track, &[]), coordinate_weights)
+    }
+
+    fn training_part(&self, track: usize, state: &[f64]) -> Piece {
+        Piece { track, first: 0, frames: self.tracks[track].trained, state: state.to_vec() }
     }
 
     fn residual(&self, piece: &Piece, raw: &[f64]) -> DVector<f64> {
-        let rolled_out = self.rolled_out(piece, raw, &piece.state);
-        let residual = rolled_out.iter().zip(self.seen(piece)).map(|(out, seen)| match seen.is_nan() {
-            true => 0.0,
-            false => out - seen,
-        });
-        DVector::from_iterator(rolled_out.len(), residual)
+        let own = self.rolled_out(piece, &[(raw.to_vec(), piece.state.clone())]).swap_remove(0);
+        self.minus_seen(piece, own)
     }
 
+    fn minus_seen(&self, piece: &Piece, mut rolled_out: DVector<f64>) -> DVector<f64> {
+        for (out, seen) in rolled_out.iter_mut().zip(self.seen(piece)) {
+            *out = if seen.is_nan() { 0.0 } else { *out - seen };
+        }
+        rolled_out
+    }
+
+    /// All derivatives in one pass: central differences of motions side by side.
     fn linearise(&self, piece: &Piece, raw: &[f64]) -> Linearised {
         let seen = self.seen(piece);
-        let positions = |raw: &[f64], state: &[f64]| DVector::from_vec(self.rolled_out(piece, raw, state));
         let probed = |numbers: &[f64], place: usize, by: f64| {
             let mut numbers = numbers.to_vec();
             numbers[place] += by;
             numbers
         };
-        let quotient = |mut up: DVector<f64>, down: DVector<f64>| {
-            up -= down;
-            up /= 2.0 * PROBE;
-            up.iter_mut().zip(seen).filter(|(_, seen)| seen.is_nan()).for_each(|(x, _)| *x = 0.0);
-            up
-        };
-        let by_state: Vec<_> = (0..piece.state.len())
-            .map(|place| {
-                let [up, down] = [PROBE, -PROBE].map(|by| positions(raw, &probed(&piece.state, place, by)));
-                quotient(up, down)
-            })
-            .collect();
-        let by_raw: Vec<_> = self
-            .learned
-            .iter()
-            .map(|place| {
-                let [up, down] = [PROBE, -PROBE].map(|by| positions(&probed(raw, *place, by), &piece.state));
-                quotient(up, down)
-            })
-            .collect();
+        let mut motions = vec![(raw.to_vec(), piece.state.clone())];
+        for place in 0..piece.state.len() {
+            motions.extend([PROBE, -PROBE].map(|by| (raw.to_vec(), probed(&piece.state, place, by))));
+        }
+        for place in &self.learned {
+            motions.extend([PROBE, -PROBE].map(|by| (probed(raw, *place, by), piece.state.clone())));
+        }
+        let mut rolled_out = self.rolled_out(piece, &motions).into_iter();
+        let own = rolled_out.next().expect("the motion itself");
+        let mut columns = Vec::with_capacity(motions.len() / 2);
+        while let (Some(up), Some(down)) = (rolled_out.next(), rolled_out.next()) {
+            let mut column = (up - down) / (2.0 * PROBE);
+            column.iter_mut().zip(seen).filter(|(_, seen)| seen.is_nan()).for_each(|(x, _)| *x = 0.0);
+            columns.push(column);
+        }
         let matrix = |columns: &[DVector<f64>]| match columns {
             [] => DMatrix::zeros(seen.len(), 0),
             columns => DMatrix::from_columns(columns),
         };
-        Linearised { residual: self.residual(piece, raw), by_state: matrix(&by_state), by_raw: matrix(&by_raw) }
+        let (by_state, by_raw) = columns.split_at(piece.state.len());
+        Linearised { residual: self.minus_seen(piece, own), by_state: matrix(by_state), by_raw: matrix(by_raw) }
     }
 
     fn cost(&self, unknowns: &Unknowns, goal: &Goal) -> f64 {
         let huber = goal.huber;
         let loss = |x: f64| if x.abs() <= huber { 0.5 * x * x } else { huber * (x.abs() - 0.5 * huber) };
-        let of_piece = |piece: &Piece| self.residual(piece, &unknowns.raw).iter().map(|x| loss(*x)).sum::<f64>();
+        let of_piece = |piece: &Piece| {
+            let weighted =
+                self.residual(piece, &unknowns.raw).component_mul(&self.weights(piece, goal.coordinate_weights));
+            weighted.iter().map(|x| loss(*x)).sum::<f64>()
+        };
         let away = self.learned.iter().map(|place| (unknowns.raw[*place] - goal.start[*place]).powi(2)).sum::<f64>();
         let cost = unknowns.pieces.iter().map(of_piece).sum::<f64>() + 0.5 * goal.held * away;
         if cost.is_finite() { cost } else { f64::INFINITY }
@@ -344,10 +420,36 @@ impl<'a> Problem<'a> {
 
     /// What a residual usually is.
     fn usual(&self, unknowns: &Unknowns) -> f64 {
+        self.usual_of(unknowns, &|_, _| 1.0)
+    }
+
+    /// The same of weighted residuals.
+    fn usual_weighted(&self, unknowns: &Unknowns, coordinate_weights: &[f64]) -> f64 {
+        let coordinates = self.dynamics.coordinates();
+        self.usual_of(unknowns, &|piece, row| {
+            self.tracks[piece.track].weights[coordinates * piece.first + row] * coordinate_weights[row % coordinates]
+        })
+    }
+
+    /// The reciprocal of what a residual of each coordinate usually is, over the geometric mean of these.
+    fn coordinate_weights(&self, unknowns: &Unknowns) -> Vec<f64> {
+        let coordinates = self.dynamics.coordinates();
+        let usual = |coordinate: usize| {
+            self.usual_of(unknowns, &|_, row| if row % coordinates == coordinate { 1.0 } else { f64::NAN }).ln()
+        };
+        let logarithms: Vec<f64> = (0..coordinates).map(usual).collect();
+        let mean = logarithms.iter().sum::<f64>() / coordinates as f64;
+        logarithms.into_iter().map(|it| (mean - it).exp().clamp(MOST_WEIGHT.recip(), MOST_WEIGHT)).collect()
+    }
+
+    /// What a residual times its weight usually is, from the median of their sizes. `weight` of a piece's rows; those that are
+    /// no numbers are left out.
+    fn usual_of(&self, unknowns: &Unknowns, weight: &dyn Fn(&Piece, usize) -> f64) -> f64 {
         let of_piece = |piece: &Piece| {
             let residual = self.residual(piece, &unknowns.raw);
-            let seen = self.seen(piece).iter().map(|seen| !seen.is_nan()).collect::<Vec<_>>();
-            residual.iter().zip(seen).filter(|(_, seen)| *seen).map(|(x, _)| x.abs()).collect::<Vec<_>>()
+            let seen = self.seen(piece).iter().zip(residual.iter()).enumerate().filter(|(_, (seen, _))| !seen.is_nan());
+            let sizes = seen.map(|(row, (_, x))| (x * weight(piece, row)).abs()).filter(|size| !size.is_nan());
+            sizes.collect::<Vec<_>>()
         };
         let size = upper_median(unknowns.pieces.iter().flat_map(of_piece)).unwrap_or(0.0);
         (size * MEDIAN_TO_DEVIATION).max(LEAST_DEVIATION)
@@ -371,8 +473,12 @@ impl<'a> Problem<'a> {
         let away = self.learned.iter().map(|place| unknowns.raw[*place] - goal.start[*place]);
         let mut gradient = DVector::from_iterator(count, away) * goal.held;
         let mut of_pieces = Vec::with_capacity(at.len());
-        for Linearised { residual, by_state, by_raw } in at {
-            let weight = residual.map(|x| huber / x.abs().max(huber)).map(|x| if x.is_nan() { 1.0 } else { x });
+        for (piece, Linearised { residual, by_state, by_raw }) in unknowns.pieces.iter().zip(at) {
+            let weights = self.weights(piece, goal.coordinate_weights);
+            let weight = residual.zip_map(&weights, |x, weight| {
+                let within = huber / (weight * x).abs().max(huber);
+                weight * weight * if within.is_nan() { 1.0 } else { within }
+            });
             let weighted = |jacobian: &DMatrix<f64>| {
                 let mut jacobian = jacobian.clone();
                 jacobian.column_iter_mut().for_each(|mut column| column.component_mul_assign(&weight));
@@ -418,10 +524,11 @@ mod tests {
     fn a_piece_in_which_nothing_is_seen_says_nothing() {
         let system = paig::tasks::builtin("falling").unwrap().system;
         let dynamics = Dynamics::new(paig::network::System { objects: 1, ..system }, 0.1).unwrap();
-        let positions = dynamics.positions(&[7.0_f64.ln()], &[3.0, 4.0, 1.0, -2.0], 0, 60);
+        let times = dynamics.even_times(60);
+        let positions = dynamics.positions(&[7.0_f64.ln()], &[3.0, 4.0, 1.0, -2.0], &times);
         let start = Start { raw: vec![6.0_f64.ln()], learned: vec![true], piece: 10 };
         for unseen in [0..9, 0..12, 10..30, 9..21] {
-            let mut track = Track::even(positions.clone(), 2, 60);
+            let mut track = Track::new(positions.clone(), times.clone(), 60);
             track.positions[2 * unseen.start..2 * unseen.end].fill(f64::NAN);
             let fitted = fit(&dynamics, &[track], &start).unwrap();
             // The positions have no errors.

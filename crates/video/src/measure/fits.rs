@@ -1,98 +1,106 @@
-//! The fits to what was seen: by which measure of the positions, with what is seen beside the state or without, to a colour
-//! tracker's positions, and of other equations.
+//! The fits to what was observed: by which means, judged by what was held out, then to everything; and of other equations.
 
 use anyhow::{Context, Result, ensure};
 
 use super::Named;
 use super::bootstrap;
+use super::dynamics::Dynamics;
 use super::explain::{Explained, explain};
 use super::fit::{Start, Track};
+use super::motion::Motion;
+use super::recording::{Observation, Scene, whole};
 use super::results::Alternative;
 use super::shown::{Shown, shown};
-use super::sight::Sight;
-use super::source::Passed;
-use super::subject::Subject;
-use paig::network::cells::{CellKind, Coordinates};
-use paig::support::statistics::upper_median;
+use super::starts::{Known, starts};
+use paig::network::System;
+use paig::network::cells::CellKind;
 
 /// Difference of the Bayesian criterion from which on it is believed that something is seen beside the state.
 const CLEARLY_BETTER: f64 = 10.0;
 
-/// The encoder strays where it differs from the masks by so many times as much in the frames held out as in those learned
-/// from, and by so many pixels of a frame.
-const STRAYS: f64 = 3.0;
-const LEAST_STRAY: f64 = 0.5;
+/// A recording is explained where a fit leaves at most so many times the noise, or this share of the amplitude, of its
+/// positions, and predicts what was held out with an error of at most so many times that.
+const EXPLAINED: f64 = 3.0;
+const SMALL: f64 = 0.02;
+const PREDICTED: f64 = 4.0;
 
-impl Subject<'_> {
-    /// Whether the encoder misreads frames that were held out: it has learned no places but those where the objects were. Masks
-    /// follow them anywhere.
-    fn encoder_strays(&self, sights: &[Sight]) -> bool {
-        sights.iter().enumerate().any(|(video, Sight { encoded, centroids })| {
-            let apart =
-                encoded.pixels.iter().zip(&centroids.pixels).map(|(encoded, centroid)| (encoded - centroid).abs());
-            let apart: Vec<f64> = apart.collect();
-            let (learned, held_out) = apart.split_at(2 * self.model.system.objects * self.trained(video));
-            let usual = |apart: &[f64]| upper_median(apart.iter().copied()).unwrap_or(0.0);
-            usual(held_out) > LEAST_STRAY.max(STRAYS * usual(learned))
-        })
+/// An equation fitted to one observation.
+#[derive(Debug)]
+pub(super) struct Fits {
+    /// Place of the observation among those that there were.
+    pub observation: usize,
+    /// Without what is held out, which judges the fit.
+    pub tracks: Vec<Track>,
+    pub judged: Explained,
+    /// To everything: what is to be quoted.
+    pub whole_tracks: Vec<Track>,
+    pub whole: Explained,
+}
+
+impl Fits {
+    /// Whether the equation explains the whole recording, the held-out part with it.
+    pub fn explain(&self) -> bool {
+        let coordinates = self.whole.dynamics.coordinates();
+        let Motion { noise, amplitude, .. } = Motion::of(&self.whole_tracks[0], coordinates);
+        let enough = (EXPLAINED * noise).max(SMALL * amplitude);
+        self.whole.fitted.usual_residual <= enough && self.judged.errors.held_out <= PREDICTED * enough
+    }
+}
+
+impl Scene {
+    pub(super) fn dynamics(&self, cell: &'static CellKind) -> Result<Dynamics> {
+        let system = System { cell, ..self.system.clone() };
+        system.check()?;
+        ensure!(
+            cell.coordinates == self.system.cell.coordinates,
+            "an equation for {:?} cannot be held against one for {:?}",
+            cell.coordinates,
+            self.system.cell.coordinates
+        );
+        Dynamics::new(system, self.dt)
     }
 
-    /// The fit to that measure of the positions that the equation explains better; whether it is the encoder's.
-    pub(super) fn best_of_sights(
-        &self,
-        cell: &'static CellKind,
-        sights: &[Sight],
-    ) -> Result<(Vec<Track>, bool, Explained)> {
-        let (dynamics, starts) = (self.dynamics(cell)?, self.starts(cell));
-        let by_centroids = self.tracks(sights.iter().map(|sight| &sight.centroids));
-        let explained = explain(&dynamics, &by_centroids, &starts)?;
-        if self.encoder_strays(sights) {
-            let explained = self.with_what_is_beside(&by_centroids, &explained)?.unwrap_or(explained);
-            return Ok((by_centroids, false, explained));
+    /// The fit of an equation to one of `observations`: to that which it explains best. `known` are the parameters of a run.
+    pub(super) fn fits(&self, cell: &'static CellKind, observations: &[Observation], known: &[Known]) -> Result<Fits> {
+        let dynamics = self.dynamics(cell)?;
+        let own = self.system.cell == cell;
+        let mut best: Option<(usize, Vec<Track>, Explained)> = None;
+        for (place, observation) in observations.iter().enumerate() {
+            let tracks = self.tracks(observation);
+            let starts = match &best {
+                // From where the other measure led to.
+                Some((_, _, before)) => {
+                    let learned = before.learned.clone();
+                    vec![Start { raw: before.fitted.raw.clone(), learned, piece: self.piece }]
+                }
+                None => starts(&dynamics, &tracks, self.piece, (known, own), None),
+            };
+            let explained = explain(&dynamics, &tracks, &starts)?;
+            let better = |before: &Explained| explained.fitted.usual_residual < before.fitted.usual_residual;
+            if best.as_ref().is_none_or(|(_, _, before)| better(before)) {
+                best = Some((place, tracks, explained));
+            }
         }
-        // From where the other measure led to.
-        let go_on = [Start { raw: explained.fitted.raw.clone(), ..starts[0].clone() }];
-        let by_encoder = self.tracks(sights.iter().map(|sight| &sight.encoded));
-        let encoded = explain(&dynamics, &by_encoder, &go_on)?;
-        let (tracks, by_encoder, explained) = if encoded.fitted.usual_residual < explained.fitted.usual_residual {
-            (by_encoder, true, encoded)
-        } else {
-            (by_centroids, false, explained)
-        };
-        let explained = self.with_what_is_beside(&tracks, &explained)?.unwrap_or(explained);
-        Ok((tracks, by_encoder, explained))
+        let (observation, tracks, judged) = best.context("nothing was observed")?;
+        let judged = self.with_what_is_beside(&tracks, &judged)?.unwrap_or(judged);
+        let whole_tracks = whole(&tracks);
+        let whole = self.go_on(&judged, &whole_tracks)?;
+        Ok(Fits { observation, tracks, judged, whole_tracks, whole })
+    }
+
+    /// The same equation fitted to other tracks of the same motion, from where a fit led to.
+    pub(super) fn go_on(&self, explained: &Explained, tracks: &[Track]) -> Result<Explained> {
+        let start = Start { raw: explained.fitted.raw.clone(), learned: explained.learned.clone(), piece: self.piece };
+        explain(&explained.dynamics, tracks, &[start])
     }
 
     /// The same with what is seen beside the state, where that explains clearly more: a camera that drifts, looked for in a task
     /// of one video and one object; or of several objects their middles.
     fn with_what_is_beside(&self, tracks: &[Track], explained: &Explained) -> Result<Option<Explained>> {
-        if self.model.system.objects == 1 && tracks.len() != 1 {
+        if self.system.objects == 1 && (tracks.len() != 1 || !self.may_drift) {
             return Ok(None);
         }
-        with_what_shows_beside(tracks, explained, self.piece())
-    }
-
-    /// The same equation, fitted to what a colour tracker sees.
-    pub(super) fn tracker_fit(&self, explained: &Explained, passes: &[Passed]) -> Result<Explained> {
-        let system = &self.model.system;
-        ensure!(
-            system.objects == 1 && system.cell.coordinates == Coordinates::Position,
-            "it follows one object, by its position"
-        );
-        let track = |(video, passed): (usize, &Passed)| Track {
-            positions: passed.tracked.iter().flatten().copied().collect(),
-            ticks: self.clocks[video].ticks.clone(),
-            trained: self.trained(video),
-            teaches: self.teaches(video),
-        };
-        let tracks: Vec<Track> = passes.iter().enumerate().map(track).collect();
-        for track in &tracks {
-            let missing = track.positions.iter().filter(|x| x.is_nan()).count();
-            ensure!(2 * missing < track.positions.len(), "it sees the object in less than half of the frames");
-        }
-        let start =
-            Start { raw: explained.fitted.raw.clone(), learned: explained.learned.clone(), piece: self.piece() };
-        explain(&explained.dynamics, &tracks, &[start])
+        with_what_shows_beside(tracks, explained, self.piece)
     }
 
     /// The equation and those it is compared with, fitted to the same positions.
@@ -102,6 +110,7 @@ impl Subject<'_> {
         explained: &Explained,
         against: &[Named],
         tracks: &[Track],
+        known: &[Known],
     ) -> Result<Vec<Alternative>> {
         if against.is_empty() {
             return Ok(Vec::new());
@@ -109,7 +118,9 @@ impl Subject<'_> {
         let (times, _) = self.per_coordinate();
         let mut all = vec![(main.name.clone(), explained.clone())];
         for Named { name, cell } in against {
-            let explained = explain(&self.dynamics(cell)?, tracks, &self.starts(cell));
+            let dynamics = self.dynamics(cell)?;
+            let starts = starts(&dynamics, tracks, self.piece, (known, self.system.cell == *cell), None);
+            let explained = explain(&dynamics, tracks, &starts);
             let explained = explained.with_context(|| format!("equation of {name}"))?;
             all.push((name.clone(), self.with_what_is_beside(tracks, &explained)?.unwrap_or(explained)));
         }
@@ -137,7 +148,7 @@ impl Subject<'_> {
 fn frames_in_one_of_best<'a>(all: impl Iterator<Item = &'a Explained>) -> f64 {
     let residual = |explained: &Explained| explained.fitted.usual_residual;
     let best = all.min_by(|a, b| residual(a).total_cmp(&residual(b))).expect("at least the equation itself");
-    bootstrap::frames_in_one(&best.fitted, best.dynamics.coordinates())
+    bootstrap::frames_in_one(&best.fitted)
 }
 
 /// The same with as many of the numbers beside the state as show by themselves, if they explain clearly more. One that a parameter
@@ -161,7 +172,7 @@ fn with_what_shows_beside(tracks: &[Track], explained: &Explained, piece: usize)
     if learned != beside.learned {
         beside = fitted(&learned)?;
     }
-    let frames_in_one = bootstrap::frames_in_one(&beside.fitted, beside.dynamics.coordinates());
+    let frames_in_one = bootstrap::frames_in_one(&beside.fitted);
     let gain = explained.criteria(frames_in_one).bic - beside.criteria(frames_in_one).bic;
     Ok((gain > CLEARLY_BETTER).then_some(beside))
 }
@@ -183,10 +194,11 @@ mod tests {
         let raw = vec![c.ln(), g.ln()];
         let mut random = named_generator(1, "noise");
         let drifts = [&raw[..], &drift].concat();
-        let positions = dynamics.positions(&raw, &[10.0, 6.0, 2.0, 0.0], 0, 72).into_iter().enumerate();
-        let seen =
-            positions.map(|(place, x)| x + dynamics.beside(&drifts, place / 2, place % 2) + 0.1 * normal(&mut random));
-        let tracks = [Track::even(seen.collect(), 2, 72)];
+        let times = dynamics.even_times(72);
+        let positions = dynamics.positions(&raw, &[10.0, 6.0, 2.0, 0.0], &times).into_iter().enumerate();
+        let seen = positions
+            .map(|(place, x)| x + dynamics.beside(&drifts, times[place / 2], place % 2) + 0.1 * normal(&mut random));
+        let tracks = [Track::new(seen.collect(), times.clone(), 72)];
         let start = Start { raw, learned: vec![true; 2], piece: 12 };
         let explained = explain(&dynamics, &tracks, &[start]).unwrap();
         let beside = with_what_shows_beside(&tracks, &explained, 12).unwrap().unwrap();
@@ -209,9 +221,10 @@ mod tests {
         let [drag, free] = [drag, free].map(|system| Dynamics::new(system, 0.3).unwrap());
         let (c, g) = (0.3_f64, 1.5_f64);
         let mut random = named_generator(1, "noise");
-        let positions = drag.positions(&[c.ln(), g.ln()], &[10.0, 6.0, 2.0, 0.0], 0, 72).into_iter();
+        let times = drag.even_times(72);
+        let positions = drag.positions(&[c.ln(), g.ln()], &[10.0, 6.0, 2.0, 0.0], &times).into_iter();
         let seen = positions.map(|x| x + 0.1 * normal(&mut random)).collect();
-        let tracks = [Track::even(seen, 2, 72)];
+        let tracks = [Track::new(seen, times, 72)];
         let explained = |dynamics: &Dynamics, raw: Vec<f64>| {
             let learned = vec![true; raw.len()];
             explain(dynamics, &tracks, &[Start { raw, learned, piece: 12 }]).unwrap()

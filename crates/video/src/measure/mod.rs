@@ -13,20 +13,25 @@ pub mod errors;
 pub mod explain;
 pub mod fit;
 mod fits;
+pub mod free_motion;
+pub mod judgement;
 pub mod motion;
+mod native;
 pub mod normal_equations;
+mod of_run;
+mod of_video;
 mod overlay;
 mod page;
+mod pictures;
 mod positions_file;
 mod quantities;
+pub mod recording;
 pub mod results;
 pub mod scale;
 pub mod shown;
 pub mod sight;
-mod source;
-mod subject;
+pub mod starts;
 pub mod table;
-pub mod tracker;
 mod trust;
 
 use std::path::Path;
@@ -37,13 +42,21 @@ use tch::Device;
 
 use self::bootstrap::bootstrap;
 use self::explain::{Explained, constant_velocity};
+use self::fits::Fits;
+use self::free_motion::free_motion;
+use self::judgement::{Evidence, judge};
+use self::motion::Motion;
+use self::native::{By, Tracked};
+use self::of_run::Learned;
+pub use self::of_video::VideoRequest;
+use self::pictures::{Pictures, filmed};
+use self::recording::{Observation, Scene};
 use self::results::Measurement;
-use self::scale::Scale;
-use self::source::Passed;
-use self::subject::Subject;
+use self::starts::Known;
 use paig::Error;
 use paig::network::cells::CellKind;
 use paig::runs::checkpoint::{SavedWeights, clips_of};
+use paig::runs::names::CONFIG;
 use paig::runs::summary::Summary;
 use paig::support::atomic;
 use paig::support::device::set_tf32;
@@ -75,29 +88,32 @@ pub struct Request {
     pub against: Vec<EquationFile>,
 }
 
-/// A measured run with all that its files are made of.
-pub struct Measured<'a> {
-    pub measurement: Measurement,
-    scale: Scale,
-    videos: Vec<Seen>,
-    explained: Explained,
-    frames: &'a [Passed],
+/// Everything that a measurement is made of.
+struct Subject {
+    task: String,
+    scene: Scene,
+    /// By one means each, the most precise first where that is known.
+    observations: Vec<Observation>,
+    /// Whether only the first observation is fitted, the others being held against it.
+    first_counts: bool,
+    /// Whether frames may be left out in which the object does not move by itself.
+    may_be_cut: bool,
+    pictures: Vec<pictures::Source>,
+    /// Parameters of a run.
+    known: Vec<Known>,
+    notes: Vec<String>,
+    training_seconds: Option<f64>,
+    seed: u64,
 }
 
-/// What was seen in one video.
-struct Seen {
-    name: String,
-    /// When its first frame is shown, seconds.
-    first_seconds: f64,
-    /// `(x, y)` of each object, pixels of a frame, frame by frame.
-    pixels: Vec<f64>,
-    trained: usize,
-    /// Whether those frames taught, or only said how the motion begins.
-    teaches: bool,
-    /// When each frame was filmed.
-    ticks: Vec<usize>,
-    /// Which frames of the video they are, counted from 0; empty where the film does not say.
-    numbers: Vec<u64>,
+/// A measured subject with all that its files are made of.
+struct Measured<'a> {
+    measurement: Measurement,
+    scene: &'a Scene,
+    /// Observed positions of each recording, pixels of a frame.
+    pixels: Vec<&'a [f64]>,
+    explained: Explained,
+    pictures: Vec<Pictures>,
 }
 
 /// Measures a finished run, and writes `measurement.json`, `measurement.html`, `measurement-positions.png`, `positions.csv` and
@@ -107,79 +123,193 @@ struct Seen {
 /// A run whose task has no video or no film, or was imported again since; an equation that leads nowhere, a folder that
 /// cannot be written.
 pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement, Error> {
-    Ok(measured(folder, request, out, device)?)
+    Ok(measured_run(folder, request, out, device)?)
 }
 
-fn measured(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement> {
+fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement> {
     let _guard = tch::no_grad_guard();
     let begun = Instant::now();
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;
     set_tf32(device, config.model.tf32);
-    let mut subject = Subject::read(&config, &model, &clips_of(folder)?, device)?;
+    let learned = Learned::read(&config, &model, &clips_of(folder)?, device)?;
     // Only for what can be measured: a name that is misspelt makes no folder.
-    storage().create_folder(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    atomic::check_place(&out.join("measurement.html"))?;
-    let sights = subject.look()?;
-    subject.find_lost_frames(&sights);
-    let subject = subject;
-    let named = |file: &EquationFile| Named::of(file, model.system.objects);
-    let own = Named { name: "the run's own".into(), cell: model.system.cell };
-    let main = request.equation.as_ref().map(named).transpose()?.unwrap_or(own);
-    let against = request.against.iter().map(named).collect::<Result<Vec<_>>>()?;
-    let (tracks, by_encoder, explained) = subject.best_of_sights(main.cell, &sights)?;
-    let uncertainty = bootstrap(&explained.dynamics, &tracks, &explained.learned, &explained.fitted, config.seed)?;
-
-    let passes = subject.passes()?;
-    let tracker = subject.tracker_fit(&explained, &passes);
-    let videos = subject.seen(&sights, by_encoder);
+    make_folder(out)?;
+    let (scene, mut notes, by_model) = learned.observe()?;
+    let record = config.task.video().context("the run's task has no video")?;
+    let mut pictures = Vec::new();
+    let mut tracked = Vec::new();
+    for (video, recording) in scene.recordings.iter().enumerate() {
+        match filmed(record, &learned.film, video) {
+            Some((film, numbers)) => {
+                let first = *numbers.iter().min().unwrap_or(&0);
+                let end = numbers.iter().max().unwrap_or(&0) + 1;
+                let options = paig_track::Options { frames: Some(first..end), ..Default::default() };
+                match Tracked::of(&film, &options, scene.system.objects) {
+                    Ok(mut of_film) => {
+                        let units = (&scene.scale, &scene.system);
+                        of_film.name_after(&by_model[0].recordings[video].pixels, &numbers, units);
+                        tracked.push(of_film.positions(&numbers, By::Template, units));
+                    }
+                    Err(error) => notes.push(format!("tracker: {error:#}")),
+                }
+                pictures.push(pictures::Source::Filmed(Box::new(film)));
+            }
+            None => {
+                notes.push(format!(
+                    "{}: no longer where it was imported from, or another video by now; it is not tracked at its own \
+                     resolution, and the overlay takes the frames as the model sees them",
+                    recording.name
+                ));
+                pictures.push(pictures::Source::Seen(learned.film.videos[video].clone()));
+            }
+        }
+    }
+    let by_tracker = (tracked.len() == scene.recordings.len())
+        .then(|| Observation { by: "the tracker at the video's resolution".into(), recordings: tracked });
+    let first_counts = by_tracker.is_some();
     let summary = Summary::read(folder)?;
-    let verdict = summary.as_ref().and_then(|summary| summary.verdict.as_ref());
-    let mut notes = Vec::new();
-    if !verdict.is_none_or(|verdict| verdict.found) {
-        notes.push("the run's own verdict is \"not found\": do not trust these numbers before you know why".into());
-    }
-    notes.extend(subject.notes(&tracks, &explained, &uncertainty));
-    let gone = videos.iter().zip(&passes).filter(|(_, passed)| !passed.as_filmed).map(|(video, _)| video.name.as_str());
-    let gone: Vec<&str> = gone.collect();
-    if !gone.is_empty() {
-        notes.push(format!(
-            "{}: no longer where it was imported from, or another video by now; the colour tracker and the overlay take the \
-             frames as the model sees them",
-            gone.join(", ")
-        ));
-    }
-    if let Err(error) = &tracker {
-        notes.push(format!("colour tracker: {error:#}"));
-    }
-    let tracker = tracker.ok();
-    let steady = constant_velocity(&tracks, explained.dynamics.coordinates());
-    let held_out = subject.held_out(&tracks, &explained, &steady, tracker.as_ref());
-    let quantities = subject.quantities(&tracks, &explained, &uncertainty, tracker.as_ref());
-    let mut measurement = Measurement {
-        format: results::FORMAT,
+    let subject = Subject {
         task: config.task.name.clone(),
-        videos: videos.iter().map(|video| video.name.clone()).collect(),
-        frames: tracks.iter().map(|track| track.positions.len() / explained.dynamics.coordinates()).sum(),
-        learned_frames: tracks.iter().filter(|track| track.teaches).map(|track| track.trained).sum(),
-        seconds_between_frames: subject.scale.seconds * explained.dynamics.dt,
-        equation: main.name.clone(),
-        by: if by_encoder { "the encoder's positions" } else { "the masks' centroids" }.into(),
-        quantities,
-        held_out,
-        residuals: subject.residuals(&explained, &uncertainty),
-        alternatives: Vec::new(),
+        scene,
+        observations: by_tracker.into_iter().chain(by_model).collect(),
+        first_counts,
+        may_be_cut: false,
+        pictures,
+        known: learned.known(),
         notes,
         training_seconds: summary.map(|summary| summary.wall_seconds),
-        seconds: 0.0,
+        seed: config.seed,
     };
-    measurement.alternatives = subject.alternatives(&main, &explained, &against, &tracks)?;
-    measurement.seconds = begun.elapsed().as_secs_f64();
-    let measured = Measured { measurement, scale: subject.scale.clone(), videos, explained, frames: &passes };
-    positions_file::write(&out.join("positions.csv"), &measured)?;
-    overlay::write(&out.join("overlay.gif"), &measured)?;
-    page::write(out, &measured)?;
-    measured.measurement.write(out)?;
-    Ok(measured.measurement)
+    let own = Named { name: "the run's own".into(), cell: model.system.cell };
+    subject.measure(own, request, out, begun)
+}
+
+/// Whether a path is a run's folder rather than a video.
+pub fn is_run(path: &Path) -> bool {
+    path.is_dir() && path.join(CONFIG).exists()
+}
+
+/// Measures videos without a run: tracks the objects at the videos' resolution, fits the equation, and writes the same files as
+/// [`measure`].
+///
+/// # Errors
+/// A video that cannot be read, too few frames, nothing that moves, fewer objects than the equation has, an equation that leads
+/// nowhere, a folder that cannot be written.
+pub fn measure_videos(videos: &VideoRequest, against: &[EquationFile], out: &Path) -> Result<Measurement, Error> {
+    let begun = Instant::now();
+    let measured = || {
+        let _guard = tch::no_grad_guard();
+        let (subject, own) = videos.subject()?;
+        make_folder(out)?;
+        subject.measure(own, &Request { equation: None, against: against.to_vec() }, out, begun)
+    };
+    Ok(measured()?)
+}
+
+fn make_folder(out: &Path) -> Result<()> {
+    storage().create_folder(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    atomic::check_place(&out.join("measurement.html"))
+}
+
+/// Leaves out of the only recording what comes before and after the part that the equation explains; a note, where that leaves
+/// out anything.
+fn cut_to_free_motion(
+    scene: &mut Scene,
+    observations: &mut [Observation],
+    cell: &'static CellKind,
+) -> Result<Option<String>> {
+    let track = recording::whole(&scene.tracks(&observations[0])).remove(0);
+    let all = track.times.len();
+    let Some(free) = free_motion(&scene.dynamics(cell)?, &track) else { return Ok(None) };
+    if free.frames.len() == all {
+        return Ok(None);
+    }
+    let number = |place: usize| scene.recordings[0].numbers.get(place).copied().unwrap_or(place as u64);
+    let note = format!(
+        "the equation explains frames {}..{} of {} to {}: the others are left out (--frames chooses a part)",
+        number(free.frames.start),
+        number(free.frames.end - 1) + 1,
+        number(0),
+        number(all - 1)
+    );
+    observations.iter_mut().for_each(|observation| observation.cut(&free.frames, all));
+    scene.cut(free.frames);
+    Ok(Some(note))
+}
+
+impl Subject {
+    fn measure(&self, own: Named, request: &Request, out: &Path, begun: Instant) -> Result<Measurement> {
+        let Subject { known, .. } = self;
+        let (mut scene, mut observations) = (self.scene.clone(), self.observations.clone());
+        let named = |file: &EquationFile| Named::of(file, scene.system.objects);
+        let main = request.equation.as_ref().map(named).transpose()?.unwrap_or(own);
+        let against = request.against.iter().map(named).collect::<Result<Vec<_>>>()?;
+        let mut notes = self.notes.clone();
+        let count = if self.first_counts { 1 } else { observations.len() };
+        let mut fits = scene.fits(main.cell, &observations[..count], known);
+        if self.may_be_cut
+            && scene.recordings.len() == 1
+            && !fits.as_ref().is_ok_and(Fits::explain)
+            && let Some(note) = cut_to_free_motion(&mut scene, &mut observations, main.cell)?
+        {
+            notes.push(note);
+            fits = scene.fits(main.cell, &observations[..count], known);
+        }
+        let (scene, observations) = (&scene, &observations);
+        let Fits { observation, tracks, judged, whole_tracks, whole } = fits?;
+        let uncertainty = bootstrap(&whole.dynamics, &whole_tracks, &whole.learned, &whole.fitted, self.seed)?;
+        let other = observations.get(1).filter(|_| self.first_counts).map(|other| {
+            let tracks = recording::whole(&scene.tracks(other));
+            scene.go_on(&whole, &tracks).with_context(|| format!("fit to {}", other.by))
+        });
+        let other = other.and_then(|fit| fit.map_err(|error| notes.push(format!("{error:#}"))).ok());
+        notes.extend(scene.notes(&whole_tracks, &whole, &uncertainty));
+        let steady = constant_velocity(&tracks, judged.dynamics.coordinates());
+        let held_out = scene.held_out(&tracks, &judged, &steady, other.as_ref());
+        let mut quantities = scene.quantities(&whole_tracks, &whole, &uncertainty, other.as_ref());
+        let residuals = scene.residuals(&whole, &uncertainty);
+        let motion = Motion::of(&tracks[0], judged.dynamics.coordinates());
+        let (times, _) = scene.per_coordinate();
+        let evidence = Evidence {
+            seen: motion.seen,
+            chance: motion.chance,
+            held_out: &held_out,
+            residuals: &residuals,
+            amplitude: times * motion.amplitude,
+            noise: times * motion.noise,
+        };
+        let verdict = judge(&evidence, &mut quantities);
+        let mut measurement = Measurement {
+            format: results::FORMAT,
+            task: self.task.clone(),
+            videos: scene.recordings.iter().map(|recording| recording.name.clone()).collect(),
+            frames: tracks.iter().map(|track| track.times.len()).sum(),
+            learned_frames: tracks.iter().filter(|track| track.teaches).map(|track| track.trained).sum(),
+            seconds_between_frames: scene.scale.seconds * scene.dt,
+            equation: main.name.clone(),
+            by: observations[observation].by.clone(),
+            quantities,
+            held_out,
+            residuals,
+            alternatives: Vec::new(),
+            notes,
+            verdict: Some(verdict),
+            training_seconds: self.training_seconds,
+            seconds: 0.0,
+        };
+        measurement.alternatives = scene.alternatives(&main, &judged, &against, &tracks, known)?;
+        measurement.seconds = begun.elapsed().as_secs_f64();
+        let pixels = observations[observation].recordings.iter().map(|positions| positions.pixels.as_slice()).collect();
+        let pictures = self.pictures.iter().zip(&scene.recordings);
+        let pictures =
+            pictures.map(|(source, recording)| source.pictures(recording, &scene.scale)).collect::<Result<_>>()?;
+        let measured = Measured { measurement, scene, pixels, explained: judged, pictures };
+        positions_file::write(&out.join("positions.csv"), &measured)?;
+        overlay::write(&out.join("overlay.gif"), &measured)?;
+        page::write(out, &measured)?;
+        measured.measurement.write(out)?;
+        Ok(measured.measurement)
+    }
 }
 
 #[cfg(test)]

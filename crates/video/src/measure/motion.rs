@@ -1,12 +1,71 @@
 //! What a motion over a whole video shows at a glance: how far it swings, and how long a swing takes.
 
 use nalgebra::Matrix2;
+use rand::seq::SliceRandom;
+
+use super::fit::Track;
+use paig::support::random::named_generator;
+use paig::support::statistics::{MEDIAN_TO_DEVIATION, upper_median};
 
 /// Cycles from which on a motion counts as a swing, and how far their lengths may differ.
 const LEAST_CYCLES: usize = 2;
 const EVEN: f64 = 0.2;
 /// Rounds in which the level about which a motion swings is found.
 const ROUNDS: usize = 4;
+
+/// What the positions of a track say by themselves, in the unit of a coordinate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// Share of the frames in which all objects are seen.
+    pub seen: f64,
+    /// Half of the way from one end to the other.
+    pub amplitude: f64,
+    /// Noise of a coordinate from third differences; contains the motion's own third derivative.
+    pub noise: f64,
+    /// Median second difference over that of the same positions in shuffled order: 1 is chance. None of few frames.
+    pub chance: Option<f64>,
+}
+
+/// Variance of third differences over that of white noise.
+const THIRD_DIFFERENCES: f64 = 20.0;
+/// Fewest frames of which chance is known.
+const LEAST_FRAMES: usize = 8;
+
+impl Motion {
+    /// Of the frames of a track.
+    pub fn of(track: &Track, coordinates: usize) -> Self {
+        let frames: Vec<&[f64]> =
+            track.positions.chunks(coordinates).filter(|frame| frame.iter().all(|x| x.is_finite())).collect();
+        let present: Vec<f64> = frames.iter().flat_map(|frame| frame.iter().copied()).collect();
+        let third = frames.windows(4).flat_map(|w| {
+            (0..coordinates).map(|c| (w[3][c] - 3.0 * w[2][c] + 3.0 * w[1][c] - w[0][c]).abs()).collect::<Vec<_>>()
+        });
+        let third = upper_median(third).unwrap_or(0.0);
+        Motion {
+            seen: frames.len() as f64 / track.times.len().max(1) as f64,
+            amplitude: amplitude(&along_the_way(&present, coordinates)),
+            noise: third * MEDIAN_TO_DEVIATION / THIRD_DIFFERENCES.sqrt(),
+            chance: chance(&frames),
+        }
+    }
+}
+
+fn chance(frames: &[&[f64]]) -> Option<f64> {
+    if frames.len() < LEAST_FRAMES {
+        return None;
+    }
+    let bend = |frames: &[&[f64]]| {
+        let sizes = frames.windows(3).map(|w| {
+            let bends = w[0].iter().zip(w[1]).zip(w[2]).map(|((a, b), c)| (c - 2.0 * b + a).powi(2));
+            bends.sum::<f64>().sqrt()
+        });
+        upper_median(sizes).unwrap_or(0.0)
+    };
+    let mut shuffled = frames.to_vec();
+    shuffled.shuffle(&mut named_generator(0, "chance"));
+    let random = bend(&shuffled);
+    (random > 0.0).then(|| bend(frames) / random)
+}
 
 /// The first object's positions, frame by frame, along the line on which it moves most. `coordinates`: numbers of a
 /// frame; one of them is an angle.

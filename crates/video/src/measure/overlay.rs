@@ -21,14 +21,15 @@ const TEXT: u32 = 18;
 
 /// Green circles: seen. Crosses: fitted (blue), or predicted in the held-out part (orange).
 pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
-    let places: Vec<_> = (0..measured.videos.len()).map(|video| measured.places(video)).collect();
-    let pictures: Vec<_> = (0..measured.videos.len())
-        .flat_map(|video| (0..measured.frames[video].pictures.len()).map(move |picture| (video, picture)))
+    let places: Vec<_> = (0..measured.pictures.len()).map(|video| measured.places(video)).collect();
+    let pictures: Vec<_> = (0..measured.pictures.len())
+        .flat_map(|video| (0..measured.pictures[video].pictures.len()).map(move |picture| (video, picture)))
         .collect();
     let objects = measured.explained.dynamics.system.objects;
     gif::write(path, pictures.len(), |number| {
         let (video, picture) = pictures[number];
-        let (seen, passed) = (&measured.videos[video], &measured.frames[video]);
+        let (recording, passed) = (&measured.scene.recordings[video], &measured.pictures[video]);
+        let pixels = measured.pixels[video];
         let (frame, picture) = &passed.pictures[picture];
         let times = LEAST_WIDTH.div_ceil(picture.width()).max(1);
         let (width, height) = (picture.width() * times, picture.height() * times);
@@ -39,7 +40,7 @@ pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
             let at = |part: usize, place: f64| f64::from(times) * (passed.corner[part] + passed.pixels * place);
             (at(0, x).round() as i32, at(1, y).round() as i32)
         };
-        let held_out = *frame >= seen.trained;
+        let held_out = *frame >= recording.trained;
         let colour = if held_out { ORANGE } else { BLUE };
         let radius = (width / 60).max(4) as i32;
         {
@@ -50,13 +51,13 @@ pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
                 let way: Vec<_> = (frame.saturating_sub(PATH)..=last).map(at).collect();
                 drawn(area.draw(&PathElement::new(way, PATH_COLOUR.mix(0.7).stroke_width(2))))?;
                 let row = 2 * (frame * objects + object);
-                let circle = Circle::new(on([seen.pixels[row], seen.pixels[row + 1]]), radius, GREEN.stroke_width(3));
+                let circle = Circle::new(on([pixels[row], pixels[row + 1]]), radius, GREEN.stroke_width(3));
                 drawn(area.draw(&circle))?;
                 drawn(area.draw(&Cross::new(at(*frame), radius, colour.stroke_width(3))))?;
             }
             drawn(area.present())?;
         }
-        let seconds = seen.first_seconds + measured.measurement.seconds_between_frames * seen.ticks[*frame] as f64;
+        let seconds = recording.first_seconds + measured.scene.scale.seconds * recording.times[*frame];
         let text = format!("{seconds:.2} s  {}", if held_out { "predicted" } else { "fitted" });
         canvas.fill((0, 0), (11 * TEXT, TEXT + 8), RGBColor(255, 255, 255));
         canvas.text(&text, (8, TEXT / 2 + 4), TEXT, HPos::Left, colour)?;

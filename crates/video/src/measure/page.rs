@@ -27,25 +27,29 @@ pub(super) fn write(folder: &Path, measured: &Measured) -> Result<()> {
 
 /// The first object of the first video along its way, seen and fitted, and what is left between.
 fn charts(measured: &Measured) -> Vec<Chart> {
-    let seen = &measured.videos[0];
+    let recording = &measured.scene.recordings[0];
     let objects = measured.explained.dynamics.system.objects;
-    let second = measured.measurement.seconds_between_frames;
+    let second = measured.scene.scale.seconds;
     let of_first =
         |numbers: &[f64]| numbers.chunks(2 * objects).flat_map(|frame| frame[..2].to_vec()).collect::<Vec<_>>();
     let places: Vec<f64> = measured.places(0).iter().flat_map(|place| place.at).collect();
     // Both on the line of the fitted motion.
-    let both: Vec<f64> = of_first(&places).into_iter().chain(of_first(&seen.pixels)).collect();
+    let both: Vec<f64> = of_first(&places).into_iter().chain(of_first(measured.pixels[0])).collect();
     let along = motion::along_the_way(&both, 2);
     let (fitted, seen_along) = along.split_at(along.len() / 2);
-    let times = measured.scale.video_pixels;
+    let times = measured.scene.scale.video_pixels;
     let points = |values: &[f64], from: usize, to: usize| -> Vec<(f64, f64)> {
-        (from..to.min(values.len())).map(|frame| (second * seen.ticks[frame] as f64, times * values[frame])).collect()
+        (from..to.min(values.len())).map(|frame| (second * recording.times[frame], times * values[frame])).collect()
     };
-    let (trained, all) = (seen.trained, fitted.len());
+    let (trained, all) = (recording.trained, fitted.len());
     let left: Vec<f64> = seen_along.iter().zip(fitted).map(|(seen, fitted)| seen - fitted).collect();
     let spans = vec![
-        Span { name: "learned from".into(), first: 0.0, last: second * trained as f64 },
-        Span { name: "held out".into(), first: second * trained as f64, last: second * all as f64 },
+        Span { name: "learned from".into(), first: 0.0, last: second * recording.times[trained.min(all - 1)] },
+        Span {
+            name: "held out".into(),
+            first: second * recording.times[trained.min(all - 1)],
+            last: second * recording.times[all - 1],
+        },
     ];
     let line = |label: &str, colour, stroke, points| Line { label: label.into(), colour, stroke, pieces: vec![points] };
     let chart = |title: &'static str, lines| Chart {

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use anyhow::Result;
 
+use super::Measured;
 use super::dynamics::Dynamics;
-use super::{Measured, Seen};
 use paig::network::cells::Coordinates;
 use paig::support::atomic;
 use paig::support::significant::six_digits;
@@ -21,10 +21,10 @@ pub(super) struct Place {
 
 impl Place {
     /// The same with what is seen beside the state.
-    fn beside(self, dynamics: &Dynamics, raw: &[f64], object: usize, tick: usize) -> Self {
+    fn beside(self, dynamics: &Dynamics, raw: &[f64], object: usize, time: f64) -> Self {
         let coordinate = |axis: usize| 2 * object + axis;
         Place {
-            at: [0, 1].map(|axis| self.at[axis] + dynamics.beside(raw, tick, coordinate(axis))),
+            at: [0, 1].map(|axis| self.at[axis] + dynamics.beside(raw, time, coordinate(axis))),
             velocity: [0, 1].map(|axis| self.velocity[axis] + dynamics.drift(raw, coordinate(axis))),
         }
     }
@@ -37,7 +37,7 @@ impl Measured<'_> {
         let (objects, per_object) = (system.objects, system.cell.coordinates.per_object());
         let state_size = 2 * objects * per_object;
         let middle = system.side as f64 / 2.0;
-        let distances = self.distances(&self.videos[video], middle);
+        let distances = self.distances(self.pixels[video], middle);
         let of_state = |state: &[f64]| {
             let (pos, vel) = state.split_at(objects * per_object);
             let place = |object: usize| match system.cell.coordinates {
@@ -56,23 +56,22 @@ impl Measured<'_> {
             };
             (0..objects).map(place).collect::<Vec<_>>()
         };
-        let states: Vec<_> = self.explained.states[video].chunks(state_size).collect();
+        let states = self.explained.states[video].chunks(state_size);
         let dynamics = &self.explained.dynamics;
         let raw = &self.explained.fitted.raw;
-        let ticks = self.videos[video].ticks.iter();
-        let of_tick = |tick: usize| {
-            let places = of_state(states[tick]).into_iter().enumerate();
-            places.map(move |(object, place)| place.beside(dynamics, raw, object, tick))
+        let of_frame = |(state, time): (&[f64], &f64)| {
+            let places = of_state(state).into_iter().enumerate();
+            places.map(|(object, place)| place.beside(dynamics, raw, object, *time)).collect::<Vec<_>>()
         };
-        ticks.flat_map(|tick| of_tick(*tick)).collect()
+        states.zip(&self.scene.recordings[video].times).flat_map(of_frame).collect()
     }
 
     /// Of each object, the median distance from the middle.
-    fn distances(&self, seen: &Seen, middle: f64) -> Vec<f64> {
+    fn distances(&self, pixels: &[f64], middle: f64) -> Vec<f64> {
         let objects = self.explained.dynamics.system.objects;
         (0..objects)
             .map(|object| {
-                let places = seen.pixels.chunks(2).skip(object).step_by(objects);
+                let places = pixels.chunks(2).skip(object).step_by(objects);
                 upper_median(places.map(|at| (at[0] - middle).hypot(at[1] - middle))).unwrap_or(0.0)
             })
             .collect()
@@ -81,27 +80,27 @@ impl Measured<'_> {
 
 /// One line for each object in each frame.
 pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
-    let (scale, objects) = (&measured.scale, measured.explained.dynamics.system.objects);
+    let (scale, objects) = (&measured.scene.scale, measured.explained.dynamics.system.objects);
     let unit = scale.length_unit();
-    let second = measured.measurement.seconds_between_frames;
+    let second = scale.seconds;
     atomic::write_file(path, |file| {
         writeln!(
             file,
             "video,frame,seconds,object,part,seen_x_video_px,seen_y_video_px,fitted_x_video_px,fitted_y_video_px,\
              seen_x_{unit},seen_y_{unit},fitted_x_{unit},fitted_y_{unit},fitted_vx_{unit}_per_s,fitted_vy_{unit}_per_s"
         )?;
-        for (video, seen) in measured.videos.iter().enumerate() {
+        for (video, recording) in measured.scene.recordings.iter().enumerate() {
             let places = measured.places(video);
-            for (row, (at, fitted)) in seen.pixels.chunks(2).zip(places).enumerate() {
+            for (row, (at, fitted)) in measured.pixels[video].chunks(2).zip(places).enumerate() {
                 let (frame, object) = (row / objects, row % objects + 1);
-                let part = match frame < seen.trained {
-                    true if seen.teaches => "learned",
+                let part = match frame < recording.trained {
+                    true if recording.teaches => "learned",
                     true => "begin",
                     false => "held out",
                 };
-                let number = seen.numbers.get(frame).map_or(frame, |number| *number as usize);
-                let name = seen.name.replace(',', "_");
-                let seconds = seen.first_seconds + second * seen.ticks[frame] as f64;
+                let number = recording.numbers.get(frame).map_or(frame, |number| *number as usize);
+                let name = recording.name.replace(',', "_");
+                let seconds = recording.first_seconds + second * recording.times[frame];
                 write!(file, "{name},{number},{},{object},{part}", six_digits(seconds))?;
                 let at = [at[0], at[1]];
                 let numbers = [
@@ -133,9 +132,9 @@ mod tests {
         let dynamics = Dynamics::new(System { objects: 1, ..system }, 0.1).unwrap();
         let raw = [12.0_f64.ln(), 0.5, -2.0];
         let rests = Place { at: [3.0, 4.0], velocity: [0.0, 0.0] };
-        let [first, later] = [0, 10].map(|tick| rests.beside(&dynamics, &raw, 0, tick));
+        let [first, later] = [0.0, 1.0].map(|time| rests.beside(&dynamics, &raw, 0, time));
         assert_eq!((first.at, first.velocity), (rests.at, [0.5, -2.0]));
-        // Ten frames are a unit of `dt`; rounding of float64.
+        // Rounding of float64.
         for axis in 0..2 {
             assert!((later.at[axis] - first.at[axis] - first.velocity[axis]).abs() < 1e-12, "{later:?}");
         }

@@ -8,10 +8,10 @@ use super::dynamics::Dynamics;
 use super::explain::{Explained, positions_of};
 use super::fit::Track;
 use super::motion;
+use super::recording::Scene;
 use super::results::Quantity;
 use super::scale::Scale;
 use super::shown::Shown;
-use super::subject::{Subject, trained_ticks};
 use paig::network::cells::PhysicalParameter;
 
 /// Draws of the bootstrap that are rolled out again: for what only a whole motion shows.
@@ -19,7 +19,7 @@ const ROLLED_OUT_DRAWS: usize = 200;
 /// The acceleration of gravity for which the length of a simple pendulum is given, m/s^2.
 const STANDARD_GRAVITY: f64 = 9.80665;
 
-impl Subject<'_> {
+impl Scene {
     pub(super) fn quantities(
         &self,
         tracks: &[Track],
@@ -73,22 +73,28 @@ impl Subject<'_> {
     ) -> Vec<Quantity> {
         let coordinates = explained.dynamics.coordinates();
         let second = self.scale.seconds * explained.dynamics.dt;
-        let swing = |states: &[f64]| motion::along_the_way(&positions_of(states, coordinates), coordinates);
-        let along = swing(&explained.states[0]);
+        // At even times, whatever the video's are.
+        let frames = (tracks[0].duration() / explained.dynamics.dt).round() as usize + 1;
+        let times = explained.dynamics.even_times(frames);
+        let swing = |raw: &[f64], state: &[f64]| {
+            let states = explained.dynamics.roll_out(raw, state, &times);
+            motion::along_the_way(&positions_of(&states, coordinates), coordinates)
+        };
+        let of = |explained: &Explained| swing(&explained.fitted.raw, &explained.states[0][..2 * coordinates]);
+        let along = of(explained);
         let Some(frames) = motion::period(&along) else { return Vec::new() };
         let drawn = uncertainty.draws.iter().take(ROLLED_OUT_DRAWS).map(|draw| {
-            let states = explained.dynamics.roll_out(&draw.raw, &draw.states[0], 0, along.len());
-            let along = swing(&states);
+            let along = swing(&draw.raw, &draw.states[0]);
             (
                 motion::period(&along).unwrap_or(f64::NAN) * self.scale.drawn([0, 1], draw) * explained.dynamics.dt,
-                motion::amplitude(&along[..trained_ticks(&tracks[0])]),
+                motion::amplitude(&along),
             )
         });
         let (periods, amplitudes): (Vec<f64>, Vec<f64>) = drawn.unzip();
-        let of_tracker = tracker.and_then(|fit| Some(second * motion::period(&swing(&fit.states[0]))?));
+        let of_tracker = tracker.and_then(|fit| Some(second * motion::period(&of(fit))?));
         let length = |period: f64| STANDARD_GRAVITY * (period / std::f64::consts::TAU).powi(2);
         let lengths = periods.iter().map(|period| length(*period)).collect();
-        let (times, unit) = self.per_coordinate();
+        let (pixels, unit) = self.per_coordinate();
         let hangs = !explained.dynamics.has_walls();
         let length = hangs.then(|| {
             Quantity::new("length_of_a_simple_pendulum", length(second * frames), lengths)
@@ -97,8 +103,8 @@ impl Subject<'_> {
         });
         let amplitude = Quantity::new(
             "amplitude",
-            times * motion::amplitude(&along[..trained_ticks(&tracks[0])]),
-            amplitudes.into_iter().map(|amplitude| times * amplitude).collect(),
+            pixels * motion::amplitude(&along),
+            amplitudes.into_iter().map(|amplitude| pixels * amplitude).collect(),
         );
         let mut quantities =
             vec![Quantity::new("period", second * frames, periods).in_unit("s".into()).of_tracker(of_tracker)];

@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use super::judgement::{Judgement, Outcome};
 use paig::support::{atomic, storage};
 
 /// Version of the file's form.
@@ -35,6 +36,9 @@ pub struct Measurement {
     pub alternatives: Vec<Alternative>,
     /// What a person should know.
     pub notes: Vec<String>,
+    /// Whether the numbers can be quoted; none in files of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Judgement>,
     /// Of the run, and of the measurement.
     pub training_seconds: Option<f64>,
     pub seconds: f64,
@@ -54,9 +58,12 @@ pub struct Quantity {
     /// In pixels of a frame and the unit of `dt`, as the equation has it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub in_frames: Option<f64>,
-    /// What the fit to a colour tracker's positions says.
+    /// What the fit to the other observation says, of a tracker or of a model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub by_tracker: Option<f64>,
+    /// Whether the value can be quoted with its interval; none in files of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub outcome: Option<Outcome>,
 }
 
 /// How well the held-out part of the videos is predicted from the rest: root mean square distances.
@@ -119,7 +126,16 @@ impl Quantity {
             below.zip(above).map(|(below, above)| below + (above - below) * place.fract())
         };
         let (low, high) = (quantile(0.025), quantile(0.975));
-        Quantity { name: name.into(), value, low, high, unit: String::new(), in_frames: None, by_tracker: None }
+        Quantity {
+            name: name.into(),
+            value,
+            low,
+            high,
+            unit: String::new(),
+            in_frames: None,
+            by_tracker: None,
+            outcome: None,
+        }
     }
 
     /// The interval, its ends written so; none where there is none.

@@ -44,7 +44,8 @@ pub(super) fn of_unknowns(
     shown
 }
 
-/// Derivatives of all rolled-out positions by the raw numbers that are learned, then by the states of each video.
+/// Derivatives of all rolled-out positions, times their weights, by the raw numbers that are learned, then by the states of each
+/// video.
 pub(super) fn jacobian(problem: &Problem, fitted: &Fitted) -> DMatrix<f64> {
     let parts: Vec<_> =
         (0..fitted.states.len()).map(|track| problem.of_track(track, &fitted.raw, &fitted.states[track])).collect();
@@ -56,6 +57,8 @@ pub(super) fn jacobian(problem: &Problem, fitted: &Fitted) -> DMatrix<f64> {
         let length = part.residual.len();
         jacobian.view_mut((row, 0), (length, count)).copy_from(&part.by_raw);
         jacobian.view_mut((row, count + state * track), (length, state)).copy_from(&part.by_state);
+        let weights = problem.weights_of_track(track, &fitted.coordinate_weights);
+        jacobian.rows_mut(row, length).column_iter_mut().for_each(|mut column| column.component_mul_assign(&weights));
         row += length;
     }
     jacobian

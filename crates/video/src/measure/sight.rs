@@ -3,6 +3,7 @@
 use anyhow::Result;
 use tch::{Device, Kind, Tensor};
 
+use super::recording::Positions;
 use paig::datasets::film::FilmFile;
 use paig::datasets::iterators::Clips;
 use paig::network::cells::Coordinates;
@@ -19,15 +20,6 @@ pub struct Sight {
     /// By the encoder (without what it is always beside the centroids) and by the centroids.
     pub encoded: Positions,
     pub centroids: Positions,
-}
-
-/// Positions of all objects in every frame of a video.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Positions {
-    /// `(x, y)` of each object, pixels of a frame, frame by frame.
-    pub pixels: Vec<f64>,
-    /// The same in the equation's coordinates.
-    pub coordinates: Vec<f64>,
 }
 
 /// Looks at a video. `train` tells what stands behind the objects.
@@ -66,5 +58,5 @@ fn positions(model: &PhysicsNet, seen: &Tensor) -> Positions {
         x.to_device(Device::Cpu).to_kind(Kind::Double).flatten(0, -1).try_into().expect("float64 numbers")
     };
     let coordinates = model.clip_coordinates(seen) * model.length_per_unit();
-    Positions { pixels: numbers(seen * model.pixels_per_unit()), coordinates: numbers(coordinates) }
+    Positions::even(numbers(seen * model.pixels_per_unit()), numbers(coordinates))
 }

@@ -7,12 +7,12 @@ use super::bootstrap::Uncertainty;
 use super::explain::{Errors, Explained, positions_of};
 use super::fit::Track;
 use super::motion;
+use super::recording::Scene;
 use super::results::{HeldOut, Residuals};
 use super::shown::{Shown, shown};
-use super::subject::{Subject, trained_ticks};
 use paig::training::identify::rank::{self, Indistinct};
 
-impl Subject<'_> {
+impl Scene {
     pub(super) fn held_out(
         &self,
         tracks: &[Track],
@@ -29,8 +29,7 @@ impl Subject<'_> {
             error: times * explained.errors.held_out,
             constant_velocity: times * Errors::of(tracks, steady, &explained.dynamics).held_out,
             tracker_fit: tracker.map(|fit| times * fit.errors.held_out),
-            percent_of_amplitude: 100.0 * explained.errors.held_out
-                / motion::amplitude(&along[..trained_ticks(&tracks[0])]),
+            percent_of_amplitude: 100.0 * explained.errors.held_out / motion::amplitude(&along[..tracks[0].trained]),
             metres_per_unit: (unit == "px" && self.scale.length_unit() == "m")
                 .then(|| self.scale.length() / self.scale.video_pixels),
         }
@@ -51,18 +50,6 @@ impl Subject<'_> {
 
     pub(super) fn notes(&self, tracks: &[Track], explained: &Explained, uncertainty: &Uncertainty) -> Vec<String> {
         let mut notes = Vec::new();
-        let names = self.record.source_names();
-        for ((clock, name), numbers) in self.clocks.iter().zip(names).zip(self.frame_numbers()) {
-            let said = clock.text(numbers);
-            notes.extend(said.map(|said| format!("{name}: by the steps of what moves, {said}")));
-        }
-        if self.imported_again {
-            notes.push(
-                "the video was imported again since the run was begun, with another scale, other axes or other times; here \
-                 those count with which the run was begun"
-                    .into(),
-            );
-        }
         notes.extend(of_unknowns(explained, uncertainty));
         notes.extend(of_what_is_beside(tracks, explained));
         let parameters = explained.dynamics.system.cell.parameters.iter().zip(&explained.learned);
@@ -168,9 +155,10 @@ mod tests {
         let system = paig::tasks::builtin("falling").unwrap().system;
         let dynamics = Dynamics::new(System { objects: 1, cell, ..system }, 0.3).unwrap();
         let mut random = named_generator(1, "noise");
-        let positions = dynamics.positions(raw, &[10.0, 6.0, 2.0, 0.0], 0, 48);
+        let times = dynamics.even_times(48);
+        let positions = dynamics.positions(raw, &[10.0, 6.0, 2.0, 0.0], &times);
         let seen = positions.iter().map(|x| x + 0.1 * normal(&mut random)).collect();
-        let tracks = [Track::even(seen, 2, 48)];
+        let tracks = [Track::new(seen, times, 48)];
         let raw = [raw, &vec![0.0; beside]].concat();
         let learned = vec![true; raw.len()];
         let explained = explain(&dynamics, &tracks, &[Start { raw, learned: learned.clone(), piece: 12 }]).unwrap();

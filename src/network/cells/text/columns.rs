@@ -73,7 +73,8 @@ pub(super) struct Moment<'a, F> {
 #[derive(Debug)]
 pub(super) struct Columns<F> {
     steps: Vec<Step>,
-    parameters: Vec<F>,
+    /// One number each for all states, or a column.
+    parameters: Vec<Vec<F>>,
     /// Coordinates of an object.
     coordinates: usize,
     batch: usize,
@@ -82,7 +83,8 @@ pub(super) struct Columns<F> {
 }
 
 impl<F: Number> Columns<F> {
-    pub(super) fn new(program: &Program, coordinates: usize, parameters: Vec<F>) -> Self {
+    /// Of each parameter one value for all states, or one for each.
+    pub(super) fn new(program: &Program, coordinates: usize, parameters: Vec<Vec<F>>) -> Self {
         let steps = laid_out(&program.graph, program.objects, coordinates);
         Columns { steps, parameters, coordinates, batch: 0, numbers: Vec::new() }
     }
@@ -127,7 +129,10 @@ impl<F: Number> Columns<F> {
                 match step.operation {
                     Operation::Number(bits) => into.fill(F::of(f64::from_bits(bits))),
                     Operation::Given(given) => match given.source(*coordinates, at) {
-                        Source::Parameter(place) => into.fill(parameters[place]),
+                        Source::Parameter(place) => match parameters[place][..] {
+                            [one] => into.fill(one),
+                            ref each => into.copy_from_slice(each),
+                        },
                         Source::Position(place) => into.copy_from_slice(&moment.pos[place * batch..][..batch]),
                         Source::Velocity(place) => into.copy_from_slice(&moment.vel[place * batch..][..batch]),
                         Source::Held => into.copy_from_slice(moment.held),

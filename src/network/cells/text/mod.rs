@@ -41,7 +41,7 @@ use super::{Build, Cell, CellKind, MOST_OBJECTS, PhysicalParameter, Walls};
 use crate::support::random::fnv1a;
 
 pub use built_in::written;
-pub use plain::SingleEquation;
+pub use plain::{Ensemble, SingleEquation};
 pub(crate) use scalars::roll_out_on_gpu;
 pub use table::{Accelerations, EquationTable, Given, Integrator, ParameterTable, Sides, WallTable};
 
@@ -151,6 +151,11 @@ impl Equation {
     /// The equation in plain numbers, with these values (not the raw numbers) of its parameters.
     pub fn single(&'static self, parameters: &[f64], walls: Walls) -> SingleEquation {
         SingleEquation::new(self, parameters, walls)
+    }
+
+    /// The equation in plain numbers for `size` states, of each parameter one value for all or one for each.
+    pub fn ensemble(&'static self, parameters: Vec<Vec<f64>>, walls: Walls, size: usize) -> Ensemble {
+        Ensemble::new(self, parameters, walls, size)
     }
 
     fn read(table: &EquationTable, objects: usize) -> Result<Self> {

@@ -4,7 +4,7 @@
 use super::Equation;
 use super::columns::{Columns, Moment, Number};
 use super::table::Integrator;
-use super::walls::LEAST_RESTITUTION;
+use super::walls::{LEAST_RESTITUTION, TextWalls};
 use crate::network::cells::Walls;
 use crate::network::cells::plain::PlainCell;
 
@@ -14,8 +14,9 @@ use crate::network::cells::plain::PlainCell;
 pub(super) struct PlainText<F> {
     equation: &'static Equation,
     columns: Columns<F>,
-    /// Where balls turn back, near and far on each axis, and what is left of their speed; none without walls.
-    walls: Option<([[F; 2]; 2], F)>,
+    /// Where balls turn back, near and far on each axis, and what is left of their speed, for all states or for each; none
+    /// without walls.
+    walls: Option<Vec<([[F; 2]; 2], F)>>,
     /// Columns of the integration's stages: position, velocity, acceleration, sums.
     stages: [Vec<F>; 5],
     /// Positions and velocities where a substep begins, for the walls.
@@ -23,12 +24,22 @@ pub(super) struct PlainText<F> {
 }
 
 impl<F: Number> PlainText<F> {
+    /// Of each parameter one value for all states.
     pub(super) fn new(equation: &'static Equation, parameters: Vec<F>, walls: Walls) -> Self {
-        let value = |place: usize| parameters[place].to_f64().unwrap_or(f64::NAN);
-        let walls = equation
-            .walls
-            .as_ref()
-            .map(|standing| (standing.places(walls, value).map(|axes| axes.map(F::of)), F::of(standing.left(value))));
+        Self::of_each(equation, parameters.into_iter().map(|value| vec![value]).collect(), walls)
+    }
+
+    /// Of each parameter one value for all states, or one for each.
+    fn of_each(equation: &'static Equation, parameters: Vec<Vec<F>>, walls: Walls) -> Self {
+        let width = parameters.iter().map(Vec::len).max().unwrap_or(1);
+        let of_state = |standing: &TextWalls, state: usize| {
+            let value = |place: usize| {
+                let values = &parameters[place];
+                values[state.min(values.len() - 1)].to_f64().unwrap_or(f64::NAN)
+            };
+            (standing.places(walls, value).map(|axes| axes.map(F::of)), F::of(standing.left(value)))
+        };
+        let walls = equation.walls.as_ref().map(|standing| (0..width).map(|state| of_state(standing, state)).collect());
         let columns = Columns::new(&equation.program, equation.table.state.per_object(), parameters);
         PlainText { equation, columns, walls, stages: Default::default(), before: Default::default() }
     }
@@ -47,15 +58,15 @@ impl<F: Number> PlainText<F> {
         let batch = at.0.len();
         self.columns.make_room(batch);
         self.stages.iter_mut().for_each(|stage| stage.resize(pos.len(), F::zero()));
-        let Some((places, left)) = self.walls else { return self.integrate(pos, vel, at, h) };
-        // Back in time a wall gives what it took.
-        let left = if h < F::zero() { left.max(F::of(LEAST_RESTITUTION)).recip() } else { left };
+        if self.walls.is_none() {
+            return self.integrate(pos, vel, at, h);
+        }
         for (before, now) in self.before.iter_mut().zip([&*pos, &*vel]) {
             before.clear();
             before.extend_from_slice(now);
         }
         self.integrate(pos, vel, at, h);
-        self.turn_back(pos, vel, places, left, batch);
+        self.turn_back(pos, vel, h, batch);
     }
 
     fn integrate(&mut self, pos: &mut [F], vel: &mut [F], at: (&[F], F), h: F) {
@@ -119,11 +130,17 @@ impl<F: Number> PlainText<F> {
         }
     }
 
-    /// Turns back what has passed a wall, with what is `left` of its speed; what the force gave after the impact counts on
-    /// the way back. Coordinates stand one after the other, each for all states of the `batch`.
-    fn turn_back(&self, pos: &mut [F], vel: &mut [F], [near, far]: [[F; 2]; 2], left: F, batch: usize) {
+    /// Turns back what has passed a wall in a time `h`, with what is left of its speed; what the force gave after the impact
+    /// counts on the way back. Coordinates stand one after the other, each for all states of the `batch`.
+    fn turn_back(&self, pos: &mut [F], vel: &mut [F], h: F, batch: usize) {
+        let walls = self.walls.as_deref().unwrap_or_default();
         let before = self.before[0].iter().zip(&self.before[1]);
         for (place, ((x, v), (from, speed))) in pos.iter_mut().zip(vel).zip(before).enumerate() {
+            let Some(&([near, far], left)) = walls.get((place % batch).min(walls.len().saturating_sub(1))) else {
+                return;
+            };
+            // Back in time a wall gives what it took.
+            let left = if h < F::zero() { left.max(F::of(LEAST_RESTITUTION)).recip() } else { left };
             let axis = place / batch % 2;
             let (near, far) = (near[axis], far[axis]);
             let wall = if *x > far { far } else { near };
@@ -160,20 +177,34 @@ impl SingleEquation {
         self.0.substep(pos, vel, (&[held], 0.0), h);
     }
 
-    /// States of `frames` frames, each positions and then velocities of all objects, the initial one first, at the time
-    /// `begin`. Nothing acts from outside.
-    pub fn roll_out(&mut self, initial: &[f64], begin: f64, dt: f64, frames: usize) -> Vec<f64> {
-        let (mut pos, mut vel) = (initial[..initial.len() / 2].to_vec(), initial[initial.len() / 2..].to_vec());
-        let mut states = Vec::with_capacity(frames * initial.len());
-        for frame in 0..frames {
-            if frame > 0 {
-                let time = begin + (frame - 1) as f64 * dt;
-                let held = if self.0.equation.tells_time() { time } else { 0.0 };
-                self.0.frame(&mut pos, &mut vel, &[held], dt);
-            }
-            states.extend(pos.iter().chain(&vel));
-        }
-        states
+    /// Moves a state, positions and then velocities of all objects, on by one frame of `dt` that begins at `time`. Nothing acts
+    /// from outside.
+    pub fn advance(&mut self, state: &mut [f64], time: f64, dt: f64) {
+        let held = if self.0.equation.tells_time() { time } else { 0.0 };
+        let (pos, vel) = state.split_at_mut(state.len() / 2);
+        self.0.frame(pos, vel, &[held], dt);
+    }
+}
+
+/// An equation that moves many states on side by side, each with parameters of its own, in double precision.
+#[derive(Debug)]
+pub struct Ensemble {
+    plain: PlainText<f64>,
+    /// What is held where nothing acts and the equation does not tell the time.
+    nothing: Vec<f64>,
+}
+
+impl Ensemble {
+    /// The equation with these values (not the raw numbers) of its parameters: one for all of the `size` states, or one for each.
+    pub(super) fn new(equation: &'static Equation, parameters: Vec<Vec<f64>>, walls: Walls, size: usize) -> Self {
+        Ensemble { plain: PlainText::of_each(equation, parameters, walls), nothing: vec![0.0; size] }
+    }
+
+    /// Moves all states on by one frame of `dt` that begins at the time `times` has for each: positions and velocities of all
+    /// objects, `[coordinates * objects, size]` each. Nothing acts from outside.
+    pub fn advance(&mut self, pos: &mut [f64], vel: &mut [f64], times: &[f64], dt: f64) {
+        let held = if self.plain.equation.tells_time() { times } else { &self.nothing };
+        self.plain.frame(pos, vel, held, dt);
     }
 }
 

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use image::RgbImage;
 use paig_decode::{Decoder, Note};
+use paig_track::Clock;
 
 use self::film::Film;
 
@@ -28,6 +29,8 @@ pub struct Video {
     pub frames: usize,
     /// Of each frame, in seconds, from 0 on and ascending; none where the source knows no times.
     pub times: Option<Vec<f64>>,
+    /// What the file states about time.
+    pub clock: Clock,
     /// Remarks on the file, for people.
     pub remarks: Vec<String>,
     source: Source,
@@ -53,7 +56,7 @@ pub trait Frames {
 struct Facts {
     size: (u32, u32),
     frames: usize,
-    times: Option<Vec<f64>>,
+    clock: Clock,
     remarks: Vec<String>,
 }
 
@@ -66,11 +69,12 @@ impl Video {
         let read = || {
             ensure!(path.exists(), "there is no such file or folder");
             let (source, facts) = source(path)?;
-            let Facts { size: (width, height), frames, times, remarks } = facts;
+            let Facts { size: (width, height), frames, clock, remarks } = facts;
             check_size(width, height)?;
             ensure!(frames > 0, "it has no frames");
             ensure!(frames <= MOST_FRAMES, "it has {frames} frames; at most {MOST_FRAMES} are read");
-            Ok(Video { path: path.into(), width, height, frames, times, remarks, source })
+            let times = clock.times.clone();
+            Ok(Video { path: path.into(), width, height, frames, times, clock, remarks, source })
         };
         read().with_context(|| format!("video {}", path.display()))
     }
@@ -154,7 +158,14 @@ fn film(path: &Path) -> Result<(Source, Facts)> {
     if let Some(rate) = info.capture_rate {
         remarks.push(format!("its tags say that it was filmed at {rate} frames a second; if so, give --fps {rate}"));
     }
-    let facts = Facts { size, frames: info.frames, times: film.times().map(<[f64]>::to_vec), remarks };
+    let clock = Clock {
+        times: film.times().map(<[f64]>::to_vec),
+        claimed_rate: info.claimed_rate,
+        capture_rate: info.capture_rate,
+        // Times begin with the first frame, pieces with the presentation.
+        pieces: info.segments.iter().map(|piece| (piece.shown_from - info.start, piece.rate)).collect(),
+    };
+    let facts = Facts { size, frames: info.frames, clock, remarks };
     Ok((Source::Film(film), facts))
 }
 

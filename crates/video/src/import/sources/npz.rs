@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use image::{Rgb, RgbImage};
 use ndarray::{Array4, Axis, Ix4};
+use paig_track::Clock;
 
 use super::{Facts, Frames, check_size};
 use paig::datasets::npz::Archive;
@@ -51,7 +52,7 @@ impl Film {
     /// An array has no times.
     pub(super) fn facts(&self) -> Facts {
         let (frames, height, width, _) = self.frames.dim();
-        Facts { size: (width as u32, height as u32), frames, times: None, remarks: Vec::new() }
+        Facts { size: (width as u32, height as u32), frames, clock: Clock::default(), remarks: Vec::new() }
     }
 }
 

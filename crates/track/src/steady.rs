@@ -1,0 +1,55 @@
+//! A video of a moving camera as a standing one would film it.
+
+use crate::camera::Camera;
+use crate::error::Error;
+use crate::mosaic::Mosaic;
+use crate::time_base::Clock;
+use crate::video::{Size, Video, Visitor};
+use crate::warp::warped;
+
+/// Frames resampled into the frame of the background. Where a frame does not reach, the background shows.
+pub(crate) struct Steady<'a> {
+    pub(crate) video: &'a dyn Video,
+    pub(crate) camera: &'a Camera,
+    pub(crate) mosaic: &'a Mosaic,
+}
+
+impl Steady<'_> {
+    /// A frame in the frame of the background, `[height, width, 3]`.
+    pub(crate) fn frame(&self, frame: usize, bytes: &[u8]) -> Vec<u8> {
+        let Some(pose) = self.camera.pose(frame) else { return bytes.to_vec() };
+        let (from, to) = (self.video.size(), self.mosaic.size);
+        let view = warped(bytes, from, &pose.inverse(), to, vec![0; to.pixels() * 3]);
+        let exposure = self.mosaic.exposure(&view);
+        let mut whole = self.mosaic.filmed(&exposure);
+        for (y, span) in view.spans.iter().enumerate() {
+            let row = (y * to.width + span.start) * 3..(y * to.width + span.end) * 3;
+            whole[row.clone()].copy_from_slice(&view.bytes[row]);
+        }
+        whole
+    }
+}
+
+impl Video for Steady<'_> {
+    fn size(&self) -> Size {
+        self.mosaic.size
+    }
+
+    fn frames(&self) -> usize {
+        self.video.frames()
+    }
+
+    fn clock(&self) -> Clock {
+        self.video.clock()
+    }
+
+    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), Error> {
+        self.video.visit(wanted, &mut |frame, bytes| {
+            let expected = self.video.size().pixels() * 3;
+            if bytes.len() != expected {
+                return Err(Error::FrameSize { frame, expected, found: bytes.len() });
+            }
+            visitor(frame, &self.frame(frame, bytes))
+        })
+    }
+}

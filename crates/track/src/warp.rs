@@ -1,0 +1,177 @@
+//! Frames resampled into the frame of the background, by cubic convolution along rows, then along columns.
+
+use std::ops::Range;
+use std::sync::LazyLock;
+
+use rayon::prelude::*;
+
+use crate::plane::cubic;
+use crate::similarity::Similarity;
+use crate::video::Size;
+
+/// Phases of the filter: positions are exact to half a phase, 0.008 pixels, and neighbours share a phase.
+const PHASES: usize = 64;
+/// Pixels at the border of a frame that are left out: the filter reaches beyond it.
+const INSET: f64 = 1.0;
+
+static FILTERS: LazyLock<Vec<[f32; 4]>> =
+    LazyLock::new(|| (0..=PHASES).map(|phase| cubic(phase as f32 / PHASES as f32)).collect());
+
+/// Frame in the frame of the background.
+pub(crate) struct Warped {
+    /// `[height, width, 3]`.
+    pub(crate) bytes: Vec<u8>,
+    /// Columns of each row that the frame shows.
+    pub(crate) spans: Vec<Range<usize>>,
+}
+
+/// Resamples a frame of size `from` to the size of `fill`, which shows where the frame does not. `map` takes places of the
+/// result to places of the frame; it must not turn by more than about 45 degrees.
+pub(crate) fn warped(frame: &[u8], from: Size, map: &Similarity, to: Size, fill: Vec<u8>) -> Warped {
+    let spans: Vec<Range<usize>> = (0..to.height).map(|y| span(map, from, to.width, y)).collect();
+    let left = spans.iter().filter(|s| !s.is_empty()).map(|s| s.start).min().unwrap_or(0);
+    let right = spans.iter().map(|s| s.end).max().unwrap_or(0).max(left);
+    let columns = right - left;
+    let mut bytes = fill;
+    if columns == 0 {
+        return Warped { bytes, spans };
+    }
+    let Similarity { a, b, u, v } = *map;
+    // Along a row of the frame: x of the frame is linear in x of the result.
+    let slope = a + b * b / a;
+    let mut rows = vec![0.0_f32; columns * from.height * 3];
+    rows.par_chunks_mut(columns * 3).enumerate().for_each(|(row, out)| {
+        let line: Vec<f32> = frame[row * from.width * 3..][..from.width * 3].iter().map(|&v| f32::from(v)).collect();
+        let start = slope * left as f64 - b / a * (row as f64 - v) + u;
+        for Run { range, first, filter } in runs(start, slope, 1, columns) {
+            let (begin, end) = (first - 1, first + 2 + range.len() as i64);
+            if begin >= 0 && end <= from.width as i64 {
+                let taps = &line[3 * begin as usize..3 * end as usize];
+                let count = 3 * range.len();
+                let taps = [&taps[..count], &taps[3..3 + count], &taps[6..6 + count], &taps[9..9 + count]];
+                filtered(&mut out[3 * range.start..3 * range.end], taps, filter);
+            } else {
+                let column = |at: i64| 3 * at.clamp(0, from.width as i64 - 1) as usize;
+                for (k, pixel) in out[3 * range.start..3 * range.end].chunks_exact_mut(3).enumerate() {
+                    let taps = [-1, 0, 1, 2].map(|tap| &line[column(first + k as i64 + tap)..][..3]);
+                    filtered(pixel, taps, filter);
+                }
+            }
+        }
+    });
+    bytes.par_chunks_mut(to.width * 3).zip(&spans).enumerate().for_each(|(y, (out, span))| {
+        let mut values = vec![0.0; 3 * span.len()];
+        let start = b * span.start as f64 + a * y as f64 + v;
+        for Run { range, first, filter } in runs(start, b, 0, span.len()) {
+            // A run of this pass keeps to its rows.
+            let taps = [-1, 0, 1, 2].map(|tap| {
+                let row = (first + tap).clamp(0, from.height as i64 - 1) as usize;
+                &rows[(row * columns + span.start + range.start - left) * 3..][..3 * range.len()]
+            });
+            filtered(&mut values[3 * range.start..3 * range.end], taps, filter);
+        }
+        for (byte, value) in out[3 * span.start..3 * span.end].iter_mut().zip(values) {
+            // The conversion saturates.
+            *byte = (value + 0.5) as u8;
+        }
+    });
+    Warped { bytes, spans }
+}
+
+/// Places that share a filter.
+struct Run {
+    range: Range<usize>,
+    /// Sample before the first place.
+    first: i64,
+    filter: &'static [f32; 4],
+}
+
+/// Runs of the places `start + slope * k` for `k` in `0..count`, whose whole part advances by `pace` from one to the next.
+fn runs(start: f64, slope: f64, pace: i64, count: usize) -> impl Iterator<Item = Run> {
+    // In phases, less the pace: constant within a run.
+    let phase = move |k: usize| ((start + (slope - pace as f64) * k as f64) * PHASES as f64).round() as i64;
+    let rate = ((slope - pace as f64) * PHASES as f64).abs();
+    let mut next = 0;
+    std::iter::from_fn(move || {
+        (next < count).then(|| {
+            let (begin, own) = (next, phase(next));
+            // Not beyond the place at which the phase changes.
+            let mut end = count.min(begin + 1 + if rate < 1e-9 { count } else { (1.0 / rate) as usize + 1 });
+            while end > begin + 1 && phase(end - 1) != own {
+                end -= 1;
+            }
+            next = end;
+            let filter = &FILTERS[own.rem_euclid(PHASES as i64) as usize];
+            Run { range: begin..end, first: own.div_euclid(PHASES as i64) + pace * begin as i64, filter }
+        })
+    })
+}
+
+/// Weighted sum of four lines.
+fn filtered(out: &mut [f32], [p, q, r, s]: [&[f32]; 4], filter: &[f32; 4]) {
+    for ((((value, p), q), r), s) in out.iter_mut().zip(p).zip(q).zip(r).zip(s) {
+        *value = filter[0] * p + filter[1] * q + filter[2] * r + filter[3] * s;
+    }
+}
+
+/// Columns of a row of the result that lie within the frame.
+fn span(map: &Similarity, from: Size, width: usize, y: usize) -> Range<usize> {
+    let (mut first, mut last) = (0.0_f64, width as f64 - 1.0);
+    let y = y as f64;
+    // Both coordinates are linear in x: slope * x + offset between INSET and the border.
+    for (slope, offset, end) in [
+        (map.a, -map.b * y + map.u, from.width as f64 - 1.0 - INSET),
+        (map.b, map.a * y + map.v, from.height as f64 - 1.0 - INSET),
+    ] {
+        if slope.abs() < 1e-12 {
+            if !(INSET..=end).contains(&offset) {
+                return 0..0;
+            }
+            continue;
+        }
+        let (p, q) = ((INSET - offset) / slope, (end - offset) / slope);
+        first = first.max(p.min(q));
+        last = last.min(p.max(q));
+    }
+    let (first, end) = (first.ceil().max(0.0) as usize, (last.floor() + 1.0).max(0.0) as usize);
+    if first < end { first..end } else { 0..0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn level(x: f64, y: f64) -> f64 {
+        120.0 + 60.0 * (x * 0.11).sin() * (y * 0.08).cos()
+    }
+
+    #[test]
+    fn a_turned_frame_is_turned_back() {
+        let from = Size { width: 160, height: 120 };
+        // The frame shows the scene through this map.
+        let map = Similarity { a: 1.02 * 0.05_f64.cos(), b: 1.02 * 0.05_f64.sin(), u: -7.3, v: 4.6 };
+        let scene = map.inverse();
+        let frame: Vec<u8> = (0..160 * 120 * 3)
+            .map(|i| {
+                let [x, y] = scene.apply([(i / 3 % 160) as f64, (i / 480) as f64]);
+                level(x, y).round() as u8
+            })
+            .collect();
+        let to = Size { width: 200, height: 130 };
+        let Warped { bytes, spans } = warped(&frame, from, &map, to, vec![7; 200 * 130 * 3]);
+        let mut seen = 0;
+        for y in 0..130 {
+            for x in 0..200 {
+                let value = f64::from(bytes[(y * 200 + x) * 3]);
+                if spans[y].contains(&x) {
+                    // Rounding twice.
+                    assert!((value - level(x as f64, y as f64)).abs() < 1.6, "{x} {y}: {value}");
+                    seen += 1;
+                } else {
+                    assert_eq!(value, 7.0);
+                }
+            }
+        }
+        assert!(seen > 150 * 110, "{seen}");
+    }
+}

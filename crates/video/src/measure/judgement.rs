@@ -1,0 +1,177 @@
+//! Whether the numbers of a measurement can be quoted.
+//!
+//! Judged are the track (one thing, followed throughout, beyond chance), the fit (over the whole recording as good as over short
+//! parts of it), the prediction of what was held out, agreement of the observations, and the width of each interval. The drawing
+//! of a model decides nothing.
+
+use std::fmt::{self, Display, Formatter};
+
+use serde::{Deserialize, Serialize};
+
+use super::results::{HeldOut, Quantity, Residuals};
+
+/// Share of the frames in which the objects must be seen, and below which nothing is found.
+const SEEN: f64 = 0.7;
+const HARDLY_SEEN: f64 = 0.4;
+/// Median second difference of the positions over that in shuffled order: above it a track is hardly smoother than chance.
+const SMOOTH: f64 = 0.35;
+/// Held-out error in per cent of the amplitude up to which a fit predicts, and beyond which it does not.
+const PREDICTS: f64 = 15.0;
+const DOES_NOT_PREDICT: f64 = 40.0;
+/// Part of constant velocity's error that the held-out error must stay below, where more than noise is left.
+const BETTER: f64 = 0.5;
+/// What the fit leaves, in per cent of the amplitude, up to which it explains the motion, and beyond which it does not.
+const EXPLAINS: f64 = 5.0;
+const DOES_NOT_EXPLAIN: f64 = 15.0;
+/// Half the width of an interval over the value, up to which a value is known, and beyond which nothing is.
+const NARROW: f64 = 0.1;
+const WIDE: f64 = 0.5;
+/// By how many intervals' half-widths, and by which part of the value, two observations may differ.
+const AGREE: f64 = 3.0;
+const NEARLY_EQUAL: f64 = 0.03;
+
+/// How far a number can be trusted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// It can be quoted with its interval.
+    Found,
+    /// Something speaks against it.
+    Doubtful,
+    /// It says nothing.
+    NotFound,
+}
+
+/// A verdict with its reasons.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Judgement {
+    pub outcome: Outcome,
+    /// What speaks against the numbers, the gravest first; empty where nothing does.
+    pub reasons: Vec<String>,
+}
+
+impl Display for Outcome {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Outcome::Found => "found",
+            Outcome::Doubtful => "doubtful",
+            Outcome::NotFound => "not found",
+        })
+    }
+}
+
+/// What a verdict rests on.
+#[derive(Debug, Clone)]
+pub struct Evidence<'a> {
+    /// Share of the frames in which all objects are seen.
+    pub seen: f64,
+    /// Median second difference of the positions over that in shuffled order; none where there are too few.
+    pub chance: Option<f64>,
+    pub held_out: &'a HeldOut,
+    pub residuals: &'a Residuals,
+    /// Half of the way from one end of the motion to the other, in the unit of the residuals.
+    pub amplitude: f64,
+    /// Noise of the observed positions from their high differences, in the same unit.
+    pub noise: f64,
+}
+
+/// Judges a measurement; sets the outcome of each of its quantities.
+pub fn judge(evidence: &Evidence, quantities: &mut [Quantity]) -> Judgement {
+    let mut against: Vec<(Outcome, String)> = evidence.against();
+    let of_all = against.iter().map(|(outcome, _)| *outcome).max().unwrap_or(Outcome::Found);
+    for quantity in quantities.iter_mut() {
+        let (own, reason) = of_quantity(quantity);
+        quantity.outcome = Some(of_all.max(own));
+        against.extend(reason.map(|reason| (own, reason)));
+    }
+    against.sort_by_key(|(outcome, _)| std::cmp::Reverse(*outcome));
+    // A number that is badly known leaves the others found; the run is found where one is.
+    let best = quantities.iter().filter_map(|quantity| quantity.outcome).min().unwrap_or(of_all);
+    Judgement { outcome: best, reasons: against.into_iter().map(|(_, reason)| reason).collect() }
+}
+
+impl Evidence<'_> {
+    fn against(&self) -> Vec<(Outcome, String)> {
+        let unit = &self.residuals.unit;
+        let mut against = Vec::new();
+        if self.seen < SEEN {
+            let outcome = if self.seen < HARDLY_SEEN { Outcome::NotFound } else { Outcome::Doubtful };
+            against.push((
+                outcome,
+                format!(
+                    "the objects are seen in {:.0} % of the frames only; take the part of the video in which they are (--frames)",
+                    100.0 * self.seen
+                ),
+            ));
+        }
+        if let Some(chance) = self.chance.filter(|chance| *chance > SMOOTH) {
+            against.push((
+                Outcome::NotFound,
+                format!("the path is hardly smoother than chance ({chance:.2} of it): nothing is followed"),
+            ));
+        }
+        let HeldOut { frames, error, constant_velocity, .. } = self.held_out;
+        if *frames > 0 {
+            let percent = self.held_out.percent_of_amplitude;
+            let beyond_noise = *error > 3.0 * self.noise;
+            if percent > PREDICTS && beyond_noise {
+                let outcome = if percent > DOES_NOT_PREDICT { Outcome::NotFound } else { Outcome::Doubtful };
+                against.push((
+                    outcome,
+                    format!(
+                        "the held-out frames are predicted with an error of {error:.2} {unit}, {percent:.0} % of the amplitude: \
+                         the motion changes, or something is missing in the equation"
+                    ),
+                ));
+            } else if *error > BETTER * constant_velocity && beyond_noise {
+                against.push((
+                    Outcome::Doubtful,
+                    format!(
+                        "the held-out frames are predicted little better ({error:.2} {unit}) than by constant velocity \
+                         ({constant_velocity:.2} {unit})"
+                    ),
+                ));
+            }
+        }
+        let left = 100.0 * self.residuals.usual / self.amplitude;
+        if left > EXPLAINS && self.residuals.usual > 3.0 * self.noise {
+            let outcome = if left > DOES_NOT_EXPLAIN { Outcome::NotFound } else { Outcome::Doubtful };
+            against.push((
+                outcome,
+                format!(
+                    "the fit leaves {:.2} {unit} of the positions, {left:.0} % of the amplitude, where their noise is {:.2} {unit}: \
+                     it is another motion, or something else moves in the part that was taken",
+                    self.residuals.usual, self.noise
+                ),
+            ));
+        }
+        against
+    }
+}
+
+/// The outcome of one quantity by itself, and why it is not found.
+fn of_quantity(quantity: &Quantity) -> (Outcome, Option<String>) {
+    let name = quantity.name.replace('_', " ");
+    let Some((low, high)) = quantity.low.zip(quantity.high) else {
+        return (Outcome::NotFound, Some(format!("{name} has no interval: the motion does not determine it")));
+    };
+    let half = (high - low) / 2.0;
+    let relative = half / quantity.value.abs().max(f64::MIN_POSITIVE);
+    if relative > NARROW {
+        let outcome = if relative > WIDE { Outcome::NotFound } else { Outcome::Doubtful };
+        return (outcome, Some(format!("{name} is known to {:.0} % only", 100.0 * relative)));
+    }
+    if let Some(other) = quantity.by_tracker {
+        let apart = (other - quantity.value).abs();
+        if apart > AGREE * half && apart > NEARLY_EQUAL * quantity.value.abs() {
+            return (
+                Outcome::Doubtful,
+                Some(format!(
+                    "{name} differs by {:.0} % from the other observation's",
+                    100.0 * apart / quantity.value.abs()
+                )),
+            );
+        }
+    }
+    (Outcome::Found, None)
+}

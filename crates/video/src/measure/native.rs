@@ -1,0 +1,186 @@
+//! Observation of a video at its own resolution: the tracks of [`paig_track`], without an equation and without a model.
+
+use anyhow::{Result, bail};
+use paig_track::{Method, Options, Point, Role, Track, Tracking, Visibility};
+
+use super::recording::Positions;
+use super::scale::Scale;
+use crate::import::sources::Video;
+use crate::track::{Followed, track};
+use paig::network::System;
+use paig::network::cells::Coordinates;
+use paig::support::statistics::upper_median;
+
+/// From the middle of a pixel, where the tracker counts from, to its corner, where videos are measured from.
+const HALF: f64 = 0.5;
+/// Least precision of a position relative to the median one.
+const LEAST_WEIGHT: f64 = 0.1;
+/// Most tracks that are looked for beyond the objects: shadows, hands, and what else moves.
+const OTHERS: usize = 3;
+
+/// Objects of one video.
+pub(super) struct Tracked {
+    /// One of each object.
+    pub tracks: Vec<Track>,
+    /// Other objects, the likeliest first.
+    pub others: Vec<Track>,
+    /// First tracked frame.
+    first: usize,
+    /// When every frame of the video was filmed, seconds; none where the video does not say.
+    pub times: Option<Vec<f64>>,
+    /// What was found of the time base and the camera, for people.
+    pub notes: Vec<String>,
+}
+
+/// Which positions of a track are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum By {
+    /// Registration of the object's template.
+    Template,
+    /// Centroids of the moving region.
+    Centroid,
+}
+
+impl Tracked {
+    /// Tracks the objects of a video.
+    ///
+    /// # Errors
+    /// As [`track`], and fewer objects than the system has.
+    pub fn of(video: &Video, options: &Options, objects: usize) -> Result<Self> {
+        let options = Options { objects: objects + OTHERS, ..options.clone() };
+        let Followed { tracking: Tracking { tracks, camera, time, .. }, .. } = track(video, &options)?;
+        let (mut tracks, mut others): (Vec<_>, Vec<_>) = (tracks, Vec::new());
+        tracks.retain(|track| track.role == Role::Object);
+        if tracks.len() < objects {
+            bail!(
+                "video {}: {} of {objects} objects found; look at the paths with `paig track`, and name a point on each object \
+                 with --at",
+                video.name(),
+                tracks.len()
+            );
+        }
+        others.extend(tracks.drain(objects..));
+        let first = tracks[0].points[0].frame;
+        let mut notes = time.lines();
+        if camera.moves() {
+            notes.push(format!("camera: {}", camera.line()));
+        }
+        Ok(Tracked { tracks, others, first, times: time.times, notes })
+    }
+
+    /// First frame and the one after the last between which all objects have positions.
+    pub fn range(&self) -> std::ops::Range<usize> {
+        let seen = |track: &Track| {
+            let seen = |point: &Point| position(point, By::Template).is_some();
+            let first = track.points.iter().position(seen).unwrap_or(0);
+            let last = track.points.iter().rposition(seen).unwrap_or(0);
+            (first, last + 1)
+        };
+        let ranges: Vec<_> = self.tracks.iter().map(seen).collect();
+        let first = ranges.iter().map(|range| range.0).max().unwrap_or(0);
+        let end = ranges.iter().map(|range| range.1).min().unwrap_or(0).max(first);
+        self.first + first..self.first + end
+    }
+
+    /// Positions in these frames of the video.
+    pub fn positions(&self, numbers: &[usize], by: By, (scale, system): (&Scale, &System)) -> Positions {
+        let of_track = |track: &Track| -> (Vec<[f64; 2]>, Vec<f64>) {
+            let points =
+                numbers.iter().map(|number| number.checked_sub(self.first).and_then(|it| track.points.get(it)));
+            let points: Vec<_> = points.collect();
+            let offset = match by {
+                By::Template => [0.0; 2],
+                By::Centroid => offset(&track.points),
+            };
+            let place = |point: &Option<&Point>| {
+                let seen = point.and_then(|point| position(point, by));
+                seen.map_or([f64::NAN; 2], |[x, y]| scale.in_frame([x + offset[0] + HALF, y + offset[1] + HALF]))
+            };
+            let deviation = |point: &Option<&Point>| {
+                let measured = point.and_then(|point| point.measurement);
+                measured.map_or(f64::NAN, |it| (0.5 * (it.covariance[0][0] + it.covariance[1][1])).sqrt())
+            };
+            let deviations: Vec<f64> = points.iter().map(deviation).collect();
+            let usual = upper_median(deviations.iter().copied().filter(|it| it.is_finite())).unwrap_or(1.0);
+            let weight = |deviation: &f64| match by {
+                By::Template if deviation.is_finite() => (usual / deviation).clamp(LEAST_WEIGHT, 1.0),
+                _ => 1.0,
+            };
+            (points.iter().map(place).collect(), deviations.iter().map(weight).collect())
+        };
+        let all: Vec<_> = self.tracks.iter().map(of_track).collect();
+        let frames = 0..numbers.len();
+        let pixels: Vec<f64> = frames.clone().flat_map(|frame| all.iter().flat_map(move |of| of.0[frame])).collect();
+        let per_object = system.cell.coordinates.per_object();
+        let weights = frames.flat_map(|frame| all.iter().flat_map(move |of| vec![of.1[frame]; per_object])).collect();
+        Positions { coordinates: coordinates(&pixels, system), pixels, weights }
+    }
+
+    /// Puts the tracks in the order of a model's objects: each takes the nearest track. `centroids` are the model's positions
+    /// in these frames, pixels of a frame.
+    pub fn name_after(&mut self, centroids: &[f64], numbers: &[usize], (scale, system): (&Scale, &System)) {
+        let objects = system.objects;
+        let mut left: Vec<Track> =
+            std::mem::take(&mut self.tracks).into_iter().chain(std::mem::take(&mut self.others)).collect();
+        for object in 0..objects {
+            let distance = |track: &Track| {
+                let own = Tracked {
+                    tracks: vec![track.clone()],
+                    others: Vec::new(),
+                    first: self.first,
+                    times: None,
+                    notes: Vec::new(),
+                };
+                let alone = System { objects: 1, ..system.clone() };
+                let pixels = own.positions(numbers, By::Template, (scale, &alone)).pixels;
+                let model = centroids.chunks(2 * objects).map(|frame| [frame[2 * object], frame[2 * object + 1]]);
+                let apart = pixels.chunks(2).zip(model).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]));
+                upper_median(apart.filter(|x| x.is_finite())).unwrap_or(f64::INFINITY)
+            };
+            let distances: Vec<f64> = left.iter().map(distance).collect();
+            let nearest = (0..left.len()).min_by(|a, b| distances[*a].total_cmp(&distances[*b]));
+            self.tracks.extend(nearest.map(|place| left.remove(place)));
+        }
+        self.others = left;
+    }
+}
+
+/// Position in a frame, where the object is seen as a whole.
+fn position(point: &Point, by: By) -> Option<[f64; 2]> {
+    let whole = point.visibility == Visibility::Visible;
+    match by {
+        By::Template => point.measurement.filter(|it| whole || it.method == Method::Template).map(|it| it.position),
+        By::Centroid => point.centroid.filter(|_| whole),
+    }
+}
+
+/// Mean distance from the centroid of the moving region to the template's.
+fn offset(points: &[Point]) -> [f64; 2] {
+    let both = points.iter().filter_map(|point| Some((point.measurement?.position, point.centroid?)));
+    let both: Vec<_> = both.collect();
+    [0, 1].map(|axis| upper_median(both.iter().map(|(a, b)| a[axis] - b[axis])).unwrap_or(0.0))
+}
+
+/// Pixels of a frame in the equation's coordinates: the same, or angles about the frame's middle, 0 up, positive clockwise.
+fn coordinates(pixels: &[f64], system: &System) -> Vec<f64> {
+    if system.cell.coordinates == Coordinates::Position {
+        return pixels.to_vec();
+    }
+    let middle = system.side as f64 / 2.0;
+    let mut last = vec![None::<f64>; system.objects];
+    pixels
+        .chunks(2)
+        .enumerate()
+        .map(|(row, at)| {
+            let last = &mut last[row % system.objects];
+            let mut angle = (at[0] - middle).atan2(middle - at[1]);
+            if let Some(before) = *last {
+                angle += ((before - angle) / std::f64::consts::TAU).round() * std::f64::consts::TAU;
+            }
+            if angle.is_finite() {
+                *last = Some(angle);
+            }
+            angle
+        })
+        .collect()
+}

@@ -92,7 +92,11 @@ mod tests {
             Point {
                 frame,
                 visibility: Visibility::Visible,
-                measurement: Some(Measurement { position: [x, 50.0], covariance: [[0.01; 2]; 2], method: Method::Template }),
+                measurement: Some(Measurement {
+                    position: [x, 50.0],
+                    covariance: [[0.01; 2]; 2],
+                    method: Method::Template,
+                }),
                 centroid: None,
                 misfit: None,
                 contrast: None,

@@ -61,9 +61,8 @@ impl Plane {
     fn jacobian(&self, [x, y]: [f64; 2]) -> Matrix2<f64> {
         let h = &self.to_metres;
         let [u, v, w] = (h * Vector3::new(x, y, 1.0)).into();
-        let row = |value: f64, row: usize| {
-            [0, 1].map(|column| (h[(row, column)] * w - value * h[(2, column)]) / (w * w))
-        };
+        let row =
+            |value: f64, row: usize| [0, 1].map(|column| (h[(row, column)] * w - value * h[(2, column)]) / (w * w));
         let (across, up) = (row(u, 0), row(v, 1));
         Matrix2::new(across[0], across[1], up[0], up[1])
     }
@@ -115,7 +114,9 @@ mod tests {
             let beside = plane.metres([x + step, y]);
             let slope = [0, 1].map(|k| (beside[k] - place[k]) / step);
             let spread = plane.covariance([x, y], [[1.0, 0.0], [0.0, 0.0]]);
-            assert!((spread[0][0] - slope[0] * slope[0]).abs() < 1e-8 && (spread[0][1] - slope[0] * slope[1]).abs() < 1e-8);
+            assert!(
+                (spread[0][0] - slope[0] * slope[0]).abs() < 1e-8 && (spread[0][1] - slope[0] * slope[1]).abs() < 1e-8
+            );
         }
     }
 

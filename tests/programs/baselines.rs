@@ -339,7 +339,8 @@ fn a_killed_whole_model_resumes_to_the_same_bits() {
     let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
     resumes_to_the_same_bits([&whole, &killed], &[SAVED], train, train, first_validation);
     assert_same_bits(&of_checkpoint(&whole), &of_checkpoint(&killed));
-    let [whole, killed] = [&whole, &killed].map(|run| WholeScores { seconds: 0.0, ..WholeScores::read(run).unwrap().unwrap() });
+    let [whole, killed] =
+        [&whole, &killed].map(|run| WholeScores { seconds: 0.0, ..WholeScores::read(run).unwrap().unwrap() });
     assert_eq!(serde_json::to_string(&whole).unwrap(), serde_json::to_string(&killed).unwrap());
 }
 

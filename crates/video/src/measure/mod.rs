@@ -37,7 +37,7 @@ mod trust;
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use tch::Device;
 
 use self::bootstrap::bootstrap;
@@ -237,6 +237,9 @@ fn cut_to_free_motion(
     Ok(Some(note))
 }
 
+/// An observation whose fit leaves more than so many times what the quoted one does checks nothing.
+const WORSE: f64 = 2.0;
+
 /// What the fit to another observation says.
 struct CrossCheck {
     judged: Explained,
@@ -249,6 +252,10 @@ impl Subject {
         let judged = scene.go_on(explained, &tracks)?;
         let tracks = recording::whole(&tracks);
         let whole = scene.go_on(&judged, &tracks)?;
+        ensure!(
+            whole.fitted.usual_residual <= WORSE * explained.fitted.usual_residual,
+            "they are too noisy to be held against the others"
+        );
         let uncertainty = bootstrap(&whole.dynamics, &tracks, &whole.learned, &whole.fitted, self.seed)?;
         let quantities = scene.quantities(&tracks, &whole, &uncertainty);
         Ok(CrossCheck { judged, quantities })

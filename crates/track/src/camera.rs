@@ -27,7 +27,7 @@ const FOUND: f64 = 0.85;
 /// Share of the edges that must agree on a frame's registration.
 const AGREEING: f64 = 0.45;
 /// Factor by which moved frames must fit the background better than where they stand.
-const BETTER: f64 = 1.15;
+const BETTER: f64 = 1.25;
 /// Rounds of building the background and registering the samples on it.
 const ROUNDS: usize = 2;
 /// Fewest frames of a scene that is tracked.
@@ -157,10 +157,6 @@ pub(crate) fn find(
     let sampled: Vec<usize> = samples.iter().map(|(frame, _)| *frame).collect();
     let start = Start::new(survey, &frames, &sampled)?;
     let moving = registered(video, (survey.size, samples), &frames, start)?;
-    if std::env::var_os("DBG").is_some() {
-        let mut g: Vec<f64> = moving.gains.iter().flatten().copied().collect();
-        eprintln!("gains {:?}", [0.1, 0.25, 0.5, 0.75, 0.9].map(|q| quantile(&mut g, q)));
-    }
     if !is_moving(&moving.displacements) || !moving.fits_better() {
         return Ok(standing(Motion::Standing));
     }

@@ -3,6 +3,8 @@
 # make test-vector-paths  the short tests of the kernels' portable and AVX2 paths alone (part of make test)
 # make lint      check format, lints and docs alone
 # make build     build paig and the runners, into target/release
+# make wheel     build the Python wheel (module and program) into dist
+# make test-wheel  build it, install it into a fresh environment, run the demonstration, the Python tests and a notebook
 # make data      generate the spring data alone
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
@@ -16,7 +18,7 @@
 # make bench     steps, inference, losses, fits beside PyTorch (eager, compiled) and TensorFlow, in turns; benches/
 # make cost      what a step costs against batch, clip length, side, objects, threads; benches/cost
 # make compare-defects   what each known defect of earlier ports does: trains with each, hours; goes on where it stopped
-# make clean     remove what was built and fetched (target, libtorch, compare/.venv); data and runs stay
+# make clean     remove what was built and fetched (target, dist, libtorch, compare/.venv); data and runs stay
 # make help      print this
 #
 # Variables (make stress JOBS=4):
@@ -36,7 +38,7 @@ JOBS ?= 2
 # Stands where the references' Python environment is complete.
 COMPARE_READY := compare/.venv/installed
 
-.PHONY: demo test test-vector-paths lint format clippy documentation libtorch build data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
+.PHONY: demo test test-vector-paths lint format clippy documentation libtorch build wheel test-wheel data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
 
 demo: libtorch
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -62,6 +64,12 @@ documentation: libtorch
 
 build: libtorch
 	$(CARGO) build --release --workspace
+
+wheel: libtorch
+	@CARGO="$(CARGO)" $(PYTHON) setup/wheel.py
+
+test-wheel: wheel
+	@PYTHON="$(PYTHON)" setup/check_wheel.sh
 
 data: build
 	$(PAIG) generate --task spring_color --out $(DATA)
@@ -162,7 +170,7 @@ compare-defects: $(COMPARE_READY)
 	cd compare && OMP_NUM_THREADS=1 .venv/bin/python -m torch_reference.defects goldens
 
 clean:
-	rm -rf target libtorch compare/.venv
+	rm -rf target dist libtorch compare/.venv
 
 # The lines at the head of this file.
 help:

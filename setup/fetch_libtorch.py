@@ -11,55 +11,32 @@ run continues where it stopped: a file appears under its name only when its CRC-
 """
 
 import argparse
-import errno
 import ctypes
+import errno
 import hashlib
-import http.client
-import json
+import itertools
 import os
 import platform
 import shutil
-import struct
 import subprocess
 import sys
 import tempfile
-import urllib.request
-import zipfile
-import zlib
 from pathlib import Path
 
-TORCH = "torch==2.11.0"
-# What `torch==2.11.0` pins through cuda-toolkit 13.0.2, and all that libtorch_cpu.so needs of it.
-CUDA_RUNTIME = "nvidia-cuda-runtime==13.0.96"
-CUPTI = "nvidia-cuda-cupti==13.0.85"
-# CUDA's compiler, for the kernels in src/kernels/gpu, with the headers that it includes: `torch` does not ask for them.
+ROOT = Path(__file__).resolve().parent.parent
+# The Python package fetches the same libraries for those who install the wheel.
+sys.path.append(str(ROOT / "crates" / "python" / "python" / "paig"))
+
+import pinned  # noqa: E402
+import wheel_parts  # noqa: E402
+from wheel_parts import sha256  # noqa: E402
+
+TORCH = pinned.TORCH
+# CUDA's compiler, for the kernels in crates/kernels/src/gpu, with the headers that it includes: `torch` does not ask for them.
 CUDA_COMPILER = ["nvidia-cuda-nvcc==13.0.88", "nvidia-nvvm==13.0.88", "nvidia-cuda-crt==13.0.88"]
-WANTED = {
-    TORCH: (
-        "torch/include/",
-        "torch/lib/libtorch_cpu.so",
-        "torch/lib/libc10.so",
-        "torch/lib/libgomp.so.1",
-        "torch/version.py",
-    ),
-    CUDA_RUNTIME: ("nvidia/cu13/lib/libcudart.so.13",),
-    CUPTI: ("nvidia/cu13/lib/libcupti.so.13",),
-}
-# libtorch_cpu.so is the same in the wheels of every Python: this one is taken whatever python3 is installed.
-WHEEL_TAGS = ["--python-version", "3.12", "--only-binary=:all:", "--platform", "manylinux_2_28_x86_64",
-              "--platform", "manylinux_2_17_x86_64", "--platform", "manylinux2014_x86_64",
-              "--platform", "manylinux_2_25_x86_64", "--platform", "manylinux_2_27_x86_64"]
-# SHA-256 of what is linked and loaded, and of all headers together (names and contents): a wheel that was changed in one
-# byte is refused, also where it says of itself that it is whole.
-PINNED = {
-    "torch/lib/libtorch_cpu.so": "2e1034d418c1c881c86f67fc357b8723efc3f22bdb266f06aace8e6ca9c170b3",
-    "torch/lib/libc10.so": "be5e17cd7752a6af003978706379384c3108f6b68916bb1949e610f6397bb640",
-    "torch/lib/libgomp.so.1": "e28fb2896a3d612b46a27d7f8ef840d34c9efbc29b70a044c42095fb94856890",
-    "nvidia/cu13/lib/libcudart.so.13": "96c42e418cec19054186b9429c321603cc190bf26a18104e19408117a2a817b0",
-    "nvidia/cu13/lib/libcupti.so.13": "e2f9ed861fe27c492b8bb52b5e3220ef5120f3edcda36312e96b7fd8a186be3e",
-}
+# Beside the libraries.
+TO_COMPILE = ("torch/include/", "torch/version.py")
 HEADERS, PINNED_HEADERS = "torch/include", "1d9b6d04320631229fabd9fe6c05b61d71c0de092c9ef450cce5a81cf23289af"
-BLOCK = 1 << 20
 SPARE_DISK = {"cpu": 1 << 30, "cuda": 8 << 30}
 
 
@@ -71,188 +48,39 @@ def fail(text):
     sys.exit(f"libtorch: error: {text}")
 
 
-def pip(*arguments):
-    command = [sys.executable, "-m", "pip", *arguments, "--disable-pip-version-check"]
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    return done.returncode, done.stdout
+def wanted(requirement):
+    """Prefixes of the files of a wheel."""
+    return pinned.LIBRARIES[requirement] + (TO_COMPILE if requirement == TORCH else ())
 
 
-class RangeReader:
-    """A remote file with the three calls `zipfile` needs (seek, tell, read), served by HTTP range requests."""
+def show(name):
+    """Prints how far a fetch is, now and then."""
+    shown = 0
 
-    def __init__(self, url):
-        self.url, self.position = url, 0
-        with self.open(0, 0) as answer:
-            content_range = answer.headers.get("Content-Range", "")
-            if answer.status != 206 or "/" not in content_range:
-                raise OSError("the index does not serve byte ranges")
-            self.size = int(content_range.rsplit("/", 1)[1])
+    def progress(done, total):
+        nonlocal shown
+        if shown == 0:
+            say(f"{name}: fetching {total / 1e6:.0f} MB")
+        if shown == 0 or done - shown >= 32 << 20:
+            shown = max(done, 1)
+            say(f"  {done / 1e6:.0f} of {total / 1e6:.0f} MB")
 
-    def open(self, first, last):
-        request = urllib.request.Request(self.url, headers={"Range": f"bytes={first}-{last}"})
-        return urllib.request.urlopen(request, timeout=60)
-
-    def seekable(self):
-        return True
-
-    def seek(self, offset, whence=0):
-        self.position = offset + (0, self.position, self.size)[whence]
-        return self.position
-
-    def tell(self):
-        return self.position
-
-    def read(self, count=-1):
-        end = self.size if count < 0 else min(self.size, self.position + count)
-        if end <= self.position:
-            return b""
-        with self.open(self.position, end - 1) as answer:
-            data = answer.read()
-        self.position += len(data)
-        return data
-
-
-def wheel_url(requirement):
-    """The address of the wheel, from the index the user's pip is set up for."""
-    with tempfile.TemporaryDirectory() as folder:
-        report = Path(folder, "report.json")
-        code, output = pip("install", "--dry-run", "--ignore-installed", "--no-deps", "--quiet",
-                           "--target", folder, "--report", str(report), *WHEEL_TAGS, requirement)
-        if code:
-            raise OSError(output.strip().splitlines()[-1] if output.strip() else "pip failed")
-        return json.loads(report.read_text())["install"][0]["download_info"]["url"]
-
-
-def wanted_members(archive, requirement):
-    prefixes = WANTED[requirement]
-    members = [m for m in archive.infolist() if m.filename.startswith(prefixes) and not m.is_dir()]
-    for prefix in prefixes:
-        if not any(m.filename.startswith(prefix) for m in members):
-            fail(f"{requirement}: the wheel holds no {prefix}; expected the layout of the official Linux wheels")
-    return members
-
-
-def complete(member, target):
-    path = target / member.filename
-    return path.exists() and path.stat().st_size == member.file_size
-
-
-def fetch_runs(members, limit=64 * BLOCK):
-    """Neighbouring members joined into runs, so that ten thousand headers cost a few requests, not ten thousand."""
-    run = []
-    for member in sorted(members, key=lambda m: m.header_offset):
-        if run and (member.header_offset - run[-1].header_offset > 4 * BLOCK
-                    or member.header_offset + member.compress_size - run[0].header_offset > limit):
-            yield run
-            run = []
-        run.append(member)
-    if run:
-        yield run
-
-
-def place(member, data, target):
-    """Check `data` against the member's CRC and size and let it appear under its name in one step."""
-    if len(data) != member.file_size or zlib.crc32(data) != member.CRC:
-        fail(f"{member.filename}: damaged in transfer (size or CRC-32 differs); run the command again")
-    path = target / member.filename
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(data)
-    partial.replace(path)
-
-
-def inflate(member, compressed):
-    return compressed if member.compress_type == zipfile.ZIP_STORED else zlib.decompress(compressed, -15)
-
-
-def fetch_one_large(reader, member, target, progress):
-    """A large member is kept as it arrives, so that an interruption costs no more than one block."""
-    header = struct.unpack("<HH", read_at(reader, member.header_offset + 26, 4))
-    start = member.header_offset + 30 + sum(header)
-    cache = target / (member.filename.replace("/", "_") + ".download")
-    have = cache.stat().st_size if cache.exists() else 0
-    with open(cache, "ab") as file:
-        while have < member.compress_size:
-            with reader.open(start + have, start + member.compress_size - 1) as answer:
-                while block := answer.read(BLOCK):
-                    file.write(block)
-                    have += len(block)
-                    progress(len(block))
-    data = cache.read_bytes()
-    if len(data) != member.compress_size:
-        cache.unlink()
-        fail(f"{member.filename}: received {len(data)} bytes, expected {member.compress_size}; run the command again")
-    try:
-        place(member, inflate(member, data), target)
-    finally:
-        cache.unlink()
-
-
-def read_at(reader, offset, count):
-    reader.seek(offset)
-    return reader.read(count)
-
-
-def fetch_run(reader, run, target, progress):
-    first = run[0].header_offset
-    last = run[-1]
-    # The local header's own extra field can be longer than the directory's: 4 KiB of slack covers it.
-    end = last.header_offset + 30 + len(last.filename) + last.compress_size + 4096
-    data = read_at(reader, first, min(end, reader.size) - first)
-    for member in run:
-        offset = member.header_offset - first
-        name_length, extra_length = struct.unpack("<HH", data[offset + 26:offset + 30])
-        offset += 30 + name_length + extra_length
-        place(member, inflate(member, data[offset:offset + member.compress_size]), target)
-    progress(len(data))
-
-
-def fetch_by_ranges(requirement, target):
-    reader = RangeReader(wheel_url(requirement))
-    with zipfile.ZipFile(reader) as archive:
-        members = wanted_members(archive, requirement)
-    missing = [m for m in members if not complete(m, target)]
-    if not missing:
-        return say(f"{requirement}: already here")
-    total = sum(m.compress_size for m in missing)
-    say(f"{requirement}: fetching {total / 1e6:.0f} MB ({len(missing)} files) of a {reader.size / 1e6:.0f} MB wheel")
-    done, shown = 0, 0
-
-    def progress(count):
-        nonlocal done, shown
-        done += count
-        if done - shown >= 32 * BLOCK:
-            shown = done
-            say(f"  {min(done, total) / 1e6:.0f} of {total / 1e6:.0f} MB")
-
-    large = [m for m in missing if m.compress_size > 4 * BLOCK]
-    for run in fetch_runs([m for m in missing if m.compress_size <= 4 * BLOCK]):
-        fetch_run(reader, run, target, progress)
-    for member in large:
-        fetch_one_large(reader, member, target, progress)
+    return progress
 
 
 def fetch_whole(requirement, target):
     with tempfile.TemporaryDirectory(dir=target) as folder:
         say(f"{requirement}: fetching the whole wheel with pip")
-        code, output = pip("download", "--no-deps", "--dest", folder, *WHEEL_TAGS, requirement)
+        tags = wheel_parts.pip_tags(pinned.PYTHON_TAG, pinned.PLATFORMS)
+        code, output = wheel_parts.pip("download", "--no-deps", "--dest", folder, *tags, requirement)
         if code:
-            fail(f"pip could not download {requirement}: {(output.strip().splitlines() or ['it said nothing'])[-1]}")
-        with zipfile.ZipFile(next(Path(folder).glob("*.whl"))) as archive:
-            for member in wanted_members(archive, requirement):
-                if not complete(member, target):
-                    place(member, archive.read(member), target)
-
-
-def sha256(path):
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest() if hasattr(hashlib, "file_digest") \
-            else hashlib.sha256(file.read()).hexdigest()
+            fail(f"pip could not download {requirement}: {wheel_parts.last_line(output)}")
+        wheel_parts.unpack(next(Path(folder).glob("*.whl")), requirement, wanted(requirement), target)
 
 
 def verify(target):
     """Refuse files that are not those that this program was built and tested with."""
-    for name, expected in PINNED.items():
+    for name, expected in pinned.SHA256.items():
         if sha256(target / name) != expected:
             fail(f"{name} is not that of the official {TORCH} wheel (SHA-256 differs); delete {target}, see which index "
                  "pip is set up for, and run again")
@@ -264,10 +92,20 @@ def verify(target):
 
 
 def fetch_cpu(target):
-    for requirement in WANTED:
+    requirements, urls = list(pinned.LIBRARIES), []
+    try:
+        urls = wheel_parts.wheel_urls(requirements, pinned.PYTHON_TAG, pinned.PLATFORMS)
+    except wheel_parts.UNREADABLE as error:
+        say(f"where the wheels are could not be found out ({error})")
+    for requirement, url in itertools.zip_longest(requirements, urls):
         try:
-            fetch_by_ranges(requirement, target)
-        except (OSError, http.client.HTTPException, zipfile.BadZipFile, zlib.error, struct.error, KeyError, IndexError) as error:
+            if url is None:
+                fetch_whole(requirement, target)
+            else:
+                wheel_parts.fetch(url, requirement, wanted(requirement), target, show(requirement))
+        except wheel_parts.Damaged as error:
+            fail(error)
+        except wheel_parts.UNREADABLE as error:
             if getattr(error, "errno", None) in (errno.ENOSPC, errno.EACCES, errno.EROFS):
                 raise
             say(f"{requirement}: reading parts of the wheel failed ({error})")
@@ -312,7 +150,7 @@ def check_tools():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--target", type=Path, default=Path(__file__).resolve().parent.parent / "libtorch",
+    parser.add_argument("--target", type=Path, default=ROOT / "libtorch",
                         help="folder to fill (default: ./libtorch)")
     parser.add_argument("--cuda", action="store_true", help="the complete set with GPU support (several GB)")
     arguments = parser.parse_args()

@@ -95,7 +95,7 @@ fn compile_bridge(library: &str, cuda: Option<&str>) {
     if std::fs::read_to_string(&stamp).is_ok_and(|stamp| stamp == made_of) {
         println!("cargo:rustc-link-search=native={out}");
         println!("cargo:rustc-link-lib=static=paig_bridge");
-        println!("cargo:rustc-link-lib=stdc++");
+        println!("cargo:rustc-link-lib={}", paig_link::cpp_library());
     } else {
         let mut build = cc::Build::new();
         build
@@ -189,7 +189,7 @@ fn compile_gpu_kernels(library: &str, cuda: Option<&str>) {
     let result = if let Some(result) = made {
         println!("cargo:rustc-link-search=native={out}");
         println!("cargo:rustc-link-lib=static=paig_gpu_kernels");
-        println!("cargo:rustc-link-lib=stdc++");
+        println!("cargo:rustc-link-lib={}", paig_link::cpp_library());
         result
     } else {
         let mut build = cc::Build::new();

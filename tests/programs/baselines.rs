@@ -8,7 +8,8 @@ use std::process::Output;
 use crate::programs::{baseline, paig};
 use crate::project::project;
 use crate::random::numbers;
-use paig::kernels::Kernels;
+use crate::training::{SAVED, resumes_to_the_same_bits};
+use paig::kernels::{Instructions, Kernels};
 use paig::network::cells::Actions;
 use paig::runs::checkpoint::{SavedWeights, find_weights};
 use paig::tasks;
@@ -16,6 +17,7 @@ use paig_experiments::baselines::list::Comparison;
 use paig_experiments::baselines::whole_models::config::WholeModel;
 use paig_experiments::baselines::whole_models::frame_model::{Batch, FrameModel, named_variables, weights};
 use paig_experiments::baselines::whole_models::gaussian::normal_numbers;
+use paig_experiments::baselines::whole_models::scores::WholeScores;
 use rand::Rng;
 use serde_json::Value;
 use tch::{Device, Kind, Tensor};
@@ -61,7 +63,8 @@ fn whole_models_see_only_the_input() {
 /// VideoLSTM by libtorch alone is the same model: float32 in another order, so not to the bit.
 #[test]
 fn video_lstm_honours_the_kernels() {
-    let [own, libtorch] = [Kernels::Own, Kernels::Libtorch].map(|kernels| {
+    let widest = Kernels::With(Instructions::all()[0]);
+    let [own, libtorch] = [widest, Kernels::Libtorch].map(|kernels| {
         let model = built_with(WholeModel::VideoLstm, kernels);
         let batch = Batch { frames: clips(2, 8), actions: Actions::none(), rewards: None, noise: None };
         let loss = model.loss(&batch);
@@ -311,6 +314,34 @@ fn a_whole_model_goes_on_to_the_same_bits() {
     let said = train("half", "6");
     assert!(said.contains("step 4: validation") && !said.contains("step 2: validation"), "{said}");
     assert_same_bits(&of_checkpoint(&whole), &of_checkpoint(&half));
+}
+
+/// The first validation that an output names: before the first step where the training begins, else after a checkpoint.
+fn first_validation(output: &Output) -> Option<u64> {
+    let said = text(output);
+    let (before, _) = said.split_once(": validation error")?;
+    Some(before.rsplit(' ').next().unwrap().parse().unwrap())
+}
+
+#[test]
+fn a_killed_whole_model_resumes_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    let mut generate = paig("generate");
+    generate.args(["--task", "spring_color", "--train", "10", "--valid", "4", "--test", "2", "--out"]).arg(&data);
+    assert!(generate.output().unwrap().status.success());
+    let train = |run: &Path| {
+        let mut command = baseline("ddpae");
+        command.args(["--batch", "2", "--checkpoint-every", "4", "--threads", "1", "--steps", "48", "--data"]);
+        command.arg(&data).arg("--out").arg(run);
+        command
+    };
+    let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
+    resumes_to_the_same_bits([&whole, &killed], &[SAVED], train, train, first_validation);
+    assert_same_bits(&of_checkpoint(&whole), &of_checkpoint(&killed));
+    let [whole, killed] =
+        [&whole, &killed].map(|run| WholeScores { seconds: 0.0, ..WholeScores::read(run).unwrap().unwrap() });
+    assert_eq!(serde_json::to_string(&whole).unwrap(), serde_json::to_string(&killed).unwrap());
 }
 
 /// A training that leaves the numbers ends in a line that says so, also where libtorch refuses what is none.

@@ -114,19 +114,21 @@ fn wait_for(file: &Path, words: &str, child: &mut Child) {
 }
 
 /// There is something that a run can go on from.
-const SAVED: [&str; 2] = ["checkpoints/index.json", "last"];
+pub(crate) const SAVED: [&str; 2] = ["checkpoints/index.json", "last"];
 
 /// After as many a run goes on to its end, however slow the machine is.
 const MOST_KILLS: u64 = 12;
 
 /// Trains into `whole` by the command that `fresh` makes for a folder, and into `killed` by the same one, killed at ever
-/// later moments and taken up by `again`: the bits are the same, and are not those of a run that began anew. The first kills
-/// are `when` a file of the run holds some words, however fast the machine is.
-fn resumes_to_the_same_bits(
+/// later moments and taken up by `again`: the bits are the same, and are not those of a run that began anew, by the steps
+/// `done_before` that an output names. The first kills are `when` a file of the run holds some words, however fast the machine
+/// is.
+pub(crate) fn resumes_to_the_same_bits(
     [whole, killed]: [&Path; 2],
     when: &[[&str; 2]],
     fresh: impl Fn(&Path) -> Command,
     again: impl Fn(&Path) -> Command,
+    done_before: impl Fn(&Output) -> Option<u64>,
 ) {
     let done = fresh(whole).output().unwrap();
     assert!(done.status.success(), "{}", text(&done));
@@ -147,7 +149,7 @@ fn resumes_to_the_same_bits(
             kills += 1;
         }
         let output = child.wait_with_output().unwrap();
-        taken_up.extend(steps_done_before(&output));
+        taken_up.extend(done_before(&output));
         if output.status.success() {
             break;
         }
@@ -194,7 +196,7 @@ fn a_killed_run_resumes_to_the_same_bits() {
     let config = write_config(folder.path(), TINY);
     let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
     let [begin, again] = begin_and_resume(&config, &[]);
-    resumes_to_the_same_bits([&whole, &killed], &[SAVED], begin, again);
+    resumes_to_the_same_bits([&whole, &killed], &[SAVED], begin, again, steps_done_before);
     assert_ends_at_best(&whole);
 }
 
@@ -208,7 +210,7 @@ fn a_killed_run_whose_join_diverges_resumes_to_the_same_bits() {
     let config = write_config(folder.path(), TINY);
     let [whole, killed] = ["whole", "killed"].map(|name| folder.path().join(name));
     let [begin, again] = begin_and_resume(&config, &OVERFLOW);
-    resumes_to_the_same_bits([&whole, &killed], &[SAVED], begin, again);
+    resumes_to_the_same_bits([&whole, &killed], &[SAVED], begin, again, steps_done_before);
     let log = fs::read_to_string(whole.join("log.txt")).unwrap();
     let expected = "join - the total loss is not finite at step 15: back to its step 0, the best by validation";
     assert!(log.contains(expected), "{log}");
@@ -255,7 +257,7 @@ fn a_run_that_was_killed_among_halved_frames_resumes_to_the_same_bits() {
         command.arg("--resume").arg("--out").arg(run);
         command
     };
-    resumes_to_the_same_bits([&whole, &killed], &[["metrics.jsonl", "coarse"], SAVED], begin, again);
+    resumes_to_the_same_bits([&whole, &killed], &[["metrics.jsonl", "coarse"], SAVED], begin, again, steps_done_before);
     let phases: Vec<_> = metrics(&whole).iter().map(|record| record["phase"].as_str().unwrap().to_string()).collect();
     let first = |phase: &str| phases.iter().position(|known| known == phase).expect(phase);
     assert!(first("coarse") < first("discover"), "{phases:?}");

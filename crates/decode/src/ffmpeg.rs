@@ -154,6 +154,7 @@ pub(crate) fn decode(
             seconds: Some(seconds),
             picture: Picture::Rgb(picture),
             display: display.clone(),
+            field: None,
         }) {
             break;
         }

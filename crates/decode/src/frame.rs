@@ -5,6 +5,7 @@ use std::sync::Arc;
 use image::{DynamicImage, GrayImage, RgbImage};
 
 use crate::colour::Converter;
+use crate::fields::Parity;
 use crate::picture::Picture;
 use crate::upright::Orientation;
 
@@ -15,6 +16,8 @@ pub struct Frame {
     pub(crate) seconds: Option<f64>,
     pub(crate) picture: Picture,
     pub(crate) display: Arc<Display>,
+    /// The field that is shown, where frames are split into fields.
+    pub(crate) field: Option<Parity>,
 }
 
 /// How the frames of a video become upright pictures.
@@ -45,7 +48,11 @@ impl Frame {
             Picture::Yuv(yuv) => self.display.converter.rgb(yuv),
             Picture::Rgb(picture) => picture.clone(),
         };
-        self.display.orientation.turn_rgb(stored)
+        let shown = match self.field {
+            Some(field) => field.rgb(stored),
+            None => stored,
+        };
+        self.display.orientation.turn_rgb(shown)
     }
 
     /// The upright frame's luma, 0 for black to 255 for white.
@@ -54,7 +61,11 @@ impl Frame {
             Picture::Yuv(yuv) => self.display.converter.grey(yuv),
             Picture::Rgb(picture) => DynamicImage::from(picture.clone()).into_luma8(),
         };
-        self.display.orientation.turn_grey(stored)
+        let shown = match self.field {
+            Some(field) => field.grey(stored),
+            None => stored,
+        };
+        self.display.orientation.turn_grey(shown)
     }
 
     /// The samples as decoded, neither turned nor converted: planes of luma and chroma, or RGB. Bytes at 8 bits, else

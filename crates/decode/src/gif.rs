@@ -117,7 +117,7 @@ pub(crate) fn decode(
         let seconds = times.and_then(|times| times.get(number).copied());
         let frame = frame.map_err(damaged).map_err(|error| Error::at_frame(number, seconds, error))?;
         let picture = Picture::Rgb(over_black(&frame.into_buffer()));
-        if number >= from && !sink.send(Frame { number, seconds, picture, display: display.clone() }) {
+        if number >= from && !sink.send(Frame { number, seconds, picture, display: display.clone(), field: None }) {
             break;
         }
     }

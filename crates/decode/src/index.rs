@@ -61,6 +61,9 @@ impl Index {
     /// The bytes of a packet.
     pub(crate) fn packet(&self, file: &mut BufReader<File>, packet: &Packet) -> Result<Vec<u8>> {
         let bytes = read_at(file, packet.offset, packet.size)?;
+        if let Some(transport) = self.track.transport {
+            return Ok(transport.frame(&bytes));
+        }
         Ok(if self.track.prefix.is_empty() { bytes } else { [&self.track.prefix[..], &bytes].concat() })
     }
 }
@@ -85,7 +88,9 @@ fn roles(track: &Track, file: &mut BufReader<File>) -> Result<Vec<Role>> {
     let by_mark = matches!(track.setup, Setup::Av1 | Setup::Mjpeg | Setup::Other(_));
     let mut roles = Vec::with_capacity(track.packets.len());
     for packet in &track.packets {
-        let first = if by_mark { Vec::new() } else { read_at(file, packet.offset, packet.size.min(ROLE_BYTES))? };
+        let looked_at = track.transport.map_or(ROLE_BYTES, |transport| transport.range(ROLE_BYTES));
+        let first = if by_mark { Vec::new() } else { read_at(file, packet.offset, packet.size.min(looked_at))? };
+        let first = track.transport.map_or(first.clone(), |transport| transport.frame(&first));
         let first = if track.prefix.is_empty() { first } else { [&track.prefix[..], &first].concat() };
         roles.push(role(&track.setup, &first, packet.sync));
     }

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 use std::fs;
-use std::io::{BufReader, Cursor, Read};
+use std::io::{self, BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,16 +10,19 @@ use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits, RgbImage};
 
 use crate::error::{Error, Result, printable};
+use crate::exif;
 use crate::flat::over_black;
 use crate::frame::{Display, Frame};
-use crate::limits::{LARGEST_PACKET, LARGEST_SIDE, check_frames, check_size};
+use crate::limits::{LARGEST_DESCRIPTION, LARGEST_PACKET, LARGEST_SIDE, check_frames, check_size};
 use crate::open::open_regular;
 use crate::picture::Picture;
 use crate::stream::Sink;
 
+/// Table of the pictures' times.
+const TIMES: &str = "times.csv";
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// The pictures of a folder in the order of their numbers, `f2.png` before `f10.png`, and their size. They have no times.
+/// The pictures of a folder in the order of their numbers, `f2.png` before `f10.png`, and their size.
 ///
 /// # Errors
 /// No pictures; two series of names; two pictures of one number; numbers that are missing.
@@ -42,6 +45,53 @@ pub(crate) fn list(folder: &Path) -> Result<(Vec<PathBuf>, (u32, u32))> {
     let first = files.first().ok_or_else(|| Error::corrupt("the folder holds no png or jpeg"))?;
     let size = read(first)?.dimensions();
     Ok((files, size))
+}
+
+/// Times of the pictures of a folder, seconds since the first: those of its file `times.csv`, else those at which the camera
+/// states that it took them (EXIF, with parts of a second). None where neither gives ascending times.
+///
+/// # Errors
+/// A `times.csv` that does not give every picture a time, later than the one before.
+pub(crate) fn times(folder: &Path, files: &[PathBuf]) -> Result<Option<Vec<f64>>> {
+    let table = folder.join(TIMES);
+    if table.exists() {
+        let text = io::read_to_string(open_regular(&table)?.take(LARGEST_DESCRIPTION))?;
+        let named = |source| Error::InFile { name: TIMES.into(), source: Box::new(source) };
+        return listed(&text, files).map(Some).map_err(named);
+    }
+    let taken: Option<Vec<f64>> = files.iter().map(|path| exif::seconds(path)).collect();
+    Ok(taken.filter(|times| times.is_sorted_by(|a, b| a < b)).map(since_first))
+}
+
+fn since_first(times: Vec<f64>) -> Vec<f64> {
+    let first = times.first().copied().unwrap_or(0.0);
+    times.iter().map(|time| time - first).collect()
+}
+
+/// Times of a table: a row for each picture, either its time or its name and its time, seconds; a heading is passed over.
+fn listed(text: &str, files: &[PathBuf]) -> Result<Vec<f64>> {
+    let rows: Vec<Vec<&str>> = text
+        .lines()
+        .map(|line| line.split([',', ';', '\t']).map(str::trim).collect())
+        .filter(|row: &Vec<&str>| row.iter().any(|cell| !cell.is_empty()))
+        .collect();
+    let time = |row: &[&str]| row.last().and_then(|cell| cell.parse::<f64>().ok()).filter(|time| time.is_finite());
+    let rows = if rows.first().is_some_and(|row| time(row).is_none()) { &rows[1..] } else { &rows[..] };
+    let by_name = rows.first().is_some_and(|row| row.len() > 1);
+    let expected = "a row for each picture with its time, or its name and its time, in seconds";
+    let times: Option<Vec<f64>> = if by_name {
+        let of = |path: &PathBuf| rows.iter().find(|row| row[0] == name(path)).and_then(|row| time(row));
+        files.iter().map(of).collect()
+    } else {
+        rows.iter().map(|row| time(row)).collect()
+    };
+    let times = times.filter(|times| times.len() == files.len()).ok_or_else(|| {
+        Error::corrupt(format!("expected {expected}, {} in all, found {} rows", files.len(), rows.len()))
+    })?;
+    match times.windows(2).position(|pair| pair[1] <= pair[0]) {
+        Some(place) => Err(Error::corrupt(format!("the time of picture {} is not after the one before", place + 1))),
+        None => Ok(since_first(times)),
+    }
 }
 
 /// A name without its extension: text, its last number, text.
@@ -102,6 +152,7 @@ fn check_series(series: &[(Name, PathBuf)]) -> Result<()> {
 pub(crate) fn decode(
     files: &[PathBuf],
     size: (u32, u32),
+    times: Option<&[f64]>,
     display: &Arc<Display>,
     from: usize,
     sink: &Sink,
@@ -113,7 +164,9 @@ pub(crate) fn decode(
             let expected = format!("the first picture {} x {}", size.0, size.1);
             return Err(Error::corrupt(format!("{name} has {width} x {height} pixels, {expected}")));
         }
-        if !sink.send(Frame { number, seconds: None, picture: Picture::Rgb(picture), display: display.clone() }) {
+        let seconds = times.map(|times| times[number]);
+        if !sink.send(Frame { number, seconds, picture: Picture::Rgb(picture), display: display.clone(), field: None })
+        {
             break;
         }
     }
@@ -190,6 +243,17 @@ mod tests {
         let whole = fs::read(&path).unwrap();
         fs::write(&path, &whole[..whole.len() - 40]).unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("cut off"));
+    }
+
+    #[test]
+    fn a_table_gives_times_in_order_or_by_name() {
+        let files = ["f0.png", "f1.png", "f2.png"].map(PathBuf::from);
+        assert_eq!(listed("seconds\n5\n5.5\n6.25\n", &files).unwrap(), [0.0, 0.5, 1.25]);
+        assert_eq!(listed("name, time\nf1.png, 0.1\nf0.png, 0\nf2.png, 0.3", &files).unwrap(), [0.0, 0.1, 0.3]);
+        for (text, reason) in [("0\n1\n", "3 in all"), ("0\n1\n1\n", "picture 2"), ("a\nb\nc", "found 2 rows")] {
+            let error = listed(text, &files).unwrap_err().to_string();
+            assert!(error.contains(reason), "{text:?}: {error}");
+        }
     }
 
     #[test]

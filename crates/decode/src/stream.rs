@@ -4,6 +4,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
 use crate::error::Result;
+use crate::fields::{self, Parity};
 use crate::frame::Frame;
 use crate::guard::guarded;
 use crate::limits::AHEAD_BYTES;
@@ -13,6 +14,17 @@ const MOST_AHEAD: usize = 16;
 
 /// The frames of a video in display order. Ends after the last one or the first error.
 pub struct Frames {
+    frames: Split,
+}
+
+/// Frames as they are decoded, or each split into its two fields.
+enum Split {
+    Whole(Ahead),
+    Fields(Box<fields::Split<Ahead>>),
+}
+
+/// Frames decoded ahead on a thread.
+struct Ahead {
     received: Option<Receiver<Result<Frame>>>,
     worker: Option<JoinHandle<()>>,
 }
@@ -47,11 +59,33 @@ impl Frames {
             }
         };
         let worker = Builder::new().name("decoder".into()).spawn(work)?;
-        Ok(Frames { received: Some(received), worker: Some(worker) })
+        Ok(Frames { frames: Split::Whole(Ahead { received: Some(received), worker: Some(worker) }) })
+    }
+
+    /// The two fields of each frame, from a field's number on. Times are those of the fields.
+    pub(crate) fn in_fields(self, order: [Parity; 2], times: Option<Vec<f64>>, next: usize) -> Self {
+        match self.frames {
+            Split::Whole(frames) => {
+                let split = fields::Split { frames, order, times, next, frame: None };
+                Frames { frames: Split::Fields(Box::new(split)) }
+            }
+            Split::Fields(_) => self,
+        }
     }
 }
 
 impl Iterator for Frames {
+    type Item = Result<Frame>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        match &mut self.frames {
+            Split::Whole(frames) => frames.next(),
+            Split::Fields(fields) => fields.next(),
+        }
+    }
+}
+
+impl Iterator for Ahead {
     type Item = Result<Frame>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -63,7 +97,7 @@ impl Iterator for Frames {
     }
 }
 
-impl Drop for Frames {
+impl Drop for Ahead {
     /// The decoder ends with the frame that it has begun.
     fn drop(&mut self) {
         self.received = None;

@@ -94,7 +94,7 @@ impl Order<'_> {
             let Some(number) = self.index.numbers[packet].filter(|number| *number >= self.next) else { continue };
             self.next = number + 1;
             let (seconds, display) = (Some(self.index.times[number]), self.display.clone());
-            if !sink.send(Frame { number, seconds, picture, display }) {
+            if !sink.send(Frame { number, seconds, picture, display, field: None }) {
                 return Ok(false);
             }
         }

@@ -9,10 +9,12 @@ use crate::codec::{self, Facts};
 use crate::colour::{Colour, Converter, Transfer};
 use crate::container::{self, Setup, Stamps, Track};
 use crate::error::{Error, Result};
+use crate::extracted::Extracted;
+use crate::fields::{self, Parity};
 use crate::frame::Display;
 use crate::guard::guarded;
 use crate::index::Index;
-use crate::info::{Decoder, Info, Note};
+use crate::info::{Decoder, Fields, Info, Note};
 use crate::open::open_regular;
 use crate::picture::Picture;
 use crate::stream::Frames;
@@ -25,6 +27,10 @@ pub struct Video {
     times: Option<Vec<f64>>,
     source: Source,
     display: Arc<Display>,
+    /// Order of the fields, where frames are split into them.
+    fields: Option<[Parity; 2]>,
+    /// Folder of what was extracted from an archive; removed with the video.
+    extracted: Option<Arc<Extracted>>,
 }
 
 impl std::fmt::Debug for Video {
@@ -60,6 +66,11 @@ impl Video {
     pub fn open_built_in(path: &Path) -> Result<Self> {
         if path.is_dir() {
             return Video::of_pictures(path);
+        }
+        if Extracted::is_archive(path) {
+            let extracted = Extracted::open(path)?;
+            let video = Video::open(extracted.video())?;
+            return Ok(Video { path: path.into(), extracted: Some(Arc::new(extracted)), ..video });
         }
         let mut file = BufReader::new(open_regular(path)?);
         match container::read(&mut file)? {
@@ -98,28 +109,59 @@ impl Video {
     /// # Errors
     /// As for [`Video::frames`].
     pub fn frames_from(&self, number: usize) -> Result<Frames> {
+        match self.fields {
+            Some(order) => Ok(self.whole_from(number / 2)?.in_fields(order, self.times.clone(), number)),
+            None => self.whole_from(number),
+        }
+    }
+
+    /// Splits each frame into its two fields, which have times of their own: an interlaced camera records twice as many
+    /// pictures of half as many lines. Missing lines are the mean of their neighbours.
+    #[must_use]
+    pub fn split_into_fields(self) -> Self {
+        let order = Parity::in_order(self.info.interlaced.unwrap_or(Fields::Unknown));
+        let times = self.times.as_deref().map(fields::times);
+        let info = Info { frames: 2 * self.info.frames, ..self.info };
+        Video { info, times, fields: Some(order), ..self }
+    }
+
+    fn whole_from(&self, number: usize) -> Result<Frames> {
         let (width, height) = self.info.size;
         let bytes = width as usize * height as usize * 3;
         let display = self.display.clone();
         match &self.source {
             Source::Track(index) => {
-                let (index, file) = (index.clone(), BufReader::new(open_regular(&self.path)?));
+                let (index, file) = (index.clone(), BufReader::new(open_regular(self.file())?));
                 Frames::decode(bytes, move |sink| track_frames::decode(&index, file, &display, number, sink))
             }
             Source::Gif => {
-                let (file, times) = (BufReader::new(open_regular(&self.path)?), self.times.clone());
+                let (file, times) = (BufReader::new(open_regular(self.file())?), self.frame_times());
                 Frames::decode(bytes, move |sink| gif::decode(file, times.as_deref(), &display, number, sink))
             }
             Source::Pictures(files) => {
-                let (files, size) = (files.clone(), self.info.size);
-                Frames::decode(bytes, move |sink| pictures::decode(&files, size, &display, number, sink))
+                let (files, size, times) = (files.clone(), self.info.size, self.frame_times());
+                Frames::decode(bytes, move |sink| {
+                    pictures::decode(&files, size, times.as_deref(), &display, number, sink)
+                })
             }
             Source::Ffmpeg => {
-                open_regular(&self.path)?;
-                let (path, times, size) = (self.path.clone(), self.times.clone().unwrap_or_default(), self.info.size);
+                open_regular(self.file())?;
+                let path = self.file().to_path_buf();
+                let (times, size) = (self.frame_times().unwrap_or_default(), self.info.size);
                 Frames::decode(bytes, move |sink| ffmpeg::decode(&path, size, &times, &display, number, sink))
             }
         }
+    }
+
+    /// The file that is decoded.
+    fn file(&self) -> &Path {
+        self.extracted.as_ref().map_or(&self.path, |extracted| extracted.video())
+    }
+
+    /// Times of the frames before they are split.
+    fn frame_times(&self) -> Option<Vec<f64>> {
+        let every = if self.fields.is_some() { 2 } else { 1 };
+        self.times.as_ref().map(|times| times.iter().step_by(every).copied().collect())
     }
 
     fn of_track(path: &Path, track: Track, file: &mut BufReader<File>) -> Result<Self> {
@@ -162,7 +204,15 @@ impl Video {
         };
         let display = Arc::new(Display { orientation, converter: Converter::new(&colour, depth) });
         let times = Some(times.clone());
-        Ok(Video { path: path.into(), info, times, source: Source::Track(Arc::new(index)), display })
+        Ok(Video {
+            path: path.into(),
+            info,
+            times,
+            source: Source::Track(Arc::new(index)),
+            display,
+            fields: None,
+            extracted: None,
+        })
     }
 
     /// The same by ffmpeg, whatever the codec: for a video that turns out to be beyond the built-in decoder within.
@@ -183,19 +233,36 @@ impl Video {
             info.tags = track.tags;
             info.notes.extend(track.notes);
         }
-        Ok(Video { path: path.into(), info, times: Some(times), source: Source::Ffmpeg, display })
+        Ok(Video {
+            path: path.into(),
+            info,
+            times: Some(times),
+            source: Source::Ffmpeg,
+            display,
+            fields: None,
+            extracted: None,
+        })
     }
 
     fn of_gif(path: &Path, file: &mut BufReader<File>) -> Result<Self> {
         let gif::Outline { size, frames, times } = gif::Outline::read(file)?;
         let (info, display) = Info::of_rgb("gif", "GIF", size, frames)?;
-        Ok(Video { path: path.into(), info, times, source: Source::Gif, display })
+        Ok(Video { path: path.into(), info, times, source: Source::Gif, display, fields: None, extracted: None })
     }
 
     fn of_pictures(path: &Path) -> Result<Self> {
         let (files, size) = pictures::list(path)?;
+        let times = pictures::times(path, &files)?;
         let (info, display) = Info::of_rgb("pictures", "PNG or JPEG", size, files.len())?;
-        Ok(Video { path: path.into(), info, times: None, source: Source::Pictures(files), display })
+        Ok(Video {
+            path: path.into(),
+            info,
+            times,
+            source: Source::Pictures(files),
+            display,
+            fields: None,
+            extracted: None,
+        })
     }
 }
 
@@ -217,7 +284,6 @@ fn unknown(first: &[u8]) -> Error {
         [0x30, 0x26, 0xb2, 0x75, ..] => "Windows Media",
         [b'F', b'L', b'V', ..] => "Flash",
         [0, 0, 1, 0xba | 0xb3, ..] => "MPEG",
-        [0x47, ..] => "MPEG-TS",
         _ => "a container of an unknown kind",
     };
     Error::unsupported(what)

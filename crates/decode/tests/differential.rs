@@ -126,6 +126,10 @@ fn cases() -> Vec<Case> {
     ] {
         cases.push(case(name, options, extension));
     }
+    for (name, options) in [("h264", X264), ("hevc", X265)] {
+        cases.push(case(format!("{name} transport stream"), format!("{options} -bf 2 -g 8"), "ts"));
+        cases.push(case(format!("{name} m2ts"), format!("{options} -bf 2 -mpegts_m2ts_mode 1"), "m2ts"));
+    }
     let frames = format!("{X264} -bf 2 -g 8");
     let turns: [(&str, Change); 4] = [
         ("quarter", |file| set_matrix(file, [0, 1, -1, 0])),

@@ -23,6 +23,10 @@ pub fn libtorch() -> String {
     let library = std::env::var("DEP_TCH_LIBTORCH_LIB")
         .expect("no libtorch: run `make libtorch` or set LIBTORCH; the package must depend on torch-sys directly");
     println!("cargo:rustc-link-arg=-Wl,-rpath,{library}");
+    if is_macos() {
+        // Its linker drops no library.
+        return library;
+    }
     // Nothing names a symbol of libtorch_cuda, so a linker that drops unused libraries would drop the GPU with it:
     // libtorch.so brings in whatever the installed libtorch has.
     println!("cargo:rustc-link-arg=-Wl,--no-as-needed");
@@ -41,10 +45,23 @@ pub fn program() {
     println!("cargo:rustc-env=PAIG_COMMIT={}", commit());
 }
 
-/// Only the commit, for a module that is loaded into a process which has loaded libtorch: it needs no search path.
+/// Only the commit, for a module that is loaded into a process which has loaded libtorch: on Linux it needs no search path.
 pub fn module() {
     println!("cargo:rerun-if-changed=build.rs");
+    if is_macos() {
+        // Of the environment's torch, beside the package of the module.
+        println!("cargo:rustc-link-arg=-Wl,-rpath,@loader_path/../torch/lib");
+    }
     println!("cargo:rustc-env=PAIG_COMMIT={}", commit());
+}
+
+fn is_macos() -> bool {
+    std::env::var("CARGO_CFG_TARGET_OS").is_ok_and(|system| system == "macos")
+}
+
+/// The C++ standard library that C++ sources are linked with.
+pub fn cpp_library() -> &'static str {
+    if is_macos() { "c++" } else { "stdc++" }
 }
 
 /// The commit of the sources, with a `+` where the sources differ from it; `unknown` outside a repository.

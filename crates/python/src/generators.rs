@@ -60,9 +60,29 @@ struct Scene {
 
 impl Scene {
     fn changes(&self) -> Result<Changes> {
-        let &Scene { k, equil, damping, g, m, length, a, torque, angle, spin, vx, vy, radius, dt, substeps, size, .. } = self;
+        let &Scene {
+            k, equil, damping, g, m, length, a, torque, angle, spin, vx, vy, radius, dt, substeps, size, ..
+        } = self;
         let background = self.background.as_deref().map(background).transpose()?;
-        Ok(Changes { k, equil, damping, g, m, length, a, torque, angle, spin, vx, vy, radius, dt, substeps, size, background })
+        Ok(Changes {
+            k,
+            equil,
+            damping,
+            g,
+            m,
+            length,
+            a,
+            torque,
+            angle,
+            spin,
+            vx,
+            vy,
+            radius,
+            dt,
+            substeps,
+            size,
+            background,
+        })
     }
 }
 

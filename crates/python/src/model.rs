@@ -129,7 +129,8 @@ impl Model {
         let split = split.to_string();
         self.array(py, move |model| {
             let clips = &model.read(&split)?.clips;
-            let chosen: Vec<i64> = (first..clips.len().min(first.saturating_add(count))).map(|clip| clip as i64).collect();
+            let chosen: Vec<i64> =
+                (first..clips.len().min(first.saturating_add(count))).map(|clip| clip as i64).collect();
             ensure!(!chosen.is_empty(), "clip {first}: the split has {} clips, counted from 0", clips.len());
             arrays::array(&arrays::channels_last(&clips.batch(&chosen, clips.time())))
         })
@@ -162,7 +163,12 @@ impl Model {
             let [objects, coordinates] = model.shape().map(|count| count as i64);
             let by_object = |states: &Tensor| arrays::array(&states.unflatten(1, [objects, coordinates]));
             let pixels = |frames: &Tensor| arrays::array(&arrays::channels_last(frames));
-            Ok([pixels(&rolled.clip)?, pixels(&rolled.frames)?, by_object(&rolled.positions)?, by_object(&rolled.velocities)?])
+            Ok([
+                pixels(&rolled.clip)?,
+                pixels(&rolled.frames)?,
+                by_object(&rolled.positions)?,
+                by_object(&rolled.velocities)?,
+            ])
         })?;
         let given = |array| arrays::given(py, array);
         Ok((given(seen), given(drawn), given(positions), given(velocities)))

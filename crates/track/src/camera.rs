@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use crate::edges::Edges;
+use crate::edges::{Edges, Registered};
 use crate::error::Error;
 use crate::mosaic::{Mosaic, outline};
 use crate::similarity::Similarity;
@@ -26,6 +26,8 @@ const MOST_FRAMES: f64 = 0.85;
 const FOUND: f64 = 0.85;
 /// Share of the edges that must agree on a frame's registration.
 const AGREEING: f64 = 0.45;
+/// Factor by which moved frames must fit the background better than where they stand.
+const BETTER: f64 = 1.25;
 /// Rounds of building the background and registering the samples on it.
 const ROUNDS: usize = 2;
 /// Fewest frames of a scene that is tracked.
@@ -155,7 +157,7 @@ pub(crate) fn find(
     let sampled: Vec<usize> = samples.iter().map(|(frame, _)| *frame).collect();
     let start = Start::new(survey, &frames, &sampled)?;
     let moving = registered(video, (survey.size, samples), &frames, start)?;
-    if !is_moving(&moving.displacements) {
+    if !is_moving(&moving.displacements) || !moving.fits_better() {
         return Ok(standing(Motion::Standing));
     }
     let shorter = survey.size.width.min(survey.size.height) as f64;
@@ -337,9 +339,20 @@ struct Moving {
     poses: Vec<Similarity>,
     unregistered: Vec<usize>,
     displacements: Vec<f64>,
+    /// Misfit of each frame where it stands over that where it was found.
+    gains: Vec<Option<f64>>,
     reference: usize,
     origin: [f64; 2],
     mosaic: Mosaic,
+}
+
+impl Moving {
+    /// Whether the frames that moved fit the background better where they were found.
+    fn fits_better(&self) -> bool {
+        let moved = self.displacements.iter().zip(&self.gains).filter(|(far, _)| **far > STANDS[0]);
+        let mut gains: Vec<f64> = moved.map(|(_, gain)| gain.unwrap_or(f64::INFINITY)).collect();
+        median(&mut gains).is_some_and(|gain| gain > BETTER)
+    }
 }
 
 fn registered(
@@ -371,8 +384,17 @@ fn registered(
         mosaic = build(&poses);
     }
     let edges = Edges::find(&mosaic, size);
-    let work = |frame: usize, bytes: &[u8]| edges.register(bytes, size, poses[place(frame)].inverse());
+    let still = Similarity::translation(origin.map(|v| -v));
+    let work = |frame: usize, bytes: &[u8]| {
+        let found = edges.register(bytes, size, poses[place(frame)].inverse())?;
+        let misfit = |map: &Similarity| edges.misfit(bytes, size, map);
+        let gain = misfit(&still).zip(misfit(&found.map)).map(|(still, moved)| still / moved.max(0.1));
+        Some((found, gain))
+    };
     let found = map_frames(video, &|frame| frames.contains(&frame), work)?;
+    let gains = found.iter().map(|(_, found)| found.and_then(|(_, gain)| gain)).collect();
+    let found: Vec<(usize, Option<Registered>)> =
+        found.into_iter().map(|(f, found)| (f, found.map(|it| it.0))).collect();
     let fine: Vec<Option<Similarity>> = found
         .iter()
         .map(|(_, found)| found.filter(|found| found.agreeing > AGREEING).map(|found| found.map.inverse()))
@@ -385,7 +407,6 @@ fn registered(
         return Err(Error::Camera { frame: unregistered[0], reason });
     }
     let poses = filled(&fine);
-    let shift = Similarity::translation(origin.map(|v| -v));
-    let displacements = poses.iter().map(|pose| shift.after(pose).displacement(size.width, size.height)).collect();
-    Ok(Moving { poses, unregistered, displacements, reference, origin, mosaic })
+    let displacements = poses.iter().map(|pose| still.after(pose).displacement(size.width, size.height)).collect();
+    Ok(Moving { poses, unregistered, displacements, gains, reference, origin, mosaic })
 }

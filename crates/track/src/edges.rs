@@ -18,6 +18,8 @@ const LEAST_SHOWN: u8 = 2;
 /// Fewest edges within a frame.
 const LEAST_EDGES: usize = 40;
 const BIWEIGHT: f64 = 4.685;
+/// Distance of levels from which on edges do not fit at all.
+const FAR: f64 = 30.0;
 const ROUNDS: usize = 12;
 /// Change of the corners of a frame, pixels, at which a registration has converged.
 const CONVERGED: f64 = 0.002;
@@ -78,6 +80,24 @@ impl Edges {
             }
         }
         Self { edges }
+    }
+
+    /// Mean distance of the edges' levels in a frame from those of the background, less their median: how badly a map fits.
+    /// Large distances count alike. `None` where too few edges lie within the frame.
+    pub(crate) fn misfit(&self, frame: &[u8], size: Size, map: &Similarity) -> Option<f64> {
+        let (width, height) = (size.width as f64, size.height as f64);
+        let mut residuals: Vec<f64> = self
+            .edges
+            .iter()
+            .map(|edge| (edge, map.apply(edge.at)))
+            .filter(|(_, [x, y])| (2.0..width - 3.0).contains(x) && (2.0..height - 3.0).contains(y))
+            .map(|(edge, at)| sample(frame, size, at) - edge.level)
+            .collect();
+        if residuals.len() < LEAST_EDGES {
+            return None;
+        }
+        let offset = median(&mut residuals)?;
+        Some(residuals.iter().map(|r| (r - offset).abs().min(FAR)).sum::<f64>() / residuals.len() as f64)
     }
 
     /// Registers a frame, `[height, width, 3]`, by robust Gauss-Newton on a similarity, a gain and an offset. `start` maps

@@ -21,6 +21,8 @@ pub(crate) struct Mosaic {
     rounded: Vec<u8>,
 }
 
+/// Every how many-th row gives the exposure.
+const ROWS: usize = 13;
 /// Change of exposure, levels, from which on it counts.
 const VISIBLE: f64 = 0.7;
 
@@ -98,7 +100,7 @@ impl Mosaic {
     /// Exposure of a frame relative to the mosaic, from what the frame shows.
     pub(crate) fn exposure(&self, view: &Warped) -> Exposure {
         let (mut bytes, mut levels) = (Vec::new(), Vec::new());
-        for (y, span) in view.spans.iter().enumerate().step_by(2) {
+        for (y, span) in view.spans.iter().enumerate().step_by(ROWS) {
             let row = (y * self.size.width + span.start) * 3..(y * self.size.width + span.end) * 3;
             bytes.extend_from_slice(&view.bytes[row.clone()]);
             levels.extend_from_slice(&self.levels[row]);

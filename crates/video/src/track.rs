@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use image::{Rgb, RgbImage};
 use paig::support::atomic;
 use paig::support::significant::significant;
+use paig_track::calibration::{Lens, Plane};
 use paig_track::{Clock, Motion, Options, Point, Role, Segment, Size, Tracking, Visibility, Visitor, segments};
 
 use crate::import::sources::Video;
@@ -17,6 +18,34 @@ const MOVING_CAMERA: f64 = 0.2;
 const HALF: f64 = 0.5;
 /// Colours of the paths, one for each object.
 const COLOURS: [[u8; 3]; 4] = [[230, 60, 50], [40, 120, 220], [50, 170, 80], [240, 160, 30]];
+
+/// From pixels of the video to metres on the plane of the motion.
+#[derive(Debug, Clone, Copy)]
+pub struct Calibration {
+    plane: Plane,
+    lens: Option<Lens>,
+}
+
+impl Calibration {
+    /// Plane of a rectangle of known size, metres, by its corners in pixels of the video from its top left corner: bottom
+    /// left, bottom right, top right, top left. The lens may be known.
+    ///
+    /// # Errors
+    /// As [`Plane::of_rectangle`].
+    pub fn new(corners: [[f64; 2]; 4], [width, height]: [f64; 2], lens: Option<Lens>) -> Result<Self> {
+        let centred = corners.map(|corner| corner.map(|place| place - HALF));
+        let straight = centred.map(|corner| lens.map_or(corner, |lens| lens.straight(corner)));
+        Ok(Calibration { plane: Plane::of_rectangle(straight, width, height)?, lens })
+    }
+
+    /// Position and deviations on the plane, metres, of a position of the tracker.
+    fn metres(&self, position: [f64; 2], covariance: [[f64; 2]; 2]) -> [f64; 4] {
+        let straight = self.lens.map_or(position, |lens| lens.straight(position));
+        let [x, y] = self.plane.metres(straight);
+        let [[xx, _], [_, yy]] = self.plane.covariance(straight, covariance);
+        [x, y, xx.sqrt(), yy.sqrt()]
+    }
+}
 
 /// Frames of a video for the tracker.
 struct Frames<'a>(&'a Video);
@@ -77,19 +106,22 @@ pub fn track(video: &Video, options: &Options) -> Result<Followed> {
 /// camera moves, from that corner of the camera's reference frame.
 ///
 /// Columns: `object` (from 0), `frame` (from 0), `seconds` (as filmed; empty where the video has no times), `x`, `y`, `deviation_x`,
-/// `deviation_y` (standard deviations), `covariance_xy`, `visibility`. Positions are empty where the object is not seen.
+/// `deviation_y` (standard deviations), `covariance_xy`, `visibility`; with a calibration also `x_metres`, `y_metres` (up)
+/// and their deviations. Positions are empty where the object is not seen.
 ///
 /// # Errors
 /// A file that cannot be written.
-pub fn write_table(path: &Path, tracking: &Tracking) -> Result<()> {
+pub fn write_table(path: &Path, tracking: &Tracking, calibration: Option<&Calibration>) -> Result<()> {
+    let more = if calibration.is_some() { ",x_metres,y_metres,deviation_x_metres,deviation_y_metres" } else { "" };
     atomic::write_file(path, |file| {
-        writeln!(file, "object,frame,seconds,x,y,deviation_x,deviation_y,covariance_xy,visibility")?;
+        writeln!(file, "object,frame,seconds,x,y,deviation_x,deviation_y,covariance_xy,visibility{more}")?;
         for (object, track) in tracking.tracks.iter().enumerate() {
             for point in &track.points {
                 let seconds =
                     tracking.time.times.as_ref().map_or_else(String::new, |times| format!("{:.6}", times[point.frame]));
                 let numbers = numbers(point, tracking.camera.origin);
-                writeln!(file, "{object},{},{seconds},{numbers},{}", point.frame, word(point.visibility))?;
+                let metres = calibration.map_or_else(String::new, |it| metres(it, point, tracking.camera.origin));
+                writeln!(file, "{object},{},{seconds},{numbers},{}{metres}", point.frame, word(point.visibility))?;
             }
         }
         Ok(())
@@ -103,6 +135,14 @@ fn numbers(point: &Point, origin: [f64; 2]) -> String {
     let [[xx, xy], [_, yy]] = measurement.covariance;
     let deviations = [xx.sqrt(), yy.sqrt(), xy].map(|number| significant(number, 4));
     format!("{x:.4},{y:.4},{}", deviations.join(","))
+}
+
+/// Place on the plane and deviations of a point as four cells, each after a comma.
+fn metres(calibration: &Calibration, point: &Point, origin: [f64; 2]) -> String {
+    let Some(measurement) = point.measurement else { return ",,,,".into() };
+    let position = [0, 1].map(|axis| measurement.position[axis] - origin[axis]);
+    let [x, y, across, up] = calibration.metres(position, measurement.covariance);
+    format!(",{x:.6},{y:.6},{},{}", significant(across, 4), significant(up, 4))
 }
 
 fn word(visibility: Visibility) -> &'static str {
@@ -182,7 +222,7 @@ mod tests {
         let video = Video::open(&film).unwrap();
         let Followed { tracking, segments } = track(&video, &Options { objects: 1, ..Options::default() }).unwrap();
         assert_eq!(segments.len(), 1);
-        write_table(&table, &tracking).unwrap();
+        write_table(&table, &tracking, None).unwrap();
         write_picture(&picture, &video, &tracking).unwrap();
         let text = std::fs::read_to_string(&table).unwrap();
         let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split(',').collect()).collect();
@@ -201,6 +241,23 @@ mod tests {
         let seconds: Vec<f64> = rows.iter().map(|row| number(row[2])).collect();
         assert!((seconds[29] - 29.0 * 0.04).abs() < 1e-6, "{seconds:?}");
         assert_eq!(image::open(&picture).unwrap().into_rgb8().dimensions(), (140, 90));
+    }
+
+    #[test]
+    fn a_calibrated_table_has_metres() {
+        let folder = tempfile::tempdir().unwrap();
+        let [film, table] = ["a.gif", "a.csv"].map(|name| folder.path().join(name));
+        write_gif(&film);
+        let tracking = track(&Video::open(&film).unwrap(), &Options::default()).unwrap().tracking;
+        // 100 pixels to a metre, y up from the bottom of the picture.
+        let corners = [[0.0, 90.0], [140.0, 90.0], [140.0, 0.0], [0.0, 0.0]];
+        let calibration = Calibration::new(corners, [1.4, 0.9], None).unwrap();
+        write_table(&table, &tracking, Some(&calibration)).unwrap();
+        let text = std::fs::read_to_string(&table).unwrap();
+        let row: Vec<f64> = text.lines().nth(15).unwrap().split(',').filter_map(|cell| cell.parse().ok()).collect();
+        let [_, _, _, x, y, .., x_metres, y_metres, across, _] = row[..] else { panic!("{row:?}") };
+        assert!((x_metres - x / 100.0).abs() < 1e-4 && (y_metres - (90.0 - y) / 100.0).abs() < 1e-4, "{row:?}");
+        assert!((across - row[5] / 100.0).abs() < 1e-4, "{row:?}");
     }
 
     #[test]

@@ -36,19 +36,21 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let rows: Vec<_> = measurements.iter().flat_map(|it| rows(it, &references)).collect();
     let number = |value: Option<f64>| value.map_or("-".into(), |value| significant(value, 5));
     say!(
-        "{:<18}{:<38}{:>12}{:>12}{:>12}  {:<8}{:>12}",
+        "{:<18}{:<38}{:>12}{:>12}{:>12}  {:<8}{:>12}  {}",
         "clip",
         "quantity",
         "value",
         "low",
         "high",
         "unit",
-        "reference"
+        "reference",
+        "verdict"
     );
     for row in &rows {
+        let verdict = row.verdict.map_or(String::new(), |outcome| outcome.to_string());
         let (low, high, reference) = (number(row.low), number(row.high), number(row.reference));
         say!(
-            "{:<18}{:<38}{:>12.4}{low:>12}{high:>12}  {:<8}{reference:>12}",
+            "{:<18}{:<38}{:>12.4}{low:>12}{high:>12}  {:<8}{reference:>12}  {verdict}",
             row.clip,
             row.quantity,
             row.value,

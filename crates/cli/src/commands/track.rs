@@ -8,8 +8,9 @@ use paig::support::atomic;
 use paig_terminal::progress::Progress;
 use paig_terminal::say;
 use paig_track::Options;
+use paig_track::calibration::{Lens, depth_line};
 use paig_video::import::sources::Video;
-use paig_video::track::{Followed, track, write_picture, write_table};
+use paig_video::track::{Calibration, Followed, track, write_picture, write_table};
 
 use super::track_options::TrackOptions;
 
@@ -42,6 +43,13 @@ pub struct Arguments {
     /// How many times as slow as it was filmed the video plays, 8 for 240 frames a second stored as 30 [default: by its tags]
     #[arg(long, value_name = "FACTOR")]
     slow_motion: Option<f64>,
+    /// The plane of the motion by a rectangle in it: its corners in pixels (bottom left, bottom right, top right, top left),
+    /// then its width and height in metres. Adds columns in metres, y up from the first corner
+    #[arg(long, value_name = "X,Y,X,Y,X,Y,X,Y,WIDTH,HEIGHT", allow_hyphen_values = true)]
+    plane: Option<String>,
+    /// Radial distortion of the lens for --plane: r becomes r / (1 + K r^2), in half diagonals; negative for a wide lens
+    #[arg(long, value_name = "K", allow_negative_numbers = true, requires = "plane")]
+    distortion: Option<f64>,
     #[command(flatten)]
     objects_shown: TrackOptions,
 }
@@ -56,6 +64,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let video = Video::open(&arguments.video)?;
     let (hints, ignore) = arguments.objects_shown.read()?;
+    let calibration = arguments.plane.as_deref().map(|text| plane(text, arguments.distortion, &video)).transpose()?;
     let options = Options {
         frames: arguments.frames.as_deref().map(|text| frames(text, video.frames)).transpose()?,
         objects: arguments.objects,
@@ -80,7 +89,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let std::ops::Range { start, end } = segment.frames;
         say!("object {}, frames {start}..{end}: {}", segment.track, segment.reason());
     }
-    write_table(&arguments.out, &tracking)?;
+    // A calibrated plane may be seen at an angle.
+    let depth = tracking.tracks.iter().filter(|_| calibration.is_none()).find_map(depth_line);
+    depth.iter().for_each(|line| say!("scale: {line}"));
+    write_table(&arguments.out, &tracking, calibration.as_ref())?;
     write_picture(&arguments.picture, &video, &tracking)?;
     say!("positions in {}, paths in {}", arguments.out.display(), arguments.picture.display());
     Ok(())
@@ -93,6 +105,15 @@ fn frames(text: &str, count: usize) -> Result<std::ops::Range<usize>> {
     let range = bound(start, 0).with_context(wrong)?..bound(end, count).with_context(wrong)?;
     ensure!(range.start < range.end && range.end <= count, "--frames {text:?}: the video has {count} frames");
     Ok(range)
+}
+
+fn plane(text: &str, distortion: Option<f64>, video: &Video) -> Result<Calibration> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let wrong = || format!("--plane {text:?}: expected four corners x,y, then width,height in metres: ten numbers");
+    let [a, b, c, d, e, f, g, h, width, height] = numbers.with_context(wrong)?[..] else { anyhow::bail!(wrong()) };
+    let lens = distortion.map(|k| Lens::new(k, video.width as usize, video.height as usize));
+    Calibration::new([[a, b], [c, d], [e, f], [g, h]], [width, height], lens)
+        .with_context(|| format!("--plane {text:?}"))
 }
 
 #[cfg(test)]

@@ -39,6 +39,7 @@ pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<Track> {
         tags: Vec::new(),
         notes: Vec::new(),
         prefix: Vec::new(),
+        transport: None,
     })
 }
 

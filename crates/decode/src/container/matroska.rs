@@ -184,6 +184,7 @@ fn track(entry: &[u8]) -> Result<Track> {
         tags: Vec::new(),
         notes: Vec::new(),
         prefix: prefix(entry)?,
+        transport: None,
     })
 }
 

@@ -9,6 +9,7 @@ mod mp4_entry;
 mod mp4_fragments;
 mod mp4_tables;
 mod mp4_tags;
+mod transport;
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek};
@@ -19,6 +20,8 @@ use crate::error::{Error, Result};
 use crate::info::{Fields, Note};
 use crate::timeline::Timeline;
 use crate::upright::Orientation;
+
+pub(crate) use self::transport::Transport;
 
 /// The video track of a file.
 #[derive(Debug)]
@@ -39,6 +42,8 @@ pub(crate) struct Track {
     pub notes: Vec<Note>,
     /// Bytes that precede each packet and are stored once (Matroska's header stripping).
     pub prefix: Vec<u8>,
+    /// How frames lie among other streams; none where each lies in one piece.
+    pub transport: Option<Transport>,
 }
 
 /// The codec, and what its decoder must know before the first packet.
@@ -92,6 +97,9 @@ pub(crate) struct Geometry {
     pub orientation: Orientation,
 }
 
+/// Bytes by which a container is recognized: three packets of a transport stream.
+const LOOKED_AT: u64 = 400;
+
 /// Reads the index of a file; recognizes the container by its first bytes. None for a container that is not read here.
 ///
 /// # Errors
@@ -100,7 +108,7 @@ pub(crate) fn read(file: &mut BufReader<File>) -> Result<Option<Track>> {
     let length = file.get_ref().metadata()?.len();
     let mut first = Vec::new();
     file.rewind()?;
-    file.by_ref().take(12).read_to_end(&mut first)?;
+    file.by_ref().take(LOOKED_AT).read_to_end(&mut first)?;
     file.rewind()?;
     if first.is_empty() {
         return Err(Error::corrupt("it is empty"));
@@ -110,7 +118,10 @@ pub(crate) fn read(file: &mut BufReader<File>) -> Result<Option<Track>> {
         () if boxes::TOP_LEVEL.iter().any(|known| known.as_slice() == name(4)) => mp4::read(file, length)?,
         () if big_endian(name(0)) == u64::from(ebml::HEADER) => matroska::read(file, length)?,
         () if name(0) == b"RIFF" && name(8) == b"AVI " => avi::read(file, length)?,
-        () => return Ok(None),
+        () => match transport::bytes_before(&first) {
+            Some(before) => transport::read(file, before)?,
+            None => return Ok(None),
+        },
     };
     check_inside(&track.packets, length)?;
     crate::limits::check_frames(track.packets.len())?;

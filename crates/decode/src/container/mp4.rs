@@ -69,6 +69,7 @@ pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<Track> {
         tags,
         notes,
         prefix: Vec::new(),
+        transport: None,
     })
 }
 

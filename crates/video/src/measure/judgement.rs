@@ -23,6 +23,10 @@ const BETTER: f64 = 0.5;
 /// What the fit leaves, in per cent of the amplitude, up to which it explains the motion, and beyond which it does not.
 const EXPLAINS: f64 = 5.0;
 const DOES_NOT_EXPLAIN: f64 = 15.0;
+/// What the fit leaves over the whole recording over what it leaves in short pieces, from which on something is missing in the
+/// equation, where it is also this many per cent of the amplitude.
+const PIECEWISE: f64 = 8.0;
+const NOTICEABLE: f64 = 1.0;
 /// Half the width of an interval over the value, up to which a value is known, and beyond which nothing is.
 const NARROW: f64 = 0.1;
 const WIDE: f64 = 0.5;
@@ -142,6 +146,19 @@ impl Evidence<'_> {
                     "the fit leaves {:.2} {unit} of the positions, {left:.0} % of the amplitude, where their noise is {:.2} {unit}: \
                      it is another motion, or something else moves in the part that was taken",
                     self.residuals.usual, self.noise
+                ),
+            ));
+        }
+        if let Some(pieces) = self.residuals.usual_in_pieces
+            && self.residuals.usual > PIECEWISE * pieces.max(self.noise)
+            && left > NOTICEABLE
+        {
+            against.push((
+                Outcome::Doubtful,
+                format!(
+                    "over the whole recording the fit leaves {:.2} {unit} of the positions, over short pieces {pieces:.2} {unit}: \
+                     a term is missing in the equation, or the recording holds more than one motion (--frames)",
+                    self.residuals.usual
                 ),
             ));
         }

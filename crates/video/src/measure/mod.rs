@@ -38,7 +38,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use tch::Device;
 
 use self::bootstrap::bootstrap;
@@ -52,7 +52,7 @@ use self::of_run::Learned;
 pub use self::of_video::VideoRequest;
 use self::pictures::{Pictures, filmed};
 use self::recording::{Observation, Scene};
-use self::results::Measurement;
+use self::results::{Measurement, Quantity};
 use self::starts::Known;
 use paig::Error;
 use paig::network::cells::{CellKind, Equations};
@@ -241,7 +241,30 @@ fn cut_to_free_motion(
     Ok(Some(note))
 }
 
+/// An observation whose fit leaves more than so many times what the quoted one does checks nothing.
+const WORSE: f64 = 2.0;
+
+/// What the fit to another observation says.
+struct CrossCheck {
+    judged: Explained,
+    quantities: Vec<Quantity>,
+}
+
 impl Subject {
+    fn cross_check(&self, scene: &Scene, explained: &Explained, other: &Observation) -> Result<CrossCheck> {
+        let tracks = scene.tracks(other);
+        let judged = scene.go_on(explained, &tracks)?;
+        let tracks = recording::whole(&tracks);
+        let whole = scene.go_on(&judged, &tracks)?;
+        ensure!(
+            whole.fitted.usual_residual <= WORSE * explained.fitted.usual_residual,
+            "they are too noisy to be held against the others"
+        );
+        let uncertainty = bootstrap(&whole.dynamics, &tracks, &whole.learned, &whole.fitted, self.seed)?;
+        let quantities = scene.quantities(&tracks, &whole, &uncertainty);
+        Ok(CrossCheck { judged, quantities })
+    }
+
     fn measure(&self, own: Named, request: &Request, out: &Path, begun: Instant) -> Result<Measurement> {
         let Subject { known, .. } = self;
         let (mut scene, mut observations) = (self.scene.clone(), self.observations.clone());
@@ -263,14 +286,21 @@ impl Subject {
         let Fits { observation, tracks, judged, whole_tracks, whole } = fits?;
         let uncertainty = bootstrap(&whole.dynamics, &whole_tracks, &whole.learned, &whole.fitted, self.seed)?;
         let other = observations.get(1).filter(|_| self.first_counts).map(|other| {
-            let tracks = recording::whole(&scene.tracks(other));
-            scene.go_on(&whole, &tracks).with_context(|| format!("fit to {}", other.by))
+            let fit = self.cross_check(scene, &judged, other);
+            fit.with_context(|| format!("fit to {}", other.by))
         });
         let other = other.and_then(|fit| fit.map_err(|error| notes.push(format!("{error:#}"))).ok());
         notes.extend(scene.notes(&whole_tracks, &whole, &uncertainty));
         let steady = constant_velocity(&tracks, judged.dynamics.coordinates());
-        let held_out = scene.held_out(&tracks, &judged, &steady, other.as_ref());
-        let mut quantities = scene.quantities(&whole_tracks, &whole, &uncertainty, other.as_ref());
+        let held_out = scene.held_out(&tracks, &judged, &steady, other.as_ref().map(|other| &other.judged));
+        let of_other = |name: &str| other.as_ref()?.quantities.iter().find(|quantity| quantity.name == name);
+        let quantities = scene.quantities(&whole_tracks, &whole, &uncertainty).into_iter();
+        let mut quantities: Vec<_> = quantities
+            .map(|quantity| {
+                let other = of_other(&quantity.name);
+                quantity.beside(other)
+            })
+            .collect();
         let residuals = scene.residuals(&whole, &uncertainty);
         let motion = Motion::of(&tracks[0], judged.dynamics.coordinates());
         let (times, _) = scene.per_coordinate();

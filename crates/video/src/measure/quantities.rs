@@ -25,7 +25,6 @@ impl Scene {
         tracks: &[Track],
         explained: &Explained,
         uncertainty: &Uncertainty,
-        tracker: Option<&Explained>,
     ) -> Vec<Quantity> {
         let parameters = explained.dynamics.system.cell.parameters.iter().enumerate();
         let parameters = parameters.filter(|(place, _)| explained.learned[*place]).map(|(place, parameter)| {
@@ -39,11 +38,10 @@ impl Scene {
             Quantity::new(&parameter.name, factor * in_frames, draws.collect())
                 .in_unit(powers.map_or("?".into(), |powers| self.scale.unit(powers)))
                 .in_frames(in_frames)
-                .of_tracker(tracker.map(|fit| factor * value(&fit.fitted.raw)))
         });
         let mut quantities: Vec<Quantity> = parameters.collect();
         quantities.extend(self.beside(explained, uncertainty));
-        quantities.extend(self.of_the_swing(tracks, explained, uncertainty, tracker));
+        quantities.extend(self.of_the_swing(tracks, explained, uncertainty));
         quantities
     }
 
@@ -64,13 +62,7 @@ impl Scene {
 
     /// Period, effective length and amplitude of a motion that swings, in the first video. What walls turn back is no simple
     /// pendulum, however evenly it swings.
-    fn of_the_swing(
-        &self,
-        tracks: &[Track],
-        explained: &Explained,
-        uncertainty: &Uncertainty,
-        tracker: Option<&Explained>,
-    ) -> Vec<Quantity> {
+    fn of_the_swing(&self, tracks: &[Track], explained: &Explained, uncertainty: &Uncertainty) -> Vec<Quantity> {
         let coordinates = explained.dynamics.coordinates();
         let second = self.scale.seconds * explained.dynamics.dt;
         // At even times, whatever the video's are.
@@ -91,23 +83,19 @@ impl Scene {
             )
         });
         let (periods, amplitudes): (Vec<f64>, Vec<f64>) = drawn.unzip();
-        let of_tracker = tracker.and_then(|fit| Some(second * motion::period(&of(fit))?));
         let length = |period: f64| STANDARD_GRAVITY * (period / std::f64::consts::TAU).powi(2);
         let lengths = periods.iter().map(|period| length(*period)).collect();
         let (pixels, unit) = self.per_coordinate();
         let hangs = !explained.dynamics.has_walls();
         let length = hangs.then(|| {
-            Quantity::new("length_of_a_simple_pendulum", length(second * frames), lengths)
-                .in_unit("m".into())
-                .of_tracker(of_tracker.map(length))
+            Quantity::new("length_of_a_simple_pendulum", length(second * frames), lengths).in_unit("m".into())
         });
         let amplitude = Quantity::new(
             "amplitude",
             pixels * motion::amplitude(&along),
             amplitudes.into_iter().map(|amplitude| pixels * amplitude).collect(),
         );
-        let mut quantities =
-            vec![Quantity::new("period", second * frames, periods).in_unit("s".into()).of_tracker(of_tracker)];
+        let mut quantities = vec![Quantity::new("period", second * frames, periods).in_unit("s".into())];
         quantities.extend(length);
         quantities.push(amplitude.in_unit(unit.into()));
         quantities

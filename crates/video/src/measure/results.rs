@@ -58,9 +58,13 @@ pub struct Quantity {
     /// In pixels of a frame and the unit of `dt`, as the equation has it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub in_frames: Option<f64>,
-    /// What the fit to the other observation says, of a tracker or of a model.
+    /// What the fit to the other observation says, of a tracker or of a model, with its 95 % interval.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub by_tracker: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tracker_low: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tracker_high: Option<f64>,
     /// Whether the value can be quoted with its interval; none in files of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<Outcome>,
@@ -134,6 +138,8 @@ impl Quantity {
             unit: String::new(),
             in_frames: None,
             by_tracker: None,
+            tracker_low: None,
+            tracker_high: None,
             outcome: None,
         }
     }
@@ -153,9 +159,11 @@ impl Quantity {
         Quantity { in_frames: Some(value), ..self }
     }
 
+    /// The same with what another observation says of it.
     #[must_use]
-    pub fn of_tracker(self, by_tracker: Option<f64>) -> Self {
-        Quantity { by_tracker, ..self }
+    pub fn beside(self, other: Option<&Quantity>) -> Self {
+        let Some(other) = other else { return self };
+        Quantity { by_tracker: Some(other.value), tracker_low: other.low, tracker_high: other.high, ..self }
     }
 }
 

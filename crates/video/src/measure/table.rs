@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
+use super::judgement::Outcome;
 use super::results::Measurement;
 use paig::support::{atomic, storage};
 
@@ -23,6 +24,19 @@ pub struct Row {
     pub high: Option<f64>,
     pub unit: String,
     pub reference: Option<f64>,
+    /// Whether the value can be quoted; none of what is no parameter.
+    #[serde(default)]
+    pub verdict: Option<Outcome>,
+    /// The fit to the other observation, with its 95 % interval.
+    #[serde(default)]
+    pub tracker_value: Option<f64>,
+    #[serde(default)]
+    pub tracker_low: Option<f64>,
+    #[serde(default)]
+    pub tracker_high: Option<f64>,
+    /// Frames that were fitted.
+    #[serde(default)]
+    pub frames: usize,
     /// Root mean square distances in the held-out part, pixels of the video (or radians): of the fitted equation and of the
     /// two baselines.
     pub heldout_error: f64,
@@ -39,7 +53,7 @@ pub fn read_references(path: &Path) -> Result<References> {
     read().with_context(|| format!("references {}", path.display()))
 }
 
-/// The rows of one measurement: its quantities, those of the tracker, the prediction, and by how much other equations are
+/// The rows of one measurement: its quantities, the prediction, and by how much other equations are
 /// worse.
 pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
     let video = measurement.videos.first().map_or("", String::as_str);
@@ -53,6 +67,11 @@ pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
         high: None,
         unit: unit.into(),
         reference: references.get(&clip).and_then(|known| known.get(quantity)).copied(),
+        verdict: None,
+        tracker_value: None,
+        tracker_low: None,
+        tracker_high: None,
+        frames: measurement.frames,
         heldout_error: held_out.error,
         heldout_error_constant_velocity: held_out.constant_velocity,
         heldout_error_tracker_fit: held_out.tracker_fit,
@@ -60,8 +79,15 @@ pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
     };
     let mut rows = Vec::new();
     for it in &measurement.quantities {
-        rows.push(Row { low: it.low, high: it.high, ..row(&it.name, it.value, &it.unit) });
-        rows.extend(it.by_tracker.map(|value| row(&format!("{}_by_tracker", it.name), value, &it.unit)));
+        rows.push(Row {
+            low: it.low,
+            high: it.high,
+            verdict: it.outcome,
+            tracker_value: it.by_tracker,
+            tracker_low: it.tracker_low,
+            tracker_high: it.tracker_high,
+            ..row(&it.name, it.value, &it.unit)
+        });
     }
     rows.push(row("heldout_percent_of_amplitude", held_out.percent_of_amplitude, "%"));
     if let [own, others @ ..] = &measurement.alternatives[..] {

@@ -148,7 +148,10 @@ fn crop(text: &str) -> Result<CropChoice> {
     Ok(match text {
         "auto" => CropChoice::Auto,
         "full" => CropChoice::Full,
-        _ => CropChoice::Rectangle(rectangle(text).context("--crop takes auto, full, or a rectangle")?),
+        _ => {
+            let wrong = || format!("--crop {text:?}: expected auto, full, or X,Y,WIDTH,HEIGHT in whole pixels");
+            CropChoice::Rectangle(rectangle(text).with_context(wrong)?)
+        }
     })
 }
 

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use paig::network::system::EquationEntry;
 use paig::support::device;
 use paig::tasks::equation_file::EquationFile;
 use paig_terminal::progress::Progress;
 use paig_terminal::{environment, say};
+use paig_video::import::crop::Rectangle;
 use paig_video::measure::results::Measurement;
 use paig_video::measure::{Request, VideoRequest, is_run, measure, measure_videos};
 
@@ -94,7 +95,7 @@ fn of_videos(arguments: &Arguments, against: &[EquationFile]) -> Result<(Measure
         videos: arguments.paths.clone(),
         parts: scene.parts,
         fps: scene.fps,
-        crop: arguments.crop.as_deref().map(rectangle).transpose()?,
+        crop: arguments.crop.as_deref().map(crop).transpose()?,
         pixels_per_metre: scene.pixels_per_metre,
         scale_percent: scene.scale_percent,
         time_percent: scene.time_percent,
@@ -111,6 +112,10 @@ fn of_videos(arguments: &Arguments, against: &[EquationFile]) -> Result<(Measure
     let measured = measure_videos(&request, against, &out);
     waiting.finish();
     Ok((measured?, out))
+}
+
+fn crop(text: &str) -> Result<Rectangle> {
+    rectangle(text).with_context(|| format!("--crop {text:?}: expected X,Y,WIDTH,HEIGHT in whole pixels"))
 }
 
 /// A folder in the present one.

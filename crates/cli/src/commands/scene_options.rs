@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use paig_video::import::crop::Rectangle;
 use paig_video::import::time_base::Part;
@@ -88,15 +88,11 @@ impl SceneOptions {
     }
 }
 
-/// A rectangle of a video.
-///
-/// # Errors
-/// Text that is none.
-pub fn rectangle(text: &str) -> Result<Rectangle> {
-    let numbers = text.split(',').map(|number| number.trim().parse().ok()).collect::<Option<Vec<u32>>>();
-    let wrong = || format!("--crop {text:?}: expected X,Y,WIDTH,HEIGHT in whole pixels");
-    let [x, y, width, height] = numbers.with_context(wrong)?[..] else { bail!(wrong()) };
-    Ok(Rectangle { x, y, width, height })
+/// A rectangle of a video, `X,Y,WIDTH,HEIGHT` in whole pixels; none of text that is none.
+pub fn rectangle(text: &str) -> Option<Rectangle> {
+    let numbers = text.split(',').map(|number| number.trim().parse().ok()).collect::<Option<Vec<u32>>>()?;
+    let [x, y, width, height] = numbers[..] else { return None };
+    Some(Rectangle { x, y, width, height })
 }
 
 /// So many numbers with commas between them.

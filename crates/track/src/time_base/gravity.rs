@@ -12,7 +12,7 @@ const RATIOS: [f64; 14] =
 /// with 9.81 within three standard deviations or 3 %. Drag makes a fall slower, never faster.
 pub fn gravity_line(measured: f64, deviation: f64) -> Option<String> {
     let difference = measured - GRAVITY;
-    if !(measured > 0.0) || difference.abs() <= (3.0 * deviation).max(EXPLAINED * GRAVITY) {
+    if measured.is_nan() || measured <= 0.0 || difference.abs() <= (3.0 * deviation).max(EXPLAINED * GRAVITY) {
         return None;
     }
     // Times that are too long by a factor make the acceleration too small by its square.

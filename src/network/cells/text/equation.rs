@@ -32,14 +32,17 @@ pub struct Equation {
     pub(super) plain: PlainForms,
 }
 
+/// Makes a cell in plain numbers from the values of an equation's parameters.
+type PlainForm<F> = fn(&[f64]) -> Box<dyn PlainCell<F>>;
+
 /// Faster forms of an equation in plain numbers, made from the values of its parameters in their order. Without one a fit or a
 /// plan computes the text.
 #[derive(Debug, Clone, Copy)]
 pub struct PlainForms {
     /// For fits.
-    pub fit: Option<fn(&[f64]) -> Box<dyn PlainCell<f64>>>,
+    pub fit: Option<PlainForm<f64>>,
     /// For planning.
-    pub plan: Option<fn(&[f64]) -> Box<dyn PlainCell>>,
+    pub plan: Option<PlainForm<f32>>,
 }
 
 impl PlainForms {

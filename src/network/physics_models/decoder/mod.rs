@@ -44,7 +44,7 @@ pub struct Decoder(Kind);
 
 #[derive(Debug)]
 enum Kind {
-    CoordinateConsistent(CoordinateConsistent),
+    CoordinateConsistent(Box<CoordinateConsistent>),
     Mlp(MlpDecoder),
 }
 
@@ -52,7 +52,7 @@ impl Decoder {
     pub fn new(scope: Path, system: &System, options: &ModelOptions) -> Self {
         Decoder(match options.decoder {
             DecoderKind::CoordinateConsistent => {
-                Kind::CoordinateConsistent(CoordinateConsistent::new(scope, system, options))
+                Kind::CoordinateConsistent(Box::new(CoordinateConsistent::new(scope, system, options)))
             }
             DecoderKind::Mlp => Kind::Mlp(MlpDecoder::new(scope, system)),
         })
@@ -85,7 +85,7 @@ impl Decoder {
     /// The same decoder as a constant: gradients pass through it to the positions, not to what it has learned.
     pub(crate) fn detached(&self) -> Self {
         Decoder(match &self.0 {
-            Kind::CoordinateConsistent(decoder) => Kind::CoordinateConsistent(decoder.detached()),
+            Kind::CoordinateConsistent(decoder) => Kind::CoordinateConsistent(Box::new(decoder.detached())),
             Kind::Mlp(decoder) => Kind::Mlp(decoder.detached()),
         })
     }

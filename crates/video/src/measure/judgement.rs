@@ -4,11 +4,7 @@
 //! parts of it), the prediction of what was held out, agreement of the observations, and the width of each interval. The drawing
 //! of a model decides nothing.
 
-use std::fmt::{self, Display, Formatter};
-
-use serde::{Deserialize, Serialize};
-
-use super::results::{HeldOut, Quantity, Residuals};
+use super::results::{HeldOut, Judgement, Outcome, Quantity, Residuals};
 
 /// Share of the frames in which the objects must be seen, and below which nothing is found.
 const SEEN: f64 = 0.7;
@@ -34,39 +30,11 @@ const WIDE: f64 = 0.5;
 const AGREE: f64 = 3.0;
 const NEARLY_EQUAL: f64 = 0.03;
 
-/// How far a number can be trusted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Outcome {
-    /// It can be quoted with its interval.
-    Found,
-    /// Something speaks against it.
-    Doubtful,
-    /// It says nothing.
-    NotFound,
-}
-
-/// A verdict with its reasons.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Judgement {
-    pub outcome: Outcome,
-    /// What speaks against the numbers, the gravest first; empty where nothing does.
-    pub reasons: Vec<String>,
-}
-
-impl Display for Outcome {
-    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
-        f.write_str(match self {
-            Outcome::Found => "found",
-            Outcome::Doubtful => "doubtful",
-            Outcome::NotFound => "not found",
-        })
-    }
-}
-
 /// What a verdict rests on.
 #[derive(Debug, Clone)]
 pub struct Evidence<'a> {
+    /// What speaks against every number from the outset.
+    pub doubts: &'a [String],
     /// Share of the frames in which all objects are seen.
     pub seen: f64,
     /// Median second difference of the positions over that in shuffled order; none where there are too few.
@@ -97,7 +65,7 @@ pub fn judge(evidence: &Evidence, quantities: &mut [Quantity]) -> Judgement {
 impl Evidence<'_> {
     fn against(&self) -> Vec<(Outcome, String)> {
         let unit = &self.residuals.unit;
-        let mut against = Vec::new();
+        let mut against: Vec<_> = self.doubts.iter().map(|doubt| (Outcome::Doubtful, doubt.clone())).collect();
         if self.seen < SEEN {
             let outcome = if self.seen < HARDLY_SEEN { Outcome::NotFound } else { Outcome::Doubtful };
             against.push((

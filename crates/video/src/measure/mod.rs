@@ -106,6 +106,8 @@ struct Subject {
     /// Parameters of a run.
     known: Vec<Known>,
     notes: Vec<String>,
+    /// What speaks against every number.
+    doubts: Vec<String>,
     training_seconds: Option<f64>,
     seed: u64,
 }
@@ -181,6 +183,7 @@ fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) ->
         pictures,
         known: learned.known(),
         notes,
+        doubts: Vec::new(),
         training_seconds: summary.map(|summary| summary.wall_seconds),
         seed: config.seed,
     };
@@ -305,6 +308,7 @@ impl Subject {
         let motion = Motion::of(&tracks[0], judged.dynamics.coordinates());
         let (times, _) = scene.per_coordinate();
         let evidence = Evidence {
+            doubts: &self.doubts,
             seen: motion.seen,
             chance: motion.chance,
             held_out: &held_out,

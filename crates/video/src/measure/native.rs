@@ -1,7 +1,7 @@
 //! Observation of a video at its own resolution: the tracks of [`paig_track`], without an equation and without a model.
 
 use anyhow::{Result, bail};
-use paig_track::{Method, Options, Point, Role, Track, Tracking, Visibility};
+use paig_track::{Method, Motion, Options, Point, Role, Track, Tracking, Visibility};
 
 use super::recording::Positions;
 use super::scale::Scale;
@@ -30,6 +30,8 @@ pub(super) struct Tracked {
     pub times: Option<Vec<f64>>,
     /// What was found of the time base and the camera, for people.
     pub notes: Vec<String>,
+    /// Why the positions may be wrong altogether.
+    pub doubt: Option<String>,
 }
 
 /// Which positions of a track are taken.
@@ -61,11 +63,23 @@ impl Tracked {
         }
         others.extend(tracks.drain(objects..));
         let first = tracks[0].points[0].frame;
+        // From the frame of the background to the camera's reference frame.
+        for point in tracks.iter_mut().chain(&mut others).flat_map(|track| &mut track.points) {
+            let places = point.measurement.iter_mut().map(|it| &mut it.position).chain(&mut point.centroid);
+            places.for_each(|place| *place = [place[0] - camera.origin[0], place[1] - camera.origin[1]]);
+        }
+        let doubt = (camera.motion == Motion::Panning).then(|| {
+            format!(
+                "{}: {}; film with a standing camera, or look whether the overlay fits",
+                video.name(),
+                camera.line()
+            )
+        });
         let mut notes = time.lines();
         if camera.moves() {
             notes.push(format!("camera: {}", camera.line()));
         }
-        Ok(Tracked { tracks, others, first, times: time.times, notes })
+        Ok(Tracked { tracks, others, first, times: time.times, notes, doubt })
     }
 
     /// First frame and the one after the last between which all objects have positions.
@@ -130,6 +144,7 @@ impl Tracked {
                     first: self.first,
                     times: None,
                     notes: Vec::new(),
+                    doubt: None,
                 };
                 let alone = System { objects: 1, ..system.clone() };
                 let pixels = own.positions(numbers, By::Template, (scale, &alone)).pixels;

@@ -156,6 +156,7 @@ impl VideoRequest {
             observation(By::Template, "the tracker's templates at the video's resolution"),
             observation(By::Centroid, "centroids of what moves"),
         ];
+        let doubts = takes.iter().filter_map(|take| take.tracked.doubt.clone()).collect();
         let notes =
             takes.iter().flat_map(|take| take.video.remarks.iter().chain(&take.tracked.notes).cloned()).collect();
         let subject = Subject {
@@ -166,6 +167,7 @@ impl VideoRequest {
             may_be_cut: true,
             known: Vec::new(),
             notes,
+            doubts,
             training_seconds: None,
             seed: 0,
             scene: Scene {

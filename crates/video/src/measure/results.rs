@@ -1,12 +1,12 @@
 //! measurement.json: what was measured. The one writer and the one reader of that file.
 
 use std::collections::BTreeMap;
+use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
-use super::judgement::{Judgement, Outcome};
 use paig::support::{atomic, storage};
 
 /// Version of the file's form.
@@ -83,6 +83,36 @@ pub struct HeldOut {
     pub percent_of_amplitude: f64,
     /// Metres to a pixel of the video, if known.
     pub metres_per_unit: Option<f64>,
+}
+
+/// How far a number can be trusted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// It can be quoted with its interval.
+    Found,
+    /// Something speaks against it.
+    Doubtful,
+    /// It says nothing.
+    NotFound,
+}
+
+/// A verdict with its reasons.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Judgement {
+    pub outcome: Outcome,
+    /// What speaks against the numbers, the gravest first; empty where nothing does.
+    pub reasons: Vec<String>,
+}
+
+impl Display for Outcome {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Outcome::Found => "found",
+            Outcome::Doubtful => "doubtful",
+            Outcome::NotFound => "not found",
+        })
+    }
 }
 
 /// What the fit leaves.

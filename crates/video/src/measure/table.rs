@@ -6,8 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
-use super::judgement::Outcome;
-use super::results::Measurement;
+use super::results::{Measurement, Outcome};
 use paig::support::{atomic, storage};
 
 /// What is known, by the video's name without its ending and the quantity.

@@ -231,7 +231,7 @@ impl Store {
         weights::write(&self.best(of), weights)
     }
 
-    /// Gives the variables of a model the weights that [`Self::save_best`] kept last.
+    /// Gives the variables of a model the weights that `save_best` kept last.
     ///
     /// # Errors
     /// A file that is missing or damaged.

@@ -33,7 +33,7 @@ pub fn axis_matrix(pixels: &Tensor, size: i64) -> Tensor {
     at(&sample.below) * sample.weight_below.unsqueeze(-1) + at(&sample.above) * sample.weight_above.unsqueeze(-1)
 }
 
-/// As [`axis_matrix`], of places within the axis.
+/// As `axis_matrix`, of places within the axis.
 pub fn hat_matrix(places: &Tensor, size: i64) -> Tensor {
     let distance: Tensor = (places.unsqueeze(-1) - Tensor::arange(size, (places.kind(), places.device()))).abs();
     (-distance + 1.0).relu()

@@ -257,22 +257,14 @@ fn scores_predictions_and_weights_are_the_old_or_the_new() {
         scores: evaluation::evaluate(&model, &test).unwrap(),
     };
     let clip = test.clips.batch(&[0], 12).squeeze_dim(0);
-    let prediction = rollout::roll_out(&model, &clip, &test.clips.actions(&[0]), 8).unwrap();
+    let [before, prediction] =
+        [4, 8].map(|frames| rollout::roll_out(&model, &clip, &test.clips.actions(&[0]), frames).unwrap());
     let write = |folder: &Path| {
         scores.write(&folder.join("scores.json"))?;
-        viz::write_rollout(&folder.join("prediction"), &model.system, &prediction)?;
         convert(&config.task.system, &config.model, &run(), &folder.join("weights.npz"))?;
         convert(&config.task.system, &config.model, &run(), &folder.join("weights.safetensors")).map(drop)
     };
-    let names = [
-        "scores.json",
-        "weights.npz",
-        "weights.safetensors",
-        "prediction/frames.png",
-        "prediction/animation.gif",
-        "prediction/states.csv",
-        "prediction/rollout.npz",
-    ];
+    let names = ["scores.json", "weights.npz", "weights.safetensors"];
     let whole = temporary();
     write(whole.path()).unwrap();
     let read = |folder: &Path, name: &str| fs::read(folder.join(name)).unwrap();
@@ -280,7 +272,6 @@ fn scores_predictions_and_weights_are_the_old_or_the_new() {
         stride(5),
         || {
             let folder = temporary();
-            fs::create_dir(folder.path().join("prediction")).unwrap();
             names.iter().for_each(|name| fs::write(folder.path().join(name), "old").unwrap());
             folder
         },
@@ -294,7 +285,34 @@ fn scores_predictions_and_weights_are_the_old_or_the_new() {
             assert_no_halves(folder.path(), fault);
         },
     );
-    println!("evaluate, predict, convert: {} faults", tried.faults);
+    println!("evaluate, convert: {} faults", tried.faults);
+    let predict = |folder: &Path, prediction| viz::write_rollout(&folder.join("prediction"), &model.system, prediction);
+    let arrays = |prediction| {
+        let place = temporary();
+        predict(place.path(), prediction).unwrap();
+        fs::read(place.path().join("prediction/rollout.npz")).unwrap()
+    };
+    let (old, new) = (arrays(&before), arrays(&prediction));
+    let tried = at_every_operation(
+        stride(5),
+        || {
+            let folder = temporary();
+            predict(folder.path(), &before).unwrap();
+            folder
+        },
+        |folder| Ok(predict(folder.path(), &prediction)?),
+        |folder, fault, at| {
+            assert_no_halves(folder.path(), fault);
+            // The next one puts in its place what was complete.
+            viz::check_rollout_folder(&folder.path().join("prediction")).unwrap();
+            let lines = fs::read_to_string(folder.path().join("prediction/states.csv")).unwrap().lines().count();
+            let archive = fs::read(folder.path().join("prediction/rollout.npz")).unwrap();
+            assert!([6, 10].contains(&lines), "{fault:?} at {at}: {lines} lines");
+            let whole = if lines == 6 { &old } else { &new };
+            assert!(archive == *whole, "{fault:?} at {at}: table and arrays are of two predictions");
+        },
+    );
+    println!("predict: {} faults", tried.faults);
 }
 
 #[test]
@@ -358,6 +376,39 @@ fn an_imported_task_is_whole_or_not_there() {
         },
     );
     println!("import: {} faults", tried.faults);
+    // Over a task that was edited: all of the old one or all of the new one, and what else lies there.
+    let edited = |folder: &Path| {
+        import(&request(folder), &|_, _| {}).unwrap();
+        let task = folder.join("task/task.toml");
+        let text = fs::read_to_string(&task).unwrap();
+        fs::write(&task, text + "# my equation\n").unwrap();
+        fs::write(folder.join("task/notes.txt"), "dear diary").unwrap();
+    };
+    let again = |folder: &Path| Request { force: true, side: 24, ..request(folder) };
+    let whole = |folder: &Path| {
+        ["task.toml", "train.npz", "test.npz", "film.npz", "contact-sheet.png"]
+            .map(|name| fs::read(folder.join("task").join(name)).unwrap())
+    };
+    let (old, new) = (temporary(), temporary());
+    edited(old.path());
+    import(&again(new.path()), &|_, _| {}).unwrap();
+    let (old, new) = (whole(old.path()), whole(new.path()));
+    let tried = at_every_operation(
+        stride(5),
+        || {
+            let folder = temporary();
+            edited(folder.path());
+            folder
+        },
+        |folder| Ok(import(&again(folder.path()), &|_, _| {}).map(drop)?),
+        |folder, fault, at| {
+            let found = whole(folder.path());
+            assert!(found == old || found == new, "{fault:?} at {at}: neither the old task nor the new one");
+            assert_eq!(fs::read(folder.path().join("task/notes.txt")).unwrap(), b"dear diary", "{fault:?} at {at}");
+            assert_no_halves(folder.path(), fault);
+        },
+    );
+    println!("import over an edited task: {} faults", tried.faults);
 }
 
 /// A sweep of programs that do nothing: what the sweep itself writes.

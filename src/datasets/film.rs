@@ -11,6 +11,7 @@ use tch::Device;
 
 use super::iterators::Clips;
 use super::npz::{self, Archive};
+use crate::support::random::fnv1a;
 
 /// Beside the dataset files.
 pub const FILM: &str = "film.npz";
@@ -66,6 +67,14 @@ impl FilmFile {
         });
         let numbers = numbers.collect::<Result<_>>()?;
         Ok(FilmFile { videos, numbers })
+    }
+
+    /// Checksum of all frames and their numbers.
+    pub fn checksum(&self) -> String {
+        let numbers = self.numbers.iter().flatten().flat_map(|number| number.to_le_bytes());
+        let sums = self.videos.iter().map(|frames| fnv1a(frames.iter())).chain([fnv1a(&numbers.collect::<Vec<_>>())]);
+        let sums: Vec<u8> = sums.flat_map(u64::to_le_bytes).collect();
+        format!("{:016x}", fnv1a(&sums))
     }
 
     /// # Errors

@@ -221,6 +221,9 @@ impl SystemTable {
     pub fn system(&self, wall_margin: f64, known: &Equations) -> Result<System> {
         let &SystemTable { side, channels, objects, input_steps, pred_steps, dt, .. } = self;
         let cell = self.equation.kind(objects, known)?;
+        if let EquationEntry::Text(table) = &self.equation {
+            table.check_walls(side)?;
+        }
         let walls = Walls::new(side, self.wall_margin.unwrap_or(wall_margin));
         let system = System { side, channels, objects, input_steps, pred_steps, dt, cell, walls, halved: false };
         system.check()?;

@@ -8,9 +8,11 @@ use tch::Device;
 use super::observer::{Event, Observer};
 use crate::datasets::dataset::Dataset;
 use crate::datasets::files::{ClipShape, Split};
+use crate::datasets::film::{FILM, FilmFile};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::States;
 use crate::network::physics_models::PhysicsNet;
+use crate::runs::checkpoint::LearnedFrom;
 use crate::training::config::Config;
 use crate::training::trainer::Trainer;
 
@@ -19,8 +21,8 @@ use crate::training::trainer::Trainer;
 pub(super) struct TrainingData {
     pub train: Clips,
     pub valid: Clips,
-    /// Checksums of both.
-    pub checksums: String,
+    /// Checksums of both, and of the film beside them.
+    pub checksums: LearnedFrom,
 }
 
 impl TrainingData {
@@ -42,7 +44,7 @@ impl TrainingData {
         check_states(&path, &test, config).context("the run could not be scored at its end")?;
         drop(test);
         let clips = |split| training.clips(split, device);
-        let checksums = training.learned_from();
+        let checksums = LearnedFrom { clips: training.learned_from(), film: film_checksum(config)? };
         let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid), checksums };
         config.check_clips(&data.train)?;
         if data.train.flickers() {
@@ -58,6 +60,15 @@ impl TrainingData {
         let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
         Trainer::new(config, &model, &self.train, &self.valid)?.check_start()
     }
+}
+
+/// Checksum of the film that the run is measured by at its end, which must be readable; empty where the task has none.
+fn film_checksum(config: &Config) -> Result<String> {
+    let task = &config.task;
+    let Some(video) = task.video().filter(|video| video.film_step.is_some()) else { return Ok(String::new()) };
+    let path = config.data.train_path().with_file_name(FILM);
+    let film = FilmFile::read(&path, video.sources.len(), task.system.side, task.system.channels);
+    Ok(film.context("the run could not be measured at its end")?.checksum())
 }
 
 /// Refuses a file that was made for another system.

@@ -160,7 +160,7 @@ impl Prepared {
         let mut events = config.output.tensorboard.then(|| EventFile::new(folder)).transpose()?;
         let mut watch = Watch::new(config, &data.valid, observer);
         let mut trainer = Trainer::new(config, &model, &data.train, &data.valid)?
-            .of_clips(&data.checksums)
+            .of_data(&data.checksums)
             .built_from(program.commit)
             .save_to(Store::new(folder.path()))
             .observed_by(&mut recorder)

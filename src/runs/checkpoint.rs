@@ -16,6 +16,7 @@ use tch::Tensor;
 
 use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
 use super::weights::{self, Named, first_not_finite};
+use crate::datasets::dataset::are_the_same;
 use crate::support::atomic;
 use crate::support::error::{self, Error};
 use crate::support::random::fnv1a;
@@ -56,6 +57,14 @@ pub struct RunState {
     /// Checksums of the clips that the run learns from; empty in those of earlier versions.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub clips: String,
+    /// Checksum of the film beside the clips; empty where there is none, and in those of earlier versions.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub film: String,
+    /// Checksums of the weights and slots beside the state; empty in those of earlier versions.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    weights: String,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    slots: String,
     /// Of all the rest; empty in those of earlier versions.
     #[serde(default)]
     checksum: String,
@@ -78,6 +87,9 @@ impl RunState {
             metrics_bytes: 0,
             config: String::new(),
             clips: String::new(),
+            film: String::new(),
+            weights: String::new(),
+            slots: String::new(),
             checksum: String::new(),
         }
     }
@@ -90,7 +102,7 @@ impl RunState {
 
     fn sum(&self) -> Result<String> {
         let bare = RunState { checksum: String::new(), ..self.clone() };
-        Ok(format!("{:016x}", fnv1a(&serde_json::to_vec(&bare)?)))
+        Ok(checksum(&serde_json::to_vec(&bare)?))
     }
 
     fn from_json(text: &[u8]) -> Result<Self> {
@@ -188,7 +200,18 @@ impl Store {
             return Ok(String::new());
         }
         let text = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        Ok(format!("{:016x}", fnv1a(&text)))
+        Ok(checksum(&text))
+    }
+
+    /// Checks that weights, of this checksum of a config, are of this run; those of earlier versions have none.
+    fn check_run(&self, weights: &Path, config: &str) -> Result<()> {
+        ensure!(
+            config.is_empty() || config == self.config_checksum()?,
+            "{} and {} are of different runs, or the config was edited; put them back as they were",
+            weights.display(),
+            self.run.join(CONFIG).display()
+        );
+        Ok(())
     }
 
     /// Saves a checkpoint with all variables of a model, and removes those before the one before it. The lengths of the logs are
@@ -209,10 +232,13 @@ impl Store {
         if path.exists() {
             storage().remove_folder(&path).with_context(|| format!("cannot replace {}", path.display()))?;
         }
+        let [weights, slots] = [weights::to_bytes(weights, &self.config_checksum()?)?, weights::to_bytes(slots, "")?];
+        [state.weights, state.slots] = [&weights, &slots].map(|bytes| checksum(bytes));
         let text = state.to_json()?;
         atomic::write_folder(&path, |folder| {
-            weights::write(&folder.join(WEIGHTS), weights)?;
-            weights::write(&folder.join(SLOTS), slots)?;
+            for (name, bytes) in [(WEIGHTS, &weights), (SLOTS, &slots)] {
+                atomic::write_file(&folder.join(name), |file| Ok(file.write_all(bytes)?))?;
+            }
             atomic::write_file(&folder.join(STATE), |file| Ok(file.write_all(&text)?))
         })?;
         let index = Index { format: FORMAT, last };
@@ -228,7 +254,7 @@ impl Store {
         let _guard = tch::no_grad_guard();
         ensure_finite(weights, steps)?;
         make_folder(&self.folder())?;
-        weights::write(&self.best(of), weights)
+        weights::write_of_run(&self.best(of), weights, &self.config_checksum()?)
     }
 
     /// Gives the variables of a model the weights that `save_best` kept last.
@@ -236,7 +262,9 @@ impl Store {
     /// # Errors
     /// A file that is missing or damaged.
     pub fn load_best(&self, variables: Named, of: BestOf) -> Result<()> {
-        weights::load_into(&self.best(of), variables)
+        let path = self.best(of);
+        self.check_run(&path, &weights::run_of(&path)?)?;
+        weights::load_into(&path, variables)
     }
 
     /// Each phase has a file of its own: a run that goes back to an earlier checkpoint may go back to an earlier phase.
@@ -297,9 +325,18 @@ impl Store {
     /// What was recorded until the checkpoint will be read at the end of the run.
     fn check_metrics(&self, state: &RunState) -> Result<()> {
         let path = self.run.join(METRICS);
-        if !path.exists() {
-            return Ok(());
-        }
+        let length = match fs::metadata(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+            described => described.with_context(|| format!("cannot read {}", path.display()))?.len(),
+        };
+        let advice =
+            "the run cannot go on: its plots and reports are made of that file; put it back from a copy, or remove it";
+        ensure!(
+            length >= state.metrics_bytes,
+            "{} was cut off: it has {length} bytes, at the checkpoint it had {}; {advice}",
+            path.display(),
+            state.metrics_bytes
+        );
         super::metrics::read(&path)
             .map(drop)
             .or_else(|error| {
@@ -308,7 +345,7 @@ impl Store {
                 let kept = bytes.get(..state.metrics_bytes as usize).unwrap_or(&bytes);
                 super::metrics::parse(kept).map(drop).map_err(|_| error)
             })
-            .context("the run cannot go on: its plots and reports are made of that file; put it back from a copy, or remove it")
+            .context(advice)
     }
 
     /// Length of a log in bytes, once on the disk.
@@ -392,22 +429,82 @@ fn read_parts(path: &Path) -> Result<Result<Parts>> {
             Ok(saved.tensors)
         };
         let (weights, slots) = (tensors(&files[1]).context(WEIGHTS)?, tensors(&files[2]).context(SLOTS)?);
+        for (name, bytes, known) in [(WEIGHTS, &files[1], &state.weights), (SLOTS, &files[2], &state.slots)] {
+            let same = known.is_empty() || *known == checksum(bytes);
+            ensure!(same, "{name}: it is not what was saved there, or damaged: its checksum does not fit");
+        }
         Ok(Parts { state, weights, slots })
     };
     Ok(parts())
 }
 
-/// Checksums of the clips that a run learns from, as its last checkpoint has them; empty where it says nothing of them.
-///
-/// # Errors
-/// A folder without checkpoint, or whose last one is damaged.
-pub fn clips_of(run: &Path) -> Result<String> {
-    let path = find_weights(run, SavedWeights::Last)?.with_file_name(STATE);
-    if !path.exists() {
-        return Ok(String::new());
+/// Checksums of what a run learns from; each is empty where it is not known.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct LearnedFrom {
+    /// Of the clips.
+    pub clips: String,
+    /// Of the film beside them.
+    pub film: String,
+}
+
+impl LearnedFrom {
+    /// Whether clips and film are those of before, as far as both are known.
+    pub fn is_as(&self, before: &LearnedFrom) -> [bool; 2] {
+        let known = |now: &str, before: &str| !now.is_empty() && !before.is_empty();
+        let clips = !known(&self.clips, &before.clips) || are_the_same(&self.clips, &before.clips);
+        [clips, !known(&self.film, &before.film) || self.film == before.film]
+    }
+
+    /// As the last checkpoint of a run has them.
+    ///
+    /// # Errors
+    /// A folder without checkpoint, or whose last one is damaged.
+    pub fn of_run(run: &Path) -> Result<Self> {
+        let weights = find_weights(run, SavedWeights::Last)?;
+        let state = state_beside(&weights)?;
+        Ok(state.map_or_else(Self::default, |RunState { clips, film, .. }| LearnedFrom { clips, film }))
+    }
+}
+
+/// The state in the checkpoint of a weights file; none where the file stands alone.
+fn state_beside(weights: &Path) -> Result<Option<RunState>> {
+    let path = weights.with_file_name(STATE);
+    if weights.file_name().is_none_or(|name| name != WEIGHTS) || !path.exists() {
+        return Ok(None);
     }
     let read = || RunState::from_json(&storage::read(&path)?);
-    Ok(read().with_context(|| format!("{}; {ADVICE}", path.display()))?.clips)
+    read().map(Some).with_context(|| format!("{}; {ADVICE}", path.display()))
+}
+
+/// Finds the weights of a run as [`find_weights`], and checks that they are its own: of its config, and what the checkpoint was saved
+/// with. Weights of earlier versions have no checksums, and those of a file or of a checkpoint alone no config.
+///
+/// # Errors
+/// As for [`find_weights`]; weights or a config of another run, or that were edited since.
+pub fn find_own_weights(path: &Path, which: SavedWeights) -> Result<PathBuf> {
+    let weights = find_weights(path, which)?;
+    let of_run = path.join(CONFIG).exists().then(|| Store::new(path));
+    match state_beside(&weights)? {
+        Some(state) => {
+            let bytes = storage::read(&weights).with_context(|| format!("cannot read {}", weights.display()))?;
+            ensure!(
+                state.weights.is_empty() || state.weights == checksum(&bytes),
+                "{} is not what was saved there, or damaged: its checksum does not fit; {ADVICE}",
+                weights.display()
+            );
+            of_run.iter().try_for_each(|store| store.check_config(&state))?;
+        }
+        None => {
+            let config = weights::run_of(&weights)?;
+            of_run.iter().try_for_each(|store| store.check_run(&weights, &config))?;
+        }
+    }
+    Ok(weights)
+}
+
+/// Checksum of a file, as states have it.
+pub fn checksum(bytes: &[u8]) -> String {
+    format!("{:016x}", fnv1a(bytes))
 }
 
 /// The weights file of a run folder, of a checkpoint folder, or the file itself.

@@ -13,7 +13,7 @@
 
 use std::collections::BTreeMap;
 use std::io::{Cursor, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use ndarray::{ArrayD, IxDyn};
@@ -21,12 +21,14 @@ use ndarray_npy::NpzWriter;
 use tch::{Device, Tensor};
 
 use super::checkpoint::{self, SavedWeights};
+use super::names::CHECKPOINTS;
 use super::weights::{self, is_finite};
 use crate::datasets::npz;
 use crate::network::System;
 use crate::network::physics_models::{ModelOptions, PhysicsNet};
 use crate::network::variable_names::{from_tensorflow, layout_from_tensorflow, layout_to_tensorflow, to_tensorflow};
-use crate::support::atomic;
+use crate::support::atomic::{self, is_stream};
+use crate::support::output::Kind;
 
 /// Form of a weights file, told by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,7 +63,7 @@ pub fn convert(system: &System, options: &ModelOptions, from: &Path, to: &Path) 
     ensure!(!to.is_dir(), "{} is a folder; a file is written", to.display());
     let model = PhysicsNet::new(system, options, Device::Cpu, 0)?;
     match Form::of(from)? {
-        Form::Safetensors => weights::load(&checkpoint::find_weights(from, SavedWeights::Last)?, &model)?,
+        Form::Safetensors => weights::load(&checkpoint::find_own_weights(from, SavedWeights::Last)?, &model)?,
         Form::Npz => load_npz(from, &model)?,
     }
     let variables = model.named_variables();
@@ -74,6 +76,32 @@ pub fn convert(system: &System, options: &ModelOptions, from: &Path, to: &Path) 
     }
     Ok(variables.len())
 }
+
+/// Checks that converted weights may be written to a file: a new one, or converted weights if `force` is given. Returns the place that
+/// links lead to.
+///
+/// # Errors
+/// An unknown ending, a file that is there, what was converted, a place that cannot be written.
+pub fn check_target(from: &Path, to: &Path, force: bool) -> Result<PathBuf> {
+    let kind = match Form::of(to)? {
+        Form::Safetensors => SAFETENSORS,
+        Form::Npz => NPZ,
+    };
+    ensure!(force || !to.exists() || is_stream(to), "{} is there already; --force replaces it", to.display());
+    ensure!(!to.is_dir(), "{} is a folder; a file is written", to.display());
+    let of_run = from.join(CHECKPOINTS);
+    kind.check(to, &[if of_run.exists() { &of_run } else { from }])
+}
+
+const SAFETENSORS: Kind = Kind { name: "weights of `paig`", recognizes: weights::is_written_here };
+const NPZ: Kind = Kind {
+    name: "weights of `paig convert`",
+    recognizes: |bytes| {
+        let archive = zip::ZipArchive::new(Cursor::new(bytes));
+        let is_variable = |name: &str| from_tensorflow(name.trim_end_matches(".npy")).is_ok();
+        archive.is_ok_and(|archive| archive.file_names().all(is_variable))
+    },
+};
 
 /// Fills a model from TensorFlow's named variables.
 fn load_npz(path: &Path, model: &PhysicsNet) -> Result<()> {

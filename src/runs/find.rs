@@ -19,6 +19,11 @@ pub struct FoundRuns {
 /// What a run's folder holds. Two of these make a folder one, whatever else is missing: no run is passed over.
 const MARKS: [&str; 5] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS, LOCK];
 
+/// Whether a folder is a run's, finished or not.
+pub fn is_run(folder: &Path) -> bool {
+    MARKS.iter().filter(|mark| folder.join(mark).exists()).count() >= 2
+}
+
 /// The runs in and under some folders, in the order of their names. What `skip` names is not entered.
 ///
 /// # Errors
@@ -48,7 +53,7 @@ fn search(
     unreadable: &mut Vec<(PathBuf, anyhow::Error)>,
 ) -> Result<()> {
     let context = || format!("cannot list {}", folder.display());
-    if MARKS.iter().filter(|mark| folder.join(mark).exists()).count() >= 2 {
+    if is_run(folder) {
         let canonical = fs::canonicalize(folder).with_context(context)?;
         if places.iter().all(|(_, known)| *known != canonical) {
             places.push((folder.into(), canonical));

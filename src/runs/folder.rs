@@ -68,8 +68,9 @@ impl RunFolder {
 
     /// Whether a program runs in a folder now.
     pub fn is_in_use(path: &Path) -> bool {
-        let lock = File::open(path.join(LOCK));
-        lock.is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
+        let lock = path.join(LOCK);
+        lock.is_file()
+            && File::open(lock).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
     }
 
     /// Opens the folder of an earlier run.
@@ -140,7 +141,7 @@ const BETWEEN: Duration = Duration::from_millis(20);
 /// A folder that another program uses, or that cannot be written.
 pub fn lock(path: &Path) -> Result<File> {
     let place = path.join(LOCK);
-    ensure!(!atomic::is_stream(&place), "{} is a pipe or a device; a run locks a file there", place.display());
+    ensure_own_file(&place)?;
     let lock = OpenOptions::new().create(true).append(true).open(&place);
     let lock = lock.with_context(|| format!("cannot open {}", place.display()))?;
     for _ in 0..ATTEMPTS {
@@ -158,5 +159,13 @@ pub fn lock(path: &Path) -> Result<File> {
 /// A file of the folder, made if it is not there, to be appended to.
 fn append(folder: &Path, name: &str) -> Result<Box<dyn Output>> {
     let path = folder.join(name);
+    ensure_own_file(&path)?;
     storage().append(&path).with_context(|| format!("cannot open {}", path.display()))
+}
+
+/// Refuses what is no file: a pipe would block, and what a link leads to may be no file of the run.
+fn ensure_own_file(path: &Path) -> Result<()> {
+    let strange = fs::symlink_metadata(path).is_ok_and(|described| !described.is_file());
+    ensure!(!strange, "{} is not a file but a link, a folder, a pipe or a device; remove it", path.display());
+    Ok(())
 }

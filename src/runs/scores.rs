@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::network::physics_models::losses::MeanLosses;
 use crate::support::atomic;
+use crate::support::output::{Kind, has_keys};
 use crate::support::statistics::Spread;
 
 /// What a model makes of a set of clips.
@@ -109,6 +110,12 @@ pub struct ScoresFile {
 }
 
 impl ScoresFile {
+    /// The file as one that the program recognizes.
+    pub const KIND: Kind = Kind {
+        name: "scores of `paig evaluate`",
+        recognizes: |json| has_keys(json, &["task", "run", "split", "scores"]),
+    };
+
     /// Version of the file's form; to be raised when a reader of today could misread it.
     pub const FORMAT: u32 = 1;
 

@@ -19,6 +19,8 @@ pub type Named = Vec<(String, Tensor)>;
 
 /// The key of the checksum in the file's header.
 const CHECKSUM: &str = "checksum";
+/// Stands in its value between the checksum of the tensors and that of the run's config: keys have no order.
+const OF_CONFIG: char = '/';
 /// The key that PyTorch writes there.
 const OF_PYTORCH: &str = "format";
 /// Types that a model or an optimizer holds.
@@ -29,11 +31,25 @@ const TYPES: [(Kind, Dtype); 3] = [(Kind::Float, Dtype::F32), (Kind::Double, Dty
 /// # Errors
 /// A full disk, a tensor of another type than float32, float64 or int64.
 pub fn write(path: &Path, tensors: &[(String, Tensor)]) -> Result<()> {
-    let bytes = to_bytes(tensors).with_context(|| format!("cannot write {}", path.display()))?;
+    write_of_run(path, tensors, "")
+}
+
+/// The same with the checksum of the config of their run.
+pub(super) fn write_of_run(path: &Path, tensors: &[(String, Tensor)], config: &str) -> Result<()> {
+    let bytes = to_bytes(tensors, config).with_context(|| format!("cannot write {}", path.display()))?;
     atomic::write_file(path, |file| Ok(file.write_all(&bytes)?))
 }
 
-fn to_bytes(tensors: &[(String, Tensor)]) -> Result<Vec<u8>> {
+/// Checksum of the config of the run that a file is of; empty where the file does not have it.
+pub(super) fn run_of(path: &Path) -> Result<String> {
+    let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let header = SafeTensors::read_metadata(&bytes).ok();
+    let sums = header.and_then(|(_, header)| header.metadata().as_ref()?.get(CHECKSUM).cloned());
+    Ok(sums.and_then(|sums| Some(sums.split_once(OF_CONFIG)?.1.to_string())).unwrap_or_default())
+}
+
+/// The bytes of a file of tensors; `config` is the checksum of their run's config, or empty.
+pub(super) fn to_bytes(tensors: &[(String, Tensor)], config: &str) -> Result<Vec<u8>> {
     let parts = tensors.iter().map(|(name, tensor)| {
         let tensor = tensor.detach().to_device(Device::Cpu).contiguous();
         let known = TYPES.iter().find(|(kind, _)| *kind == tensor.kind());
@@ -48,7 +64,9 @@ fn to_bytes(tensors: &[(String, Tensor)]) -> Result<Vec<u8>> {
         Ok((*name, view.with_context(|| format!("tensor {name}"))?))
     });
     let views: Vec<_> = views.collect::<Result<_>>()?;
-    let header = HashMap::from([(CHECKSUM.to_string(), checksum(views.clone()))]);
+    let sum = checksum(views.clone());
+    let sums = if config.is_empty() { sum } else { format!("{sum}{OF_CONFIG}{config}") };
+    let header = HashMap::from([(CHECKSUM.to_string(), sums)]);
     serialize(views, Some(header)).map_err(|error| anyhow!("{error}"))
 }
 
@@ -87,7 +105,9 @@ fn parsed(bytes: &[u8]) -> Result<Saved> {
     let checked = match header.metadata() {
         Some(keys) if keys.contains_key(CHECKSUM) => {
             let views: Vec<_> = file.iter().collect();
-            ensure!(keys[CHECKSUM] == checksum(views), "it was changed or damaged: its checksum does not fit");
+            let sums = &keys[CHECKSUM];
+            let sum = sums.split_once(OF_CONFIG).map_or(sums.as_str(), |(sum, _)| sum);
+            ensure!(sum == checksum(views), "it was changed or damaged: its checksum does not fit");
             true
         }
         Some(keys) if !keys.is_empty() && !keys.contains_key(OF_PYTORCH) => {
@@ -176,6 +196,12 @@ fn set(saved: &[(String, Tensor)], variables: Named) -> Result<()> {
 /// The name of the first that holds a NaN or an infinity.
 pub fn first_not_finite(variables: &[(String, Tensor)]) -> Option<&str> {
     variables.iter().find(|(_, variable)| !is_finite(variable)).map(|(name, _)| name.as_str())
+}
+
+/// Whether bytes are a file that [`write()`] wrote, by its header alone.
+pub(super) fn is_written_here(bytes: &[u8]) -> bool {
+    let header = SafeTensors::read_metadata(bytes);
+    header.is_ok_and(|(_, header)| header.metadata().as_ref().is_some_and(|keys| keys.contains_key(CHECKSUM)))
 }
 
 /// Whether every element is a number.

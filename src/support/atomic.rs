@@ -1,6 +1,6 @@
 //! Files and folders that appear whole or not at all: written beside their place, synced, then renamed.
 //!
-//! Where a path is a link, the file it leads to is replaced. A device or a pipe is written to as it is.
+//! A link in a file's place is replaced itself; [`target`] follows one that a user names. A device or a pipe is written to as it is.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -33,19 +33,18 @@ pub fn write_file(path: &Path, write: impl FnOnce(&mut Writer) -> Result<()>) ->
         written
     };
     let attempt = || -> Result<()> {
-        let target = target(path)?;
-        if is_stream(&target) {
-            return write(&target);
+        if is_stream_itself(path) {
+            return write(path);
         }
-        ensure!(!target.is_dir(), "a folder is there");
-        let partial = partial_name(&target);
+        ensure!(path.is_symlink() || !path.is_dir(), "a folder is there");
+        let partial = partial_name(path);
         let replace = || -> Result<()> {
             write(&partial)?;
             storage().sync(&partial)?;
-            storage().rename(&partial, &target)?;
-            sync_folder(&target)
+            storage().rename(&partial, path)?;
+            sync_folder(path)
         };
-        remove_leftovers(&target);
+        remove_leftovers(path);
         replace().inspect_err(|_| drop(storage().remove_file(&partial)))
     };
     attempt().with_context(|| format!("cannot write {}", path.display()))
@@ -58,16 +57,7 @@ pub fn write_file(path: &Path, write: impl FnOnce(&mut Writer) -> Result<()>) ->
 pub fn write_folder(path: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     let partial = partial_name(path);
     let attempt = || -> Result<()> {
-        remove_leftovers(path);
-        if partial.exists() {
-            storage().remove_folder(&partial)?;
-        }
-        storage().create_folder(&partial)?;
-        fill(&partial)?;
-        for entry in fs::read_dir(&partial)? {
-            storage().sync(&entry?.path())?;
-        }
-        storage().sync(&partial)?;
+        fill_partial(path, &partial, fill)?;
         storage().rename(&partial, path)?;
         sync_folder(path)
     };
@@ -76,18 +66,84 @@ pub fn write_folder(path: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Resu
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
+/// Replaces a folder in one step: `fill` makes the new one, into which everything of the old one goes that `drops` does not
+/// name. Until then the old one stays as it is.
+///
+/// # Errors
+/// As for [`write_file`]; the working directory; a file system without hard links or on which nothing can be exchanged.
+pub fn replace_folder(
+    path: &Path,
+    drops: &dyn Fn(&OsStr) -> bool,
+    fill: impl FnOnce(&Path) -> Result<()>,
+) -> Result<()> {
+    let attempt = || -> Result<()> {
+        let place = fs::canonicalize(path)?;
+        let inside = std::env::current_dir().and_then(fs::canonicalize).is_ok_and(|here| here.starts_with(&place));
+        ensure!(!inside, "the program runs in this folder, which is replaced as a whole; call it from another one");
+        let partial = partial_name(&place);
+        let attempt = || -> Result<()> {
+            fill_partial(&place, &partial, fill)?;
+            carry_over(&place, &partial, &|name| drops(name) || is_partial(name))?;
+            storage().sync(&partial)?;
+            storage()
+                .exchange(&partial, &place)
+                .context("its file system cannot exchange folders; choose another one")?;
+            sync_folder(&place)
+        };
+        let replaced = attempt();
+        // The old folder, or the new one where it failed. A second time where it fails once.
+        let _ = storage().remove_folder(&partial).or_else(|_| storage().remove_folder(&partial));
+        replaced
+    };
+    attempt().with_context(|| format!("cannot replace {}", path.display()))
+}
+
+/// Fills a folder beside its place, to the disk.
+fn fill_partial(path: &Path, partial: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+    remove_leftovers(path);
+    if partial.exists() {
+        storage().remove_folder(partial)?;
+    }
+    storage().create_folder(partial)?;
+    fill(partial)?;
+    for entry in fs::read_dir(partial)? {
+        storage().sync(&entry?.path())?;
+    }
+    Ok(storage().sync(partial)?)
+}
+
+/// Gives the files of a folder, but for those that stay behind, their names in another one, too.
+fn carry_over(from: &Path, to: &Path, stays: &dyn Fn(&OsStr) -> bool) -> Result<()> {
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        if stays(&name) {
+            continue;
+        }
+        let (old, new) = (entry.path(), to.join(&name));
+        if entry.file_type()?.is_dir() {
+            storage().create_folder(&new)?;
+            fs::set_permissions(&new, fs::metadata(&old)?.permissions())?;
+            carry_over(&old, &new, &|_| false)?;
+            storage().sync(&new)?;
+        } else {
+            storage().link(&old, &new).with_context(|| format!("cannot carry {} over; move it away", old.display()))?;
+        }
+    }
+    Ok(())
+}
+
 /// Tries whether a file could be written: what takes long should not fail at its end.
 ///
 /// # Errors
 /// A missing folder or one that cannot be written, a folder in the file's place.
 pub fn check_place(path: &Path) -> Result<()> {
     let attempt = || -> Result<()> {
-        let target = target(path)?;
-        ensure!(!target.is_dir(), "a folder is there");
-        if is_stream(&target) {
+        ensure!(path.is_symlink() || !path.is_dir(), "a folder is there");
+        if is_stream_itself(path) {
             return Ok(());
         }
-        let partial = partial_name(&target);
+        let partial = partial_name(path);
         storage().create(&partial)?;
         // A second time where it fails once: nothing is to be left behind.
         Ok(storage().remove_file(&partial).or_else(|_| storage().remove_file(&partial))?)
@@ -137,7 +193,10 @@ fn partial_name(path: &Path) -> PathBuf {
 }
 
 /// Where a path leads, through links, also to what is not there yet.
-fn target(path: &Path) -> Result<PathBuf> {
+///
+/// # Errors
+/// Links that lead in a circle.
+pub fn target(path: &Path) -> Result<PathBuf> {
     let mut target = path.to_path_buf();
     for _ in 0..MOST_LINKS {
         match fs::read_link(&target) {
@@ -145,12 +204,17 @@ fn target(path: &Path) -> Result<PathBuf> {
             Err(_) => return Ok(target),
         }
     }
-    anyhow::bail!("its links lead in a circle")
+    anyhow::bail!("cannot write {}: its links lead in a circle", path.display())
 }
 
 /// Whether something is there that is neither a file nor a folder: a device, a pipe.
 pub fn is_stream(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|kind| !kind.is_file() && !kind.is_dir())
+}
+
+/// The same without following a link.
+fn is_stream_itself(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|kind| !kind.is_file() && !kind.is_dir() && !kind.is_symlink())
 }
 
 /// Makes a rename last through a power cut.
@@ -172,23 +236,55 @@ mod tests {
     }
 
     #[test]
-    fn links_are_followed_and_devices_stay() {
+    fn links_are_replaced_or_followed_and_devices_stay() {
         let folder = tempfile::tempdir().unwrap();
         let [file, link, new, device] = ["file", "link", "new", "device"].map(|name| folder.path().join(name));
         fs::write(&file, "before").unwrap();
         symlink("file", &link).unwrap();
-        write(&link, "after").unwrap();
+        write(&target(&link).unwrap(), "after").unwrap();
         assert!(link.is_symlink());
         assert_eq!(fs::read_to_string(&file).unwrap(), "after");
         fs::remove_file(&file).unwrap();
-        write(&link, "again").unwrap();
+        write(&target(&link).unwrap(), "again").unwrap();
         assert_eq!(fs::read_to_string(&file).unwrap(), "again");
+        write(&link, "own").unwrap();
+        assert!(!link.is_symlink());
+        assert_eq!([&file, &link].map(|path| fs::read_to_string(path).unwrap()), ["again", "own"]);
         symlink("/dev/full", &device).unwrap();
-        assert!(format!("{:#}", write(&device, "much").unwrap_err()).contains("No space left"));
+        assert!(format!("{:#}", write(&target(&device).unwrap(), "much").unwrap_err()).contains("No space left"));
         assert!(device.is_symlink() && !fs::metadata("/dev/full").unwrap().is_file());
         symlink("new", &new).unwrap();
-        assert!(format!("{:#}", write(&new, "").unwrap_err()).contains("circle"));
+        assert!(format!("{:#}", target(&new).unwrap_err()).contains("circle"));
         assert!(format!("{:#}", write(folder.path(), "").unwrap_err()).contains("a folder is there"));
+    }
+
+    #[test]
+    fn a_folder_is_replaced_with_what_others_have_in_it() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("folder");
+        fs::create_dir_all(folder.join("notes/more")).unwrap();
+        fs::write(place.path().join("outside"), "mine").unwrap();
+        symlink("../outside", folder.join("film")).unwrap();
+        for (name, text) in [("task", "old"), ("notes/more/diary", "dear"), ("stale", "old")] {
+            fs::write(folder.join(name), text).unwrap();
+        }
+        let drops = |name: &OsStr| name == "task" || name == "film" || name == "stale";
+        let fails = replace_folder(&folder, &drops, |new| {
+            fs::write(new.join("task"), "half")?;
+            anyhow::bail!("no space")
+        });
+        assert!(fails.is_err());
+        assert_eq!(fs::read_to_string(folder.join("task")).unwrap(), "old");
+        replace_folder(&folder, &drops, |new| {
+            fs::write(new.join("task"), "new")?;
+            Ok(fs::write(new.join("film"), "new")?)
+        })
+        .unwrap();
+        let text = |name: &str| fs::read_to_string(folder.join(name)).ok();
+        assert_eq!(["task", "film"].map(text), [Some("new".into()), Some("new".into())]);
+        assert_eq!((text("notes/more/diary"), text("stale")), (Some("dear".into()), None));
+        assert_eq!(fs::read_to_string(place.path().join("outside")).unwrap(), "mine");
+        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 2, "something half-written was left");
     }
 
     #[test]

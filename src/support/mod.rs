@@ -1,5 +1,5 @@
 //! What every other folder may use: the best assignment, files that appear whole or not at all, command lines, the device, errors by
-//! kind, JSON in lines, memory, picture files, random numbers, significant digits, medians, fast arithmetic, processor time, the
+//! kind, JSON in lines, memory, rules for outputs, picture files, random numbers, significant digits, medians, fast arithmetic, processor time, the
 //! values of TOML files.
 
 pub(crate) mod assignment;
@@ -12,6 +12,7 @@ pub mod fast_math;
 pub mod json_lines;
 pub mod least_squares;
 pub mod memory;
+pub mod output;
 pub mod picture_file;
 pub mod random;
 pub mod significant;

@@ -10,6 +10,8 @@ use std::io::{self, ErrorKind, Read, Seek, Write};
 use std::path::Path;
 use std::rc::Rc;
 
+use nix::fcntl::{AT_FDCWD, RenameFlags, renameat2};
+
 /// A file that is being written.
 pub trait Output: Write + Seek + Debug + Send {
     /// Length so far, bytes.
@@ -36,6 +38,10 @@ pub trait Storage: Debug {
     /// Makes what a file or a folder holds last through a power cut.
     fn sync(&self, path: &Path) -> io::Result<()>;
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
+    /// Exchanges two files or folders of one file system in one step.
+    fn exchange(&self, one: &Path, other: &Path) -> io::Result<()>;
+    /// Gives a file a second name on its file system; of a link, the link itself.
+    fn link(&self, from: &Path, to: &Path) -> io::Result<()>;
     fn remove_file(&self, path: &Path) -> io::Result<()>;
     /// A file that is not there is no error.
     fn remove_if_there(&self, path: &Path) -> io::Result<()> {
@@ -87,6 +93,14 @@ impl Storage for FileSystem {
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)
+    }
+
+    fn exchange(&self, one: &Path, other: &Path) -> io::Result<()> {
+        Ok(renameat2(AT_FDCWD, one, AT_FDCWD, other, RenameFlags::RENAME_EXCHANGE)?)
+    }
+
+    fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
+        fs::hard_link(from, to)
     }
 
     fn remove_file(&self, path: &Path) -> io::Result<()> {

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use crate::support::toml_values::exact_if_given;
+
 /// Greatest level of a texture, 0 to 1, where nothing is said.
 const TEXTURE_BRIGHTNESS: f64 = 0.5;
 /// Pixels a frame by which a drifting background moves, where nothing is said.
@@ -180,7 +182,7 @@ pub struct Distractor {
     pub radius: f64,
     /// Where it stands, pixels, the same in all clips. Without it each clip draws a place, or the place where a moving
     /// one begins.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "exact_if_given")]
     pub position: Option<[f64; 2]>,
     /// Pixels per time unit, in a direction drawn for each clip; the walls turn it back at its edge. 0 for a thing that
     /// stands still.

@@ -10,6 +10,7 @@ pub use super::looks::Background;
 use super::looks::{BackgroundLook, Distractor, ObjectLooks, check_radius};
 use crate::network::System;
 use crate::network::cells::{CellKind, Coordinates};
+use crate::support::toml_values::exact;
 
 /// Half the width of a digit, pixels: 28 px MNIST images cut to 22.
 pub const DIGIT_RADIUS: f64 = 11.0;
@@ -218,7 +219,7 @@ pub fn colour(object: usize, channels: usize) -> Option<Vec<f64>> {
 pub struct Scene {
     pub motion: Motion,
     /// Amplitudes of the initial velocity, pixels per time unit; 0 for a bar, whose motion has a spin instead.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "exact")]
     pub speed: [f64; 2],
     /// Radius of an object, pixels (used for drawing balls and for walls); 0 for a bar.
     #[serde(default)]

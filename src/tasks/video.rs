@@ -5,9 +5,15 @@
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use crate::support::toml_values::{exact, exact_if_given};
+
 /// Part by which `dt` may differ from what the video's frames say of it: both are written with all their digits, but a
 /// hand may round them.
 const SAME_TIME: f64 = 1e-6;
+
+/// Largest side of a picture, pixels, and most frames of a video.
+pub const LARGEST_SIDE: u32 = 8192;
+pub const MOST_FRAMES: usize = 2_000_000;
 
 /// The videos of a task and what turns a frame's pixels into metres. Places in a video are `(x, y)` in pixels of its
 /// upright frames, x to the right and y down, `(0, 0)` in the top left corner of the top left pixel.
@@ -15,8 +21,10 @@ const SAME_TIME: f64 = 1e-6;
 #[serde(deny_unknown_fields)]
 pub struct Video {
     /// Width and height of the videos, pixels.
+    #[serde(deserialize_with = "exact")]
     pub size: [u32; 2],
     /// Top left corner and side of the square that was cut out. Where it sticks out of the video, frames are black.
+    #[serde(deserialize_with = "exact")]
     pub crop: [i64; 3],
     /// Every how many-th frame was kept.
     pub step: usize,
@@ -38,7 +46,7 @@ pub struct Video {
     #[serde(default)]
     pub time_percent: f64,
     /// Origin of the scene's axes; the top left corner of the video if not given.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "exact_if_given")]
     pub origin: Option<[f64; 2]>,
     /// Angle of the x axis, degrees, counter-clockwise from the right.
     #[serde(default)]
@@ -70,6 +78,7 @@ pub struct Source {
     /// Its whole path; in files of before as it was given.
     pub file: String,
     /// First frame that was used, and the one after the last, counted from 0.
+    #[serde(deserialize_with = "exact")]
     pub frames: [usize; 2],
     /// When the first frame is shown, seconds from the beginning of the video.
     pub first_seconds: f64,
@@ -79,6 +88,28 @@ pub struct Source {
 }
 
 impl Source {
+    /// # Errors
+    /// Frames that cannot be.
+    fn check(&self) -> Result<()> {
+        let [first, end] = self.frames;
+        ensure!(
+            first < end && end <= MOST_FRAMES,
+            "video.sources.frames = {:?}: expected the first frame and the one after the last, at most {MOST_FRAMES}",
+            self.frames
+        );
+        ensure!(
+            (first..=end).contains(&self.held_out_from),
+            "video.sources.held_out_from = {}: expected a frame of {first} to {end} (video.sources.frames)",
+            self.held_out_from
+        );
+        ensure!(
+            self.first_seconds.is_finite(),
+            "video.sources.first_seconds = {}: must be a finite number",
+            self.first_seconds
+        );
+        Ok(())
+    }
+
     /// Whether no training clip holds any of it.
     pub fn is_held_out(&self) -> bool {
         self.held_out_from <= self.frames[0]
@@ -128,8 +159,24 @@ impl Video {
     /// Numbers that cannot be, or that do not go with the `dt` of the system.
     pub(super) fn check(&self, dt: f64) -> Result<()> {
         ensure!(!self.sources.is_empty(), "video.sources is empty: there must be at least one");
-        ensure!(self.crop[2] > 0, "video.crop = {:?}: the third number, its side, must be positive", self.crop);
+        let largest = u64::from(self.size[0].max(self.size[1]));
+        ensure!(
+            self.size.iter().all(|side| (1..=LARGEST_SIDE).contains(side)),
+            "video.size = {:?}: expected 1 to {LARGEST_SIDE} pixels a side",
+            self.size
+        );
+        let [x, y, side] = self.crop;
+        ensure!(side > 0, "video.crop = {:?}: the third number, its side, must be positive", self.crop);
+        ensure!(
+            side.unsigned_abs() <= largest && [x, y].iter().all(|corner| corner.unsigned_abs() <= largest),
+            "video.crop = {:?}: expected a square in or about the picture of {} x {} pixels",
+            self.crop,
+            self.size[0],
+            self.size[1]
+        );
         ensure!(self.step > 0, "video.step = 0: every frame is 1");
+        ensure!(self.step <= MOST_FRAMES, "video.step = {}: at most {MOST_FRAMES}", self.step);
+        self.sources.iter().try_for_each(Source::check)?;
         if let Some(film_step) = self.film_step {
             ensure!(
                 film_step > 0 && self.step.is_multiple_of(film_step),

@@ -17,10 +17,9 @@ use super::observer::{Event, Observer};
 use super::optimizers::{Optimizer, OptimizerKind};
 use super::schedule::Timetable;
 use super::trained::Trained;
-use crate::datasets::dataset::are_the_same;
 use crate::datasets::iterators::{Clips, steps_per_epoch};
 use crate::network::physics_models::PhysicsNet;
-use crate::runs::checkpoint::{BestOf, RunState, Store};
+use crate::runs::checkpoint::{BestOf, LearnedFrom, RunState, Store};
 use crate::runs::metrics::{Kind, Record};
 use crate::runs::weights::{self, Named, first_not_finite, is_finite};
 use paig_kernels::Repeated;
@@ -130,21 +129,27 @@ impl<'a, M: Trained> Session<'a, M> {
         self.stop = Box::new(stop);
     }
 
-    /// Goes on from the last checkpoint, if there is any. `clips` are the checksums of the clips; empty where they are not
-    /// known.
+    /// Goes on from the last checkpoint, if there is any, with these clips and this film.
     ///
     /// # Errors
-    /// Checkpoints that are all damaged, or of a training on other clips.
-    pub fn resume(&mut self, clips: &str) -> Result<()> {
+    /// Checkpoints that are all damaged, or of a training on other clips or beside another film.
+    pub fn resume(&mut self, data: &LearnedFrom) -> Result<()> {
         self.load_last()?;
-        let begun_with = &mut self.state.clips;
-        if begun_with.is_empty() {
-            *begun_with = clips.into();
+        let RunState { clips, film, .. } = &mut self.state;
+        let same = data.is_as(&LearnedFrom { clips: clips.clone(), film: film.clone() });
+        for (same, what) in
+            same.into_iter().zip(["the clips are not those", "the film beside the clips is not the one"])
+        {
+            ensure!(
+                same,
+                "{what} that the run was begun with; put back what was there, or begin another run in another folder"
+            );
         }
-        ensure!(
-            clips.is_empty() || are_the_same(clips, begun_with),
-            "the clips are not those that the run was begun with; put them back, or begin another run in another folder"
-        );
+        for (begun_with, now) in [(clips, &data.clips), (film, &data.film)] {
+            if begun_with.is_empty() {
+                begun_with.clone_from(now);
+            }
+        }
         Ok(())
     }
 

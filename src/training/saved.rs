@@ -42,6 +42,6 @@ fn load(folder: &Path, which: SavedWeights, device: Device, known: &Equations) -
     }
     let config = Config::read_with(&path, known)?;
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
-    weights::load(&checkpoint::find_weights(folder, which)?, &model)?;
+    weights::load(&checkpoint::find_own_weights(folder, which)?, &model)?;
     Ok((config, model))
 }

@@ -12,7 +12,7 @@ use super::observer::Observer;
 use crate::datasets::iterators::Clips;
 use crate::network::cells::{Actions, Coordinates, State};
 use crate::network::physics_models::PhysicsNet;
-use crate::runs::checkpoint::{RunState, Store};
+use crate::runs::checkpoint::{LearnedFrom, RunState, Store};
 use crate::support::random::named_generator;
 use paig_kernels::{Flushing, Kernels, KernelsAlone, own_stream};
 
@@ -29,8 +29,7 @@ const RESTS: usize = 16;
 pub struct Trainer<'a> {
     config: &'a Config,
     session: Session<'a>,
-    /// Checksums of the clips; empty where nobody says them.
-    clips: String,
+    data: LearnedFrom,
     /// Of the program that trains.
     commit: String,
 }
@@ -52,12 +51,12 @@ impl<'a> Trainer<'a> {
         let intervals = Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every };
         let mut session = Session::new(model, &config.task.name, [train, valid], config.seed, validation, intervals);
         session.begun = model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect();
-        Ok(Trainer { config, session, clips: String::new(), commit: UNKNOWN_COMMIT.into() })
+        Ok(Trainer { config, session, data: LearnedFrom::default(), commit: UNKNOWN_COMMIT.into() })
     }
 
-    /// Says by their checksums which clips these are: a run that was begun with others does not go on.
-    pub fn of_clips(mut self, checksums: &str) -> Self {
-        self.clips = checksums.into();
+    /// Sets the checksums of clips and film: a run that was begun with others does not resume.
+    pub fn of_data(mut self, checksums: &LearnedFrom) -> Self {
+        self.data = checksums.clone();
         self
     }
 
@@ -134,7 +133,7 @@ impl<'a> Trainer<'a> {
         own_stream(model.variables.device())?;
         let own = model.options.kernels == Kernels::Own && model.variables.device() == Device::Cpu;
         let _alone = own.then(KernelsAlone::begin);
-        self.session.resume(&self.clips)?;
+        self.session.resume(&self.data)?;
         if self.session.state.steps == 0 {
             self.check_start()?;
         }

@@ -88,22 +88,28 @@ pub struct Chart {
 }
 
 /// Draws charts one above the other, each so high, without those that have no point. False and no file if none has one.
-pub fn write(path: &Path, height: u32, mut charts: Vec<Chart>) -> Result<bool> {
+pub fn write(path: &Path, height: u32, charts: Vec<Chart>) -> Result<bool> {
+    let drawing = drawing(height, charts).with_context(|| format!("plot {}", path.display()))?;
+    drawing.iter().try_for_each(|drawing| drawing.write_png(path))?;
+    Ok(drawing.is_some())
+}
+
+/// The same as a picture; none where no chart has a point.
+pub(super) fn drawing(height: u32, mut charts: Vec<Chart>) -> Result<Option<Canvas>> {
     charts.retain(|chart| chart.lines.iter().flat_map(|line| &line.pieces).any(|piece| !piece.is_empty()));
     if charts.is_empty() {
-        return Ok(false);
+        return Ok(None);
     }
     let mut canvas = Canvas::new(WIDTH, height * charts.len() as u32);
     {
         let area = canvas.area();
         let parts = area.split_evenly((charts.len(), 1));
         for (chart, part) in charts.iter_mut().zip(&parts) {
-            chart.draw(part).with_context(|| format!("plot {}", path.display()))?;
+            chart.draw(part)?;
         }
         drawn(area.present())?;
     }
-    canvas.write_png(path)?;
-    Ok(true)
+    Ok(Some(canvas))
 }
 
 type Area<'a> = DrawingArea<BitMapBackend<'a>, Shift>;

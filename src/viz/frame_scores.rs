@@ -12,18 +12,28 @@ use super::chart::{self, BLUE, Chart, Line, ORANGE, Span, Stroke};
 use crate::network::System;
 use crate::runs::scores::FrameSpread;
 use crate::support::error::Error;
+use crate::support::output::Kind;
+use crate::support::picture_file;
 use crate::support::statistics::Spread;
 use crate::tasks::Task;
 
 /// Height of a chart, pixels.
 pub const CHART_HEIGHT: u32 = 520;
 
+/// Title of the plot's file.
+const TITLE: &str = "paig: scores of predicted frames";
+/// The plot as a file that the program recognizes.
+pub const FRAME_SCORES: Kind =
+    Kind { name: "a plot of `paig evaluate`", recognizes: |png| picture_file::has_title(png, TITLE) };
+
 /// Plots SSIM and squared error over the place of a frame in the clip. False and no file if there are no frames.
 ///
 /// # Errors
 /// A file that cannot be written.
 pub fn write_frame_scores(path: &Path, task: &Task, frames: &[FrameSpread]) -> Result<bool, Error> {
-    Ok(chart::write(path, CHART_HEIGHT, frame_charts(task, frames))?)
+    let plot = chart::drawing(CHART_HEIGHT, frame_charts(task, frames))?;
+    plot.iter().try_for_each(|plot| picture_file::write_titled(path, plot.pixels(), TITLE))?;
+    Ok(plot.is_some())
 }
 
 /// SSIM and squared error over the place of a frame in the clip, of several runs with the band in which they lie.

@@ -33,8 +33,8 @@ use crate::support::storage::storage;
 
 pub use arrays::write_predictions;
 pub use curves::write_curves;
-pub use frame_scores::write_frame_scores;
 pub use frame_scores::{CHART_HEIGHT, frame_charts, frame_spans};
+pub use frame_scores::{FRAME_SCORES, write_frame_scores};
 pub use gallery::write_gallery;
 pub use rollout::{check_rollout_folder, write_rollout};
 pub use strip::{read_strip, write_strip};

@@ -18,8 +18,8 @@ use crate::evaluation::rollout::Rollout;
 use crate::network::System;
 use crate::network::cells::Coordinates;
 use crate::support::error::Error;
+use crate::support::output::FileSet;
 use crate::support::significant::six_digits;
-use crate::support::storage::storage;
 use crate::support::{atomic, memory};
 
 /// Frames in one line of the strip.
@@ -41,31 +41,39 @@ const CAPTION: u32 = 150;
 /// # Errors
 /// A folder that cannot be written, frames with neither 1 nor 3 channels.
 pub fn write_rollout(folder: &Path, system: &System, rollout: &Rollout) -> Result<(), Error> {
-    storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    write_strip(&folder.join("frames.png"), &Moments::new(system, rollout, 1)?)?;
-    write_animation(&folder.join("animation.gif"), &Moments::new(system, rollout, 2)?)?;
-    atomic::write_file(&folder.join("states.csv"), |file| Ok(file.write_all(states(system, rollout).as_bytes())?))?;
-    let (positions, velocities) = (rollout.positions.shallow_clone(), rollout.velocities.shallow_clone());
-    let frames = arrays::channels_last(&rollout.frames);
-    let all = [("positions", positions), ("velocities", velocities), ("frames", frames)];
-    Ok(arrays::write(&folder.join("rollout.npz"), &all)?)
+    Ok(FILES.replace(folder, |folder| {
+        write_strip(&folder.join("frames.png"), &Moments::new(system, rollout, 1)?)?;
+        write_animation(&folder.join("animation.gif"), &Moments::new(system, rollout, 2)?)?;
+        let (positions, velocities) = (rollout.positions.shallow_clone(), rollout.velocities.shallow_clone());
+        let frames = arrays::channels_last(&rollout.frames);
+        let all = [("positions", positions), ("velocities", velocities), ("frames", frames)];
+        arrays::write(&folder.join("rollout.npz"), &all)?;
+        atomic::write_file(&folder.join("states.csv"), |file| Ok(file.write_all(states(system, rollout).as_bytes())?))
+    })?)
 }
 
 /// The files of a roll-out.
-const FILES: [&str; 4] = ["frames.png", "animation.gif", "states.csv", "rollout.npz"];
+const FILES: FileSet = FileSet {
+    name: "a prediction",
+    files: &["frames.png", "animation.gif", "rollout.npz", "states.csv"],
+    recognizes: |states| states.starts_with(HEAD.as_bytes()),
+};
+/// Beginning of the table of states.
+const HEAD: &str = "frame,time,";
 
-/// Tries whether a roll-out may be written into a folder: an earlier one is replaced, nothing else.
+/// Checks that a roll-out may be written into a folder: an earlier one is replaced, nothing else.
 ///
 /// # Errors
 /// A run's folder, or one that holds anything but a roll-out.
 pub fn check_rollout_folder(folder: &Path) -> Result<(), Error> {
+    FILES.settle(folder)?;
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         entries => entries.with_context(|| format!("cannot write into {}", folder.display()))?,
     };
     for entry in entries {
         let name = entry.with_context(|| format!("cannot list {}", folder.display()))?.file_name();
-        if !FILES.iter().any(|file| name == *file) && !atomic::is_partial(&name) {
+        if !FILES.files.iter().any(|file| name == *file) && !atomic::is_partial(&name) {
             let strange = anyhow!(
                 "{} holds {name:?}, which is of no prediction, and a prediction would write among it; choose another folder",
                 folder.display()
@@ -73,7 +81,7 @@ pub fn check_rollout_folder(folder: &Path) -> Result<(), Error> {
             return Err(strange.into());
         }
     }
-    Ok(())
+    Ok(FILES.check(folder)?)
 }
 
 /// What is shown: for each moment the clip's frame, if there is one, and the model's (the input, then the prediction).
@@ -172,7 +180,7 @@ fn states(system: &System, rollout: &Rollout) -> String {
     };
     let axes = names.len() / 2;
     let columns = (0..system.objects).flat_map(|object| names.iter().map(move |name| format!(",{name}{object}")));
-    let mut text = format!("frame,time{}\n", columns.collect::<String>());
+    let mut text = format!("{}{}\n", HEAD.trim_end_matches(','), columns.collect::<String>());
     for place in 0..rollout.positions.size()[0] {
         let frame = system.input_steps as i64 - 1 + place;
         text += &format!("{frame},{}", six_digits(place as f64 * system.dt));

@@ -38,13 +38,41 @@ struct State {
     stopped: bool,
     /// Length of each file when it was last synced.
     unsynced: BTreeMap<PathBuf, u64>,
-    /// Renames whose folder was not synced: from, to, and what stood there.
-    renames: Vec<(PathBuf, PathBuf, Option<Vec<u8>>)>,
+    /// Moves whose folder was not synced.
+    moves: Vec<Move>,
+}
+
+/// A change of names.
+#[derive(Debug)]
+enum Move {
+    Renamed { from: PathBuf, to: PathBuf, replaced: Option<Vec<u8>> },
+    Exchanged(PathBuf, PathBuf),
+}
+
+impl Move {
+    /// The folder that must be synced for it to last.
+    fn folder(&self) -> Option<&Path> {
+        let (Move::Renamed { to, .. } | Move::Exchanged(_, to)) = self;
+        to.parent()
+    }
+
+    fn undo(self) {
+        match self {
+            Move::Renamed { from, to, replaced } => {
+                if fs::rename(&to, &from).is_ok()
+                    && let Some(bytes) = replaced
+                {
+                    fs::write(&to, bytes).unwrap();
+                }
+            }
+            Move::Exchanged(one, other) => FileSystem.exchange(&one, &other).unwrap(),
+        }
+    }
 }
 
 impl Faulty {
     pub fn new(fault: Fault, at: u64) -> Self {
-        let state = State { fault, at, done: 0, stopped: false, unsynced: BTreeMap::new(), renames: Vec::new() };
+        let state = State { fault, at, done: 0, stopped: false, unsynced: BTreeMap::new(), moves: Vec::new() };
         Faulty(Arc::new(Mutex::new(state)))
     }
 
@@ -82,13 +110,7 @@ impl State {
                 file.set_len((*synced).max(synced + length.saturating_sub(*synced) / 2)).unwrap();
             }
         }
-        for (from, to, before) in self.renames.drain(..).rev() {
-            if fs::rename(&to, &from).is_ok()
-                && let Some(bytes) = before
-            {
-                fs::write(&to, bytes).unwrap();
-            }
-        }
+        self.moves.drain(..).rev().for_each(Move::undo);
     }
 }
 
@@ -168,7 +190,7 @@ impl Storage for Faulty {
         self.before(|| ())?;
         let mut state = self.0.lock().unwrap();
         if path.is_dir() {
-            state.renames.retain(|(_, to, _)| to.parent() != Some(path));
+            state.moves.retain(|moved| moved.folder() != Some(path));
         } else if let Some(length) = state.unsynced.get_mut(path) {
             // What is appended later is not synced again by this.
             *length = fs::metadata(path)?.len();
@@ -179,15 +201,29 @@ impl Storage for Faulty {
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         self.before(|| ())?;
-        let before = fs::read(to).ok();
+        let replaced = fs::read(to).ok();
         FileSystem.rename(from, to)?;
         let mut state = self.0.lock().unwrap();
         state.unsynced = std::mem::take(&mut state.unsynced)
             .into_iter()
             .filter(|(path, _)| path != from && !path.starts_with(from))
             .collect();
-        state.renames.push((from.into(), to.into(), before));
+        state.moves.push(Move::Renamed { from: from.into(), to: to.into(), replaced });
         Ok(())
+    }
+
+    fn exchange(&self, one: &Path, other: &Path) -> io::Result<()> {
+        self.before(|| ())?;
+        FileSystem.exchange(one, other)?;
+        let mut state = self.0.lock().unwrap();
+        state.unsynced.retain(|path, _| !path.starts_with(one) && !path.starts_with(other));
+        state.moves.push(Move::Exchanged(one.into(), other.into()));
+        Ok(())
+    }
+
+    fn link(&self, from: &Path, to: &Path) -> io::Result<()> {
+        self.before(|| ())?;
+        FileSystem.link(from, to)
     }
 
     fn remove_file(&self, path: &Path) -> io::Result<()> {

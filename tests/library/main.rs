@@ -9,6 +9,7 @@ mod coarse;
 mod driven_model;
 mod dynamics;
 mod equation_text;
+mod extremes;
 mod generators;
 mod identify;
 mod kernel_extremes;

@@ -215,13 +215,19 @@ fn a_report_can_be_made_again_from_its_records_and_counts_no_run_twice() {
     let place = "a folder of data with a long name/".repeat(9);
     finished(&runs.join("far"), 0, &[&format!("data.folder={place:?}")], (4.0, 6.0), 0.3);
     assert!(report(std::slice::from_ref(&runs), &third).status.success());
-    // What is not a report's is not removed.
+    // Files that are not a report's stay: those in its place stop it, those beside it do not.
     let foreign = folder.path().join("foreign");
     fs::create_dir_all(foreign.join("pictures")).unwrap();
     fs::write(foreign.join("results.json"), "{}").unwrap();
     fs::write(foreign.join("pictures/holiday.txt"), []).unwrap();
+    let done = report(std::slice::from_ref(&second), &foreign);
+    assert!(!done.status.success() && String::from_utf8(done.stderr).unwrap().contains("not of a report"));
+    assert_eq!(fs::read_dir(&foreign).unwrap().count(), 2);
+    assert_eq!(fs::read_to_string(foreign.join("results.json")).unwrap(), "{}");
+    fs::rename(foreign.join("pictures"), foreign.join("holidays")).unwrap();
+    fs::remove_file(foreign.join("results.json")).unwrap();
     assert!(report(std::slice::from_ref(&second), &foreign).status.success());
-    assert!(foreign.join("pictures/holiday.txt").exists());
+    assert!(foreign.join("holidays/holiday.txt").exists());
     // Its own records are not replaced while they are read.
     let done = report(std::slice::from_ref(&second), &second);
     assert!(!done.status.success() && String::from_utf8(done.stderr).unwrap().contains("another folder with --out"));

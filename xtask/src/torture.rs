@@ -19,6 +19,7 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 
 use crate::programs::{self, done, last_weights};
+use crate::project::project;
 
 /// A training of all phases in a few seconds.
 const TINY: &str = "[discover]\nframes = 4\nmax_steps = 40\n[discover.schedule]\nvalidate_every = 20\n\
@@ -28,6 +29,13 @@ const TINY: &str = "[discover]\nframes = 4\nmax_steps = 40\n[discover.schedule]\
 /// Size of the disk that is too small, and that it is given afterwards.
 const SMALL: &str = "size=6m";
 const LARGE: &str = "size=200m";
+
+/// Kills of imports over an edited task, besides the others.
+const IMPORT_KILLS: u32 = 200;
+const IMPORT: &str = "import over an edited task";
+/// The files of an imported task, and one of its user.
+const TASK: [&str; 5] = ["task.toml", "train.npz", "test.npz", "film.npz", "contact-sheet.png"];
+const NOTES: &str = "notes.txt";
 
 /// What is torn at, and what came out.
 struct Torture {
@@ -82,6 +90,7 @@ impl Torture {
         self.two_at_once()?;
         self.small_disk()?;
         self.future_dates()?;
+        self.kill_imports()?;
         while self.goes_on() {
             self.kill_trainings()?;
             self.kill_writers()?;
@@ -91,7 +100,8 @@ impl Torture {
     }
 
     fn goes_on(&self) -> bool {
-        Instant::now() < self.until && self.kills.values().sum::<u32>() < self.most_kills
+        let besides = self.kills.iter().filter(|(what, _)| **what != IMPORT).map(|(_, kills)| kills);
+        Instant::now() < self.until && besides.sum::<u32>() < self.most_kills
     }
 
     fn command(&self, name: &str) -> Command {
@@ -239,6 +249,51 @@ impl Torture {
                     let _ = fs::remove_file(self.place.join(file));
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// An import over a task that was edited leaves all of the old one or all of the new one, and what else lies there.
+    fn kill_imports(&mut self) -> Result<()> {
+        let video = project("tests/data/numbered.mp4");
+        let import = |torture: &Self, out: &str, side: &str| {
+            let mut command = torture.command("import");
+            command.arg(&video).args(["--out", out, "--name", "scene", "--side", side, "--crop", "full", "--force"]);
+            command.args(["--input-steps", "3", "--pred-steps", "3"]);
+            command
+        };
+        let place = self.place.clone();
+        let whole = |out: &str| TASK.map(|name| fs::read(place.join(out).join(name)).unwrap_or_default());
+        done(&import(self, "task", "16").output()?)?;
+        let text = fs::read_to_string(place.join("task/task.toml"))?;
+        fs::write(place.join("task/task.toml"), text + "# my own equation\n")?;
+        fs::write(place.join("task").join(NOTES), "dear diary")?;
+        let begun = Instant::now();
+        done(&import(self, "new", "32").output()?)?;
+        let (most, old, new) = (begun.elapsed().as_secs_f64(), whole("task"), whole("new"));
+        while self.kills.get(IMPORT).is_none_or(|kills| *kills < IMPORT_KILLS) && Instant::now() < self.until {
+            let command = import(self, "task", "32");
+            self.kill(IMPORT, command, most)?;
+            let found = whole("task");
+            if found != old && found != new {
+                let missing = TASK.iter().zip(&found).filter(|(_, bytes)| bytes.is_empty()).map(|(name, _)| *name);
+                self.lost.push(format!("{IMPORT}: of two tasks; missing: {:?}", missing.collect::<Vec<_>>()));
+            }
+            if fs::read(place.join("task").join(NOTES)).ok().as_deref() != Some(&b"dear diary"[..]) {
+                self.lost.push(format!("{IMPORT}: {NOTES} is gone"));
+            }
+            // Back to the edited task.
+            for (name, bytes) in TASK.iter().zip(&old) {
+                fs::write(place.join("task").join(name), bytes)?;
+            }
+            fs::write(place.join("task").join(NOTES), "dear diary")?;
+        }
+        let left = fs::read_dir(&place)?.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+        let left = left.filter(|name| name.starts_with("task.") && name.ends_with(".partial")).count();
+        done(&import(self, "task", "32").output()?)?;
+        let after = fs::read_dir(&place)?.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+        if left > 1 || after.filter(|name| name.starts_with("task.")).count() > 0 {
+            self.lost.push(format!("{IMPORT}: {left} half-written folders were left"));
         }
         Ok(())
     }

@@ -8,10 +8,10 @@ mod version;
 
 use std::process::ExitCode;
 
-use anyhow::Result;
 use clap::{CommandFactory, FromArgMatches, Parser};
 use paig::run::Program;
 use paig_terminal::ending::exit_code;
+use paig_terminal::usage;
 
 use self::commands::Command;
 
@@ -29,13 +29,16 @@ pub struct Paig {
 
 /// Runs the program.
 pub fn main() -> ExitCode {
-    exit_code(|| parsed()?.run())
+    exit_code(|| match parsed() {
+        Ok(command) => command.run(),
+        Err(unparsed) => Ok(usage::print(&unparsed)),
+    })
 }
 
-fn parsed() -> Result<Command> {
+fn parsed() -> Result<Command, clap::Error> {
     let program = Paig::command().version(version::text());
     let help = help::text(&program);
-    let matches = program.override_help(help).get_matches();
+    let matches = program.override_help(help).try_get_matches()?;
     Ok(Paig::from_arg_matches(&matches)?.command)
 }
 

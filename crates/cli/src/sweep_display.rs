@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use paig_experiments::sweep::{OUTPUT, SweepEvent, last_line};
+use paig_terminal::progress::escaped;
 use paig_terminal::say;
 
 /// How often the last lines of the runs are read.
@@ -88,7 +89,7 @@ impl SweepDisplay {
     fn line(&self, text: &str) {
         if self.terminal {
             // Above the bars; a terminal that has gone away is no reason to stop the runs.
-            let _ = self.bars.println(text);
+            let _ = self.bars.println(escaped(text));
         } else {
             say!("{text}");
         }

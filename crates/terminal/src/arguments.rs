@@ -22,7 +22,7 @@ pub struct ScoredRun {
     pub run: PathBuf,
     /// Dataset file [default: the run's test file]
     #[arg(long)]
-    file: Option<PathBuf>,
+    pub file: Option<PathBuf>,
     /// Folder of the datasets; not with --file [default: as the run had it]
     #[arg(long, value_name = "DIR", conflicts_with = "file")]
     data: Option<PathBuf>,

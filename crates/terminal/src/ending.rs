@@ -16,6 +16,7 @@ use paig::{Error, ErrorKind};
 
 use super::interrupt;
 use super::progress::{ensure_written, write_error_line};
+use super::surroundings;
 use paig_kernels::{flush_subnormals, vector_path};
 
 /// Where the last panic came from.
@@ -23,6 +24,9 @@ static PANIC: Mutex<Option<String>> = Mutex::new(None);
 
 /// Bad usage or input; a wrong option has the same.
 const REFUSED: u8 = 2;
+/// Digits of a number from which on an error shows only those at its ends.
+const MOST_DIGITS: usize = 40;
+const ENDS: usize = 3;
 /// What libtorch says where it gets no memory.
 const NO_MEMORY: [&str; 3] = ["can't allocate memory", "CUDA out of memory", "bad_alloc"];
 
@@ -31,7 +35,7 @@ const NO_MEMORY: [&str; 3] = ["can't allocate memory", "CUDA out of memory", "ba
 /// closed and the program was asked to stop.
 pub fn exit_code(program: impl FnOnce() -> Result<ExitCode>) -> ExitCode {
     one_line_on_abort();
-    match guarded(program) {
+    match surroundings::check().and_then(|()| guarded(program)) {
         Ok(code) => match ensure_written() {
             Err(error) if !(interrupt::asked() && is_hung_up(&error)) => failed(error),
             _ => code,
@@ -64,7 +68,7 @@ fn one_line_on_abort() {
 }
 
 fn failed(error: anyhow::Error) -> ExitCode {
-    let text = text(&error);
+    let text = without_long_numbers(&text(&error));
     let marks = |line: &str| line.contains('^') && line.chars().all(|c| c == '^' || c.is_whitespace());
     let said = if text.lines().any(marks) { text.trim_end().to_string() } else { one_line(&text) };
     write_error_line(&format!("error: {said}"));
@@ -97,6 +101,23 @@ pub fn text(error: &anyhow::Error) -> String {
         }
     }
     text
+}
+
+/// A text whose numbers of very many digits, as a float of 1e300 has them, are cut in their middle.
+fn without_long_numbers(text: &str) -> String {
+    let (mut short, mut rest) = (String::new(), text);
+    while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
+        let digits = rest[start..].find(|c: char| !c.is_ascii_digit()).unwrap_or(rest.len() - start);
+        let (before, number) = (&rest[..start], &rest[start..start + digits]);
+        short += before;
+        if digits > MOST_DIGITS {
+            short += &format!("{}..{} ({digits} digits)", &number[..ENDS], &number[digits - ENDS..]);
+        } else {
+            short += number;
+        }
+        rest = &rest[start + digits..];
+    }
+    short + rest
 }
 
 fn one_line(text: &str) -> String {
@@ -137,6 +158,14 @@ mod tests {
         let error =
             anyhow::anyhow!("No space left (os error 28)").context("cannot write a: No space left (os error 28)");
         assert_eq!(text(&error.context("the run ended")), "the run ended: cannot write a: No space left (os error 28)");
+    }
+
+    #[test]
+    fn numbers_of_hundreds_of_digits_are_cut() {
+        let said = without_long_numbers(&format!("radius = -{} px: at most 16.5", 1e300));
+        assert!(said.starts_with("radius = -100..") && said.ends_with("(301 digits) px: at most 16.5"), "{said}");
+        assert!(said.len() < 60, "{said}");
+        assert_eq!(without_long_numbers("18446744073709551615 and a3"), "18446744073709551615 and a3");
     }
 
     #[test]

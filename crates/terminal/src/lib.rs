@@ -8,4 +8,6 @@ pub mod interrupt;
 pub mod progress;
 pub mod run;
 pub mod screen;
+mod surroundings;
 pub mod table;
+pub mod usage;

@@ -1,7 +1,9 @@
 //! Lines and progress bars: a bar on a terminal, now and then a plain line elsewhere.
 
+use std::borrow::Cow;
 use std::fmt::Arguments;
 use std::io::{ErrorKind, IsTerminal, Write};
+use std::ops::RangeInclusive;
 use std::sync::Mutex;
 use std::time::Duration;
 
@@ -25,7 +27,7 @@ macro_rules! say {
 
 /// What [`say!`] does.
 pub fn write_line(line: Arguments) {
-    if let Err(error) = std::io::stdout().write_fmt(line)
+    if let Err(error) = std::io::stdout().write_all(escaped(&line.to_string()).as_bytes())
         && error.kind() != ErrorKind::BrokenPipe
     {
         UNWRITTEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(error);
@@ -34,8 +36,21 @@ pub fn write_line(line: Arguments) {
 
 /// `eprintln!` that does not panic: where nobody reads it, as on a terminal that has closed, it is lost, no more.
 pub fn write_error_line(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(std::io::stderr(), "{}", escaped(line));
 }
+
+/// A text without the control characters by which a file's name could steer a terminal; line breaks and tabs stay.
+pub fn escaped(text: &str) -> Cow<'_, str> {
+    let steers = |c: char| (c.is_control() && !['\n', '\t'].contains(&c)) || TURNS.contains(&c);
+    if !text.contains(steers) {
+        return Cow::Borrowed(text);
+    }
+    let one = |c: char| if steers(c) { c.escape_unicode().to_string() } else { c.to_string() };
+    Cow::Owned(text.chars().map(one).collect())
+}
+
+/// Characters that turn the direction of what follows.
+const TURNS: RangeInclusive<char> = '\u{202a}'..='\u{202e}';
 
 /// # Errors
 /// A line that could not be written to standard output, to a full disk for example.
@@ -87,10 +102,21 @@ impl Progress {
 
     /// A line that stays: above the bar on a terminal, on standard output elsewhere.
     pub fn line(&self, text: &str) {
-        if self.terminal { self.bar.println(text) } else { say!("{text}") }
+        if self.terminal { self.bar.println(escaped(text)) } else { say!("{text}") }
     }
 
     pub fn finish(&self) {
         self.bar.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::escaped;
+
+    #[test]
+    fn control_characters_are_shown_and_not_obeyed() {
+        assert_eq!(escaped("a\u{1b}[31mb\r\n\tc\u{9b}\u{202e}d"), "a\\u{1b}[31mb\\u{d}\n\tc\\u{9b}\\u{202e}d");
+        assert!(matches!(escaped("Größe 1 µm"), std::borrow::Cow::Borrowed(_)));
     }
 }

@@ -15,7 +15,7 @@ use paig::training::layers::Overrides;
 use crate::ending::exit_code;
 use crate::generate_display::Display;
 use crate::screen::Screen;
-use crate::{environment, interrupt, say};
+use crate::{environment, interrupt, say, usage};
 
 /// Options of a run.
 #[derive(Debug, Args)]
@@ -125,7 +125,10 @@ struct OneTask {
 /// Entry of a task's own program.
 pub fn one_task(task: &str, program: Program) -> ExitCode {
     exit_code(|| {
-        let OneTask { run } = OneTask::parse();
+        let OneTask { run } = match usage::parsed() {
+            Ok(parsed) => parsed,
+            Err(code) => return Ok(code),
+        };
         // Before anything is opened: it starts the program over.
         environment::set();
         if run.printed_config(Some(task))? {

@@ -5,8 +5,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use image::{Rgb, RgbImage};
-use paig::support::atomic;
+use paig::support::output::Kind;
 use paig::support::significant::significant;
+use paig::support::{atomic, picture_file};
 use paig_track::calibration::{Lens, Plane};
 use paig_track::{Clock, Motion, Options, Point, Role, Segment, Size, Tracking, Visibility, Visitor, segments};
 
@@ -102,6 +103,16 @@ pub fn track(video: &Video, options: &Options) -> Result<Followed> {
     Ok(Followed { tracking, segments })
 }
 
+/// Beginning of the table's first line.
+const HEAD: &str = "object,frame,seconds,x,y,deviation_x,deviation_y,covariance_xy,visibility";
+/// Title of the picture's file.
+const TITLE: &str = "paig: paths of objects";
+/// What [`write_table`] and [`write_picture`] write, as files that the program recognizes.
+pub const TABLE: Kind =
+    Kind { name: "positions of `paig track`", recognizes: |table| table.starts_with(HEAD.as_bytes()) };
+pub const PICTURE: Kind =
+    Kind { name: "a picture of `paig track`", recognizes: |png| picture_file::has_title(png, TITLE) };
+
 /// Writes a table: a row for each object and frame, in pixels of the video from its top left corner, y down; where the
 /// camera moves, from that corner of the camera's reference frame.
 ///
@@ -114,7 +125,7 @@ pub fn track(video: &Video, options: &Options) -> Result<Followed> {
 pub fn write_table(path: &Path, tracking: &Tracking, calibration: Option<&Calibration>) -> Result<()> {
     let more = if calibration.is_some() { ",x_metres,y_metres,deviation_x_metres,deviation_y_metres" } else { "" };
     atomic::write_file(path, |file| {
-        writeln!(file, "object,frame,seconds,x,y,deviation_x,deviation_y,covariance_xy,visibility{more}")?;
+        writeln!(file, "{HEAD}{more}")?;
         for (object, track) in tracking.tracks.iter().enumerate() {
             for point in &track.points {
                 let seconds =
@@ -175,10 +186,7 @@ pub fn write_picture(path: &Path, video: &Video, tracking: &Tracking) -> Result<
             dot(&mut picture, measurement.position, Rgb(colour));
         }
     }
-    atomic::write_file(path, |file| {
-        let encoder = image::codecs::png::PngEncoder::new(file);
-        Ok(picture.write_with_encoder(encoder)?)
-    })
+    picture_file::write_titled(path, &picture, TITLE)
 }
 
 /// A square of nine pixels; what sticks out of the picture is left out.

@@ -152,7 +152,7 @@ impl Phase for Discover {
     fn run(&self, session: &mut Session) -> Result<Outcome> {
         let (model, seed) = (session.model, session.seed);
         if let Some(run) = &self.from {
-            let weights = checkpoint::find_weights(run, SavedWeights::Last);
+            let weights = checkpoint::find_own_weights(run, SavedWeights::Last);
             weights.and_then(|weights| weights::load_vision(&weights, model)).context("config: discover.from")?;
             return Ok(Outcome::Finished);
         }

@@ -5,9 +5,8 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use clap::Args;
 use paig::network::physics_models::ModelOptions;
-use paig::runs::convert::convert;
+use paig::runs::convert::{check_target, convert};
 use paig::runs::names::CONFIG;
-use paig::support::atomic::is_stream;
 use paig::tasks::{self, Task};
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
@@ -39,9 +38,9 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { from, to, .. } = arguments;
-    ensure!(arguments.force || !to.exists() || is_stream(to), "{} is there already; --force replaces it", to.display());
+    let place = check_target(from, to, arguments.force)?;
     let task = tasks::find(&arguments.task)?;
-    let count = convert(&task.system, &options(arguments, &task)?, from, to)?;
+    let count = convert(&task.system, &options(arguments, &task)?, from, &place)?;
     say!("{count} variables from {} to {}", from.display(), to.display());
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! Scores a run on a dataset file. See `paig evaluate --help`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Result, ensure};
@@ -9,7 +9,7 @@ use paig::Error;
 use paig::evaluation::{self, ScoredClips};
 use paig::network::physics_models::losses::MeanLosses;
 use paig::runs::scores::{FrameSpread, ScoresFile};
-use paig::support::atomic;
+use paig::support::output::Kind;
 use paig::viz;
 use paig_terminal::arguments::{ClipsOfRun, ScoredRun};
 use paig_terminal::say;
@@ -36,30 +36,29 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
-    check_places(arguments)?;
+    let places = Places::check(arguments)?;
     let opened = arguments.run.open()?;
     let clips = ScoredClips::read(&opened.file, &opened.config.task, opened.split, opened.device)?;
-    score(arguments, opened, &clips).map_err(Error::of_work)?;
+    score(&arguments.run.run, &places, opened, &clips).map_err(Error::of_work)?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn score(arguments: &Arguments, opened: ClipsOfRun, clips: &ScoredClips) -> Result<()> {
+fn score(run: &Path, places: &Places, opened: ClipsOfRun, clips: &ScoredClips) -> Result<()> {
     let ClipsOfRun { config, model, file, split, .. } = opened;
-    let run = &arguments.run.run;
     let scores = evaluation::evaluate(&model, clips)?;
     say!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
     clips.notes.iter().for_each(|note| say!("note: {note}"));
     print_losses(&scores.losses);
     print_frames_and_states(&model.system, &scores);
-    if let Some(path) = &arguments.picture {
+    if let Some(path) = &places.picture {
         let frames = FrameSpread::of([&scores.predicted_frames[..]]);
         viz::write_frame_scores(path, &config.task, &frames)?;
     }
-    if let Some(path) = &arguments.json {
+    if let Some(path) = &places.json {
         ScoresFile {
             format: ScoresFile::FORMAT,
             task: config.task.name.clone(),
-            run: run.clone(),
+            run: run.into(),
             file,
             split: split.name().into(),
             parameters: model.parameter_values().into_iter().map(|(name, value)| (name.into(), value)).collect(),
@@ -70,16 +69,25 @@ fn score(arguments: &Arguments, opened: ClipsOfRun, clips: &ScoredClips) -> Resu
     Ok(())
 }
 
-/// What cannot be written must not cost the scoring.
-fn check_places(arguments: &Arguments) -> Result<()> {
-    for path in arguments.json.iter().chain(&arguments.picture) {
-        atomic::check_place(path)?;
+/// Files to write. They are checked first: one that cannot be written must not cost the scoring.
+struct Places {
+    json: Option<PathBuf>,
+    picture: Option<PathBuf>,
+}
+
+impl Places {
+    fn check(arguments: &Arguments) -> Result<Self> {
+        let inputs: Vec<&Path> = arguments.run.file.as_deref().into_iter().collect();
+        let place =
+            |kind: Kind, path: &Option<PathBuf>| path.as_ref().map(|path| kind.check(path, &inputs)).transpose();
+        let (json, picture) =
+            (place(ScoresFile::KIND, &arguments.json)?, place(viz::FRAME_SCORES, &arguments.picture)?);
+        if let Some(picture) = &arguments.picture {
+            let png = picture.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+            ensure!(png, "--picture {}: a PNG is written, its name must end in .png", picture.display());
+        }
+        Ok(Places { json, picture })
     }
-    if let Some(picture) = &arguments.picture {
-        let png = picture.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-        ensure!(png, "--picture {}: a PNG is written, its name must end in .png", picture.display());
-    }
-    Ok(())
 }
 
 fn print_losses(losses: &MeanLosses) {

@@ -56,7 +56,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 32, help_heading = "Picture")]
     side: usize,
     /// Frames with one channel
-    #[arg(long, help_heading = "Picture", overrides_with = "colour")]
+    #[arg(long, help_heading = "Picture", conflicts_with = "colour")]
     grey: bool,
     /// Frames with three channels (default)
     #[arg(long, help_heading = "Picture")]
@@ -134,6 +134,8 @@ fn request(arguments: Arguments) -> Result<Request> {
         origin: scene.origin,
         angle: scene.angle,
         y_up: scene.y_up,
+        scale_points: scene.scale_points,
+        tracker: scene.tracker,
         time_unit: arguments.dt_unit,
         equation,
         objects,

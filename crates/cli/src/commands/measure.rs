@@ -102,6 +102,8 @@ fn of_videos(arguments: &Arguments, against: &[EquationFile]) -> Result<(Measure
         origin: scene.origin,
         angle: scene.angle,
         y_up: scene.y_up,
+        scale_points: scene.scale_points,
+        tracker: scene.tracker,
         equation: equation(arguments.equation.as_deref().unwrap_or("falling"))?,
         objects: arguments.objects,
         hints,

@@ -1,14 +1,13 @@
 //! One table of many measurements. See `paig measurements --help`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
-use paig::support::atomic;
 use paig::support::significant::significant;
 use paig_terminal::say;
 use paig_video::measure::results::Measurement;
-use paig_video::measure::table::{References, read_references, rows, write};
+use paig_video::measure::table::{ROWS, References, read_references, rows, write};
 
 /// Puts the measurements of some runs into one table, beside what is known of their videos.
 #[derive(Debug, Args)]
@@ -28,7 +27,8 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    arguments.json.as_deref().map(atomic::check_place).transpose()?;
+    let inputs: Vec<&Path> = arguments.references.as_deref().into_iter().collect();
+    let json = arguments.json.as_deref().map(|path| ROWS.check(path, &inputs)).transpose()?;
     let references = arguments.references.as_deref().map(read_references).transpose()?;
     let references: References = references.unwrap_or_default();
     let measurements: Vec<_> =
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             row.unit
         );
     }
-    if let Some(path) = &arguments.json {
+    if let Some(path) = &json {
         write(path, &rows)?;
     }
     Ok(())

@@ -10,6 +10,7 @@ use paig::evaluation::ScoredClips;
 use paig::evaluation::rollout::{self, MOST_FRAMES};
 use paig::viz;
 use paig_terminal::arguments::{ClipsOfRun, ScoredRun};
+use paig_terminal::progress::Progress;
 use paig_terminal::say;
 
 /// Predicts frames, positions and velocities from the first frames of a clip, as far as asked.
@@ -34,6 +35,9 @@ pub struct Arguments {
     out: PathBuf,
 }
 
+/// Frames from which on drawing takes minutes.
+const MANY_FRAMES: usize = 1000;
+
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     viz::check_rollout_folder(&arguments.out)?;
     ensure!(
@@ -53,8 +57,14 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     );
     let clip = clips.batch(&[arguments.clip as i64], clips.time()).squeeze_dim(0);
     let frames = arguments.frames.unwrap_or(clips.time() - model.system.input_steps);
+    if frames > MANY_FRAMES {
+        say!("predicts and draws {frames} frames, which takes some minutes");
+    }
+    let waiting = Progress::busy("predicting");
     let prediction = rollout::roll_out(&model, &clip, &clips.actions(&[arguments.clip as i64]), frames)?;
-    viz::write_rollout(&arguments.out, &model.system, &prediction).map_err(Error::of_work)?;
+    let written = viz::write_rollout(&arguments.out, &model.system, &prediction).map_err(Error::of_work);
+    waiting.finish();
+    written?;
     let frames = if frames == 1 { "1 frame".into() } else { format!("{frames} frames") };
     say!("{frames} after the input of clip {}: {}", arguments.clip, arguments.out.display());
     Ok(ExitCode::SUCCESS)

@@ -60,6 +60,8 @@ pub struct SceneFacts {
     pub origin: Option<[f64; 2]>,
     pub angle: f64,
     pub y_up: bool,
+    pub scale_points: Option<[[f64; 2]; 2]>,
+    pub tracker: Option<TrackerFile>,
 }
 
 impl SceneOptions {
@@ -71,9 +73,10 @@ impl SceneOptions {
             let [x1, y1, x2, y2, length] = numbers("scale", text)?;
             let distance = (x2 - x1).hypot(y2 - y1);
             ensure!(distance > 0.0 && length > 0.0, "--scale: the points must differ, and the length must be positive");
-            Ok::<_, anyhow::Error>(distance / length)
+            Ok::<_, anyhow::Error>((distance / length, [[x1, y1], [x2, y2]]))
         });
-        let pixels_per_metre = of_points.transpose()?.or(self.pixels_per_metre);
+        let of_points = of_points.transpose()?;
+        let pixels_per_metre = of_points.map(|(scale, _)| scale).or(self.pixels_per_metre);
         let origin = self.origin.as_deref().map(|text| numbers("origin", text)).transpose()?;
         Ok(SceneFacts {
             parts: parts(self.frames.as_deref(), self.seconds.as_deref())?,
@@ -84,6 +87,8 @@ impl SceneOptions {
             origin: origin.or(tracker.map(|file| file.origin)),
             angle: self.angle.or(tracker.map(|file| file.angle)).unwrap_or(0.0),
             y_up: self.y_up || tracker.is_some(),
+            scale_points: of_points.map(|(_, points)| points),
+            tracker,
         })
     }
 }

@@ -4,13 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use paig::support::atomic;
 use paig_terminal::progress::Progress;
 use paig_terminal::say;
 use paig_track::Options;
 use paig_track::calibration::{Lens, depth_line};
 use paig_video::import::sources::Video;
-use paig_video::track::{Calibration, Followed, track, write_picture, write_table};
+use paig_video::track::{Calibration, Followed, PICTURE, TABLE, track, write_picture, write_table};
 
 use super::track_options::TrackOptions;
 
@@ -58,10 +57,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     ensure!(arguments.objects > 0, "--objects must be at least 1");
     let positive = |factor: f64| factor.is_finite() && factor > 0.0;
     ensure!(arguments.slow_motion.is_none_or(positive), "--slow-motion: must be a positive number");
-    for path in [&arguments.out, &arguments.picture] {
-        atomic::check_place(path)?;
-        ensure!(*path != arguments.video, "{} is the video; choose another file to write", path.display());
-    }
+    let out = TABLE.check(&arguments.out, &[&arguments.video])?;
+    let picture = PICTURE.check(&arguments.picture, &[&arguments.video])?;
     let video = Video::open(&arguments.video)?;
     let (hints, ignore) = arguments.objects_shown.read()?;
     let calibration = arguments.plane.as_deref().map(|text| plane(text, arguments.distortion, &video)).transpose()?;
@@ -92,8 +89,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     // A calibrated plane may be seen at an angle.
     let depth = tracking.tracks.iter().filter(|_| calibration.is_none()).find_map(depth_line);
     depth.iter().for_each(|line| say!("scale: {line}"));
-    write_table(&arguments.out, &tracking, calibration.as_ref())?;
-    write_picture(&arguments.picture, &video, &tracking)?;
+    write_table(&out, &tracking, calibration.as_ref())?;
+    write_picture(&picture, &video, &tracking)?;
     say!("positions in {}, paths in {}", arguments.out.display(), arguments.picture.display());
     Ok(())
 }

@@ -10,6 +10,7 @@ use anyhow::{Context, Result};
 use super::figures::OfTask;
 use super::list::{Comparison, Entry};
 use super::results::{FRAMES, RESULTS, Row, SEARCH, Searched};
+use paig::support::output::FileSet;
 use paig::support::statistics::Spread;
 use paig::support::storage::storage;
 use paig::support::{atomic, json_lines};
@@ -18,6 +19,13 @@ use paig::tasks::Task;
 /// The page and its pictures, beside the [results](super::results).
 const PAGE: &str = "report.md";
 const PICTURES: &str = "pictures";
+const TITLE: &str = "# The paper's comparison";
+/// The files of the report. The page comes last: it shows whose the others are.
+pub(crate) const FILES: FileSet = FileSet {
+    name: "the comparison's report",
+    files: &[PICTURES, FRAMES, RESULTS, SEARCH, PAGE],
+    recognizes: |page| page.starts_with(TITLE.as_bytes()),
+};
 /// A frame that is less similar to the truth than this is lost.
 const SIMILAR: f64 = 0.9;
 
@@ -41,17 +49,19 @@ impl Report<'_> {
     /// # Errors
     /// A folder that cannot be written, a damaged run.
     pub fn write(&self, out: &Path) -> Result<()> {
-        for folder in [PICTURES, FRAMES] {
-            let folder = out.join(folder);
-            storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        }
-        let json = |name: &str, write: &dyn Fn(&mut atomic::Writer) -> serde_json::Result<()>| {
-            atomic::write_file(&out.join(name), |file| Ok(write(file)?))
-        };
-        json(RESULTS, &|file| json_lines::write(file, &self.rows, 1))?;
-        json(SEARCH, &|file| json_lines::write(file, &self.searched, 1))?;
-        let page = self.page(out)?;
-        atomic::write_file(&out.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
+        FILES.replace(out, |out| {
+            for folder in [PICTURES, FRAMES] {
+                let folder = out.join(folder);
+                storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+            }
+            let json = |name: &str, write: &dyn Fn(&mut atomic::Writer) -> serde_json::Result<()>| {
+                atomic::write_file(&out.join(name), |file| Ok(write(file)?))
+            };
+            json(RESULTS, &|file| json_lines::write(file, &self.rows, 1))?;
+            json(SEARCH, &|file| json_lines::write(file, &self.searched, 1))?;
+            let page = self.page(out)?;
+            atomic::write_file(&out.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
+        })
     }
 
     fn page(&self, out: &Path) -> Result<String> {
@@ -61,7 +71,7 @@ impl Report<'_> {
         let whole: Vec<&Row> = self.rows.iter().filter(|row| row.training_clips == self.clips).collect();
         let _ = writeln!(
             page,
-            "# The paper's comparison\n\nMade by `make baselines` ([docs/baselines.md](../../docs/baselines.md) says what is \
+            "{TITLE}\n\nMade by `make baselines` ([docs/baselines.md](../../docs/baselines.md) says what is \
              compared and how). The whole comparison is {models} models x {tasks} tasks x {seeds} seeds; **{} of these {} \
              trainings are finished** on {} training clips of their task, and shown. The sizes of the other models are ours. The number in brackets behind a \
              model is that of its seeds; a band reaches from the least to the greatest of them, a line is their \

@@ -7,8 +7,10 @@ use anyhow::{Context, Result, ensure};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
+use paig::support::atomic;
+use paig::support::output::{FileSet, has_keys};
 use paig::support::random::named_generator;
-use paig::support::{atomic, storage};
+use paig::support::storage::{self, storage};
 
 /// Number of the file's form.
 pub const FORMAT: u32 = 2;
@@ -74,6 +76,27 @@ pub fn mean_and_interval(returns: &[f64], seed: u64) -> Option<[f64; 3]> {
 impl Results {
     /// The file's name.
     pub const FILE: &str = "results.json";
+
+    /// The file, by which the folder is recognized.
+    const MARK: FileSet = FileSet {
+        name: "results of `paig control`",
+        files: &[Self::FILE],
+        recognizes: |json| has_keys(json, &["format", "rows"]),
+    };
+
+    /// Makes a folder for results, which are empty at first: that shows whose the pictures of a killed experiment are.
+    ///
+    /// # Errors
+    /// A folder with files that this program did not write, or that cannot be written.
+    pub fn claim(folder: &Path) -> Result<()> {
+        Self::MARK.check_alone(folder)?;
+        storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        let path = folder.join(Self::FILE);
+        if path.exists() {
+            return Ok(());
+        }
+        Results { format: FORMAT, line: None, rows: Vec::new() }.write(&path)
+    }
 
     /// Reads the file.
     ///

@@ -71,6 +71,7 @@ pub fn play(
     observe: &dyn Fn(StudyEvent),
     stop: &dyn Fn() -> bool,
 ) -> Result<Option<Vec<Row>>, Error> {
+    Results::claim(out)?;
     let mut rows = Vec::new();
     for StudyLine { name, arguments, experiment } in lines {
         observe(StudyEvent::Begins(name));

@@ -12,6 +12,7 @@ use super::list::StressList;
 use super::matrix::Outcome;
 use paig::network::physics_models::losses::Loss;
 use paig::runs::run::Run;
+use paig::support::output::FileSet;
 use paig::support::storage::storage;
 use paig::support::{atomic, json_lines, picture_file};
 
@@ -19,6 +20,13 @@ use paig::support::{atomic, json_lines, picture_file};
 const RESULTS: &str = "results.json";
 const PAGE: &str = "report.md";
 const PICTURES: &str = "scenes";
+const TITLE: &str = "# Scenes unlike the paper's";
+/// The files of the report. The page comes last: it shows whose the others are.
+pub(super) const FILES: FileSet = FileSet {
+    name: "the suite's report",
+    files: &[PICTURES, RESULTS, PAGE],
+    recognizes: |page| page.starts_with(TITLE.as_bytes()),
+};
 /// Of a run's example picture this share of the width, drawn at this share of its size.
 const SHOWN: f64 = 0.38;
 const SCALE: f64 = 0.4;
@@ -33,15 +41,16 @@ pub(super) fn write(
     outcomes: &[Outcome],
     pictured: Option<&BTreeMap<String, Run>>,
 ) -> Result<()> {
-    let pictures = out.join(PICTURES);
-    let folder = if pictured.is_some() { pictures.as_path() } else { out };
-    storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    for (scene, run) in pictured.into_iter().flatten() {
-        picture(&run.folder.join("example0.png"), &pictures.join(format!("{scene}.png")))?;
-    }
-    atomic::write_file(&out.join(RESULTS), |file| Ok(json_lines::write(file, &outcomes, 1)?))?;
-    let text = page(list, outcomes, &|scene| pictured.is_some() && pictures.join(format!("{scene}.png")).exists());
-    atomic::write_file(&out.join(PAGE), |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))
+    FILES.replace(out, |out| {
+        let pictures = out.join(PICTURES);
+        storage().create_folder(&pictures).with_context(|| format!("cannot create {}", pictures.display()))?;
+        for (scene, run) in pictured.into_iter().flatten() {
+            picture(&run.folder.join("example0.png"), &pictures.join(format!("{scene}.png")))?;
+        }
+        atomic::write_file(&out.join(RESULTS), |file| Ok(json_lines::write(file, &outcomes, 1)?))?;
+        let text = page(list, outcomes, &|scene| pictures.join(format!("{scene}.png")).exists());
+        atomic::write_file(&out.join(PAGE), |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))
+    })
 }
 
 /// The beginning of an example: input and prediction, truth, reconstruction.
@@ -63,7 +72,7 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
     let systems: Vec<String> = list.systems().into_iter().map(|(task, scenes)| format!("{task} {scenes}")).collect();
     let _ = writeln!(
         page,
-        "# Scenes unlike the paper's\n\nMade by `make stress`. {} scenes ({}), {} of which have runs, each with \
+        "{TITLE}\n\nMade by `make stress`. {} scenes ({}), {} of which have runs, each with \
          the plain `fast` recipe: no key is changed for a scene. A run succeeds within the limits of the plain task, \
          those of losses in proportion to the number of objects; where noise sets a floor, a loss may be 1.1 floors \
          larger. *Found* is the run's own verdict, made without the \

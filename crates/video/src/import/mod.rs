@@ -13,11 +13,13 @@ mod reel;
 pub mod request;
 mod scaling;
 pub mod sources;
+pub mod stated;
 mod task_file;
 pub mod time_base;
 pub mod tracker;
 mod warnings;
 
+use std::ffi::OsStr;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -28,16 +30,17 @@ use self::crop::Square;
 use self::hold_out::{Cut, Parts};
 use self::motion::Moving;
 use self::reel::{Reel, Take};
-use self::request::Request;
+use self::request::{Place, Request};
 use self::time_base::Kept;
 use paig::Error;
 use paig::datasets::film::FILM;
 use paig::network::System;
 use paig::network::cells::Equations;
 use paig::network::system::SystemTable;
+use paig::runs::find::is_run;
 use paig::runs::metrics;
 use paig::support::atomic;
-use paig::support::storage::storage;
+use paig::support::output::FileSet;
 
 /// Most frames that are kept of all videos.
 const MOST_KEPT: usize = 50_000;
@@ -78,10 +81,25 @@ const TEST: &str = "test.npz";
 const SHEET: &str = "contact-sheet.png";
 pub(crate) const TASK: &str = "task.toml";
 
+/// The files of an imported task.
+const FILES: FileSet = FileSet {
+    name: "a task of `paig import`",
+    files: &[TRAIN, TEST, FILM, SHEET, TASK],
+    recognizes: |text| {
+        let lines = || text.split(|byte| *byte == b'\n');
+        lines().any(|line| line.starts_with(task_file::MADE_BY.as_bytes()) || line.starts_with(b"[video]"))
+    },
+};
+
+/// Whether an import writes a file of this name.
+fn is_written(name: &OsStr) -> bool {
+    FILES.files.iter().any(|file| name == *file)
+}
+
 /// Refuses to write over a video, or a picture among those of one.
 fn spare_videos(request: &Request) -> Result<()> {
     let real = |path: &Path| path.canonicalize().ok();
-    let written: Vec<_> = [TRAIN, TEST, FILM].iter().filter_map(|name| real(&request.out.join(name))).collect();
+    let written: Vec<_> = FILES.files.iter().filter_map(|name| real(&request.out.join(name))).collect();
     for video in &request.videos {
         let Some(there) = real(video) else { continue };
         ensure!(
@@ -108,12 +126,15 @@ pub fn import(request: &Request, progress: Progress) -> Result<Imported, Error> 
 fn imported(request: &Request, progress: Progress) -> Result<Imported> {
     ensure!(!request.videos.is_empty(), "no video given");
     ensure!(request.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps: must be a positive number");
-    let (new_folder, name) = (request.folder_is_new()?, request.task_name()?);
+    let (place, name) = (request.place()?, request.task_name()?);
     check_system(request)?;
-    if !new_folder {
+    if place == Place::Replaced {
         spare_videos(request)?;
+        ensure!(!is_run(&request.out), "{} is a run folder; choose another --out", request.out.display());
+        FILES.check(&request.out)?;
     }
     let mut reel = Reel::open(request, request.clip_frames.unwrap_or(request.least_frames()))?;
+    let doubtful = reel.videos().map(|video| request.stated().check(video)).collect::<Result<Vec<_>>>()?.concat();
     let parts = |reel: &Reel| reel.takes.iter().map(|take| take.parts.clone()).collect::<Vec<_>>();
     let cut = cut(request, &parts(&reel));
     // Where too little is left, that may be why.
@@ -146,14 +167,10 @@ fn imported(request: &Request, progress: Progress) -> Result<Imported> {
         // The last one: a folder with a task is complete.
         atomic::write_file(&folder.join(TASK), |file| Ok(file.write_all(text.as_bytes())?))
     };
-    if new_folder {
-        atomic::write_folder(&request.out, fill)?
-    } else {
-        // Until all is written the folder holds no task: the old one is of other clips.
-        storage()
-            .remove_if_there(&request.out.join(TASK))
-            .with_context(|| format!("cannot replace {}", request.out.display()))?;
-        fill(&request.out)?
+    match place {
+        Place::New => atomic::write_folder(&request.out, fill)?,
+        Place::Empty => fill(&request.out)?,
+        Place::Replaced => atomic::replace_folder(&request.out, &is_written, fill)?,
     }
     let used = reel.takes.iter().map(|Take { video, kept, .. }| ImportedTake {
         name: video.name(),
@@ -162,7 +179,7 @@ fn imported(request: &Request, progress: Progress) -> Result<Imported> {
         frames: video.frames,
         kept: kept.clone(),
     });
-    let mut warnings = reel.left_out.clone();
+    let mut warnings = [doubtful, reel.left_out.clone()].concat();
     warnings.extend(warnings::of(request, &reel, square, &cut, &moving, counts));
     Ok(Imported {
         task_file: request.out.join(TASK),

@@ -54,6 +54,13 @@ impl Reel {
     /// Reads what the videos say of themselves, and chooses frames. A clip has at least `needed`.
     pub(super) fn open(request: &Request, needed: usize) -> Result<Self> {
         let videos = request.videos.iter().map(|path| Ok(Rc::new(Video::open(path)?))).collect::<Result<Vec<_>>>()?;
+        for path in &request.videos {
+            ensure!(
+                path::absolute(path).is_ok_and(|path| path.to_str().is_some()),
+                "video {}: its path is not UTF-8, so the task file cannot hold it; rename it",
+                path.display()
+            );
+        }
         // One file may have several names.
         let real = |path: &PathBuf| fs::canonicalize(path).with_context(|| format!("video {}", path.display()));
         let real = request.videos.iter().map(real).collect::<Result<Vec<_>>>()?;
@@ -166,6 +173,13 @@ impl Reel {
         let unit = &request.time_unit;
         let dt = video::dt_of(unit, self.interval(), request.step);
         dt.with_context(|| format!("--dt-unit {unit}: one of {}", video::TIME_UNITS))
+    }
+
+    /// Each video once.
+    pub(super) fn videos(&self) -> impl Iterator<Item = &Video> {
+        let begins =
+            |place: &usize| *place == 0 || !Rc::ptr_eq(&self.takes[*place].video, &self.takes[place - 1].video);
+        (0..self.takes.len()).filter(begins).map(|place| &*self.takes[place].video)
     }
 
     fn size(&self) -> [u32; 2] {

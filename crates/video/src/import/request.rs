@@ -7,7 +7,9 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail, ensure};
 
 use super::crop::CropChoice;
+use super::stated::Stated;
 use super::time_base::Part;
+use super::tracker::TrackerFile;
 use paig::network::cells::{CellKind, Equations};
 use paig::network::system::EquationEntry;
 use paig::tasks;
@@ -39,6 +41,10 @@ pub struct Request {
     pub origin: Option<[f64; 2]>,
     pub angle: f64,
     pub y_up: bool,
+    /// Points in the videos between which the scale was measured, and the Tracker file that some of this is of: both are held
+    /// against the videos.
+    pub scale_points: Option<[[f64; 2]; 2]>,
+    pub tracker: Option<TrackerFile>,
     /// Unit of `dt`: `s`, `ms` or `frames`.
     pub time_unit: String,
     pub equation: EquationEntry,
@@ -48,6 +54,17 @@ pub struct Request {
     /// Frames of a training clip, and how many of them the next one shares.
     pub clip_frames: Option<usize>,
     pub overlap: Option<usize>,
+}
+
+/// What stands where the folder is to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Place {
+    /// Nothing.
+    New,
+    /// An empty folder.
+    Empty,
+    /// A folder that is replaced.
+    Replaced,
 }
 
 impl Request {
@@ -71,6 +88,8 @@ impl Request {
             origin: None,
             angle: 0.0,
             y_up: false,
+            scale_points: None,
+            tracker: None,
             time_unit: "s".into(),
             equation: EquationEntry::Name("falling".into()),
             objects: None,
@@ -78,6 +97,19 @@ impl Request {
             pred_steps: 6,
             clip_frames: None,
             overlap: None,
+        }
+    }
+
+    /// What is held against the videos.
+    pub(super) fn stated(&self) -> Stated {
+        Stated {
+            pixels_per_metre: self.pixels_per_metre,
+            scale_percent: self.scale_percent,
+            origin: self.origin,
+            angle: self.angle,
+            fps: self.fps,
+            scale_points: self.scale_points,
+            tracker: self.tracker,
         }
     }
 
@@ -121,17 +153,17 @@ impl Request {
         Ok(name)
     }
 
-    /// Whether the folder is still to be made. Nothing that someone has there is written over unasked.
-    pub(super) fn folder_is_new(&self) -> Result<bool> {
+    /// What stands in the folder's place. Nothing that someone has there is written over unasked.
+    pub(super) fn place(&self) -> Result<Place> {
         let out = &self.out;
         if !out.exists() {
-            return Ok(true);
+            return Ok(Place::New);
         }
         ensure!(out.is_dir(), "{} is a file; --out is a folder", out.display());
         let empty = fs::read_dir(out).with_context(|| format!("cannot read {}", out.display()))?.next().is_none();
         if !empty && !self.force {
             bail!("{} holds something already; choose another --out, or replace its files with --force", out.display());
         }
-        Ok(false)
+        Ok(if empty { Place::Empty } else { Place::Replaced })
     }
 }

@@ -18,6 +18,8 @@ use paig::tasks::video::Video;
 /// as long as the frames have pixels, and the frames of one video are much alike.
 const SMALL_SIDE: usize = 48;
 const LARGE_STEP: [usize; 2] = [16, 10];
+/// Beginning of the file.
+pub(super) const MADE_BY: &str = "# Made by `paig import`";
 /// Steps on whole frames, of such.
 const FINE_STEPS: u64 = 400;
 
@@ -84,7 +86,7 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
         ),
     };
     let text = format!(
-        "# Made by `paig import`; change what you know better.\n\
+        "{MADE_BY}; change what you know better.\n\
          name = {name}\n\
          summary = {summary}\n\
          \n\

@@ -14,6 +14,12 @@ const REGULAR: f64 = 0.25;
 /// ticks to 1 or 2, and a missing frame doubles it.
 const ONE_INTERVAL: f64 = 0.6;
 
+/// Ticks of a regular clock to a frame of the video, at most: beyond that the clip is mostly one frame that stands.
+const MOST_REPEATED: f64 = 3.0;
+
+/// Frames beyond the last one at which a part in seconds may end: players show the time at which that one ends.
+const BEYOND: f64 = 2.0;
+
 /// A part of a video.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Part {
@@ -116,6 +122,13 @@ pub fn range(frames: usize, times: Option<&[f64]>, fps: Option<f64>, part: Part)
                 }
                 Ok(count)
             };
+            if let (Some(end), true) = (end, frames > 1) {
+                let (last, one) = (time(frames - 1)?, time(frames - 1)? / (frames - 1) as f64);
+                ensure!(
+                    end <= last + BEYOND * one,
+                    "seconds {start}..{end} are asked for; it has {frames} frames, the last at {last:.3} s"
+                );
+            }
             before(start)?..end.map_or(Ok(frames), before)?
         }
     };
@@ -159,6 +172,14 @@ fn on_clock(times: &[f64], tick: f64) -> Result<Vec<usize>> {
     let (mut place, mut nearest) = (0, Vec::new());
     let ticks = ((last - first) / tick).round();
     ensure!(ticks <= MOST_FRAMES as f64, "its times leap: from {first:.3} s to {last:.3} s by {tick:.5} s; give --fps");
+    if ticks > MOST_REPEATED * times.len() as f64 {
+        let longest = times.windows(2).map(|pair| pair[1] - pair[0]).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        let (place, seconds) = longest.expect("there are several times");
+        bail!(
+            "frame {place} of the part lasts {seconds:.3} s, most others {tick:.5} s; choose a part before or after it with \
+             --frames, or give the frame rate with --fps"
+        );
+    }
     for number in 0..=ticks as usize {
         let time = first + tick * number as f64;
         while place + 1 < times.len() && (times[place + 1] - time).abs() <= (times[place] - time).abs() {
@@ -217,7 +238,9 @@ mod tests {
         assert_eq!(frames(Part::Frames(2, Some(5))).unwrap(), [2, 3, 4]);
         assert_eq!(frames(Part::Seconds(0.2, Some(0.5))).unwrap(), [2, 3, 4]);
         assert_eq!(frames(Part::Frames(8, None)).unwrap(), [8, 9]);
-        for outside in [Part::Frames(5, Some(11)), Part::Frames(5, Some(5)), Part::Seconds(1.0, None)] {
+        assert_eq!(frames(Part::Seconds(0.8, Some(1.0))).unwrap(), [8, 9]);
+        let outside = [Part::Seconds(1.0, None), Part::Seconds(0.1, Some(99.0))];
+        for outside in [Part::Frames(5, Some(11)), Part::Frames(5, Some(5))].into_iter().chain(outside) {
             assert!(frames(outside).is_err(), "{outside:?}");
         }
     }

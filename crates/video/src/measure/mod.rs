@@ -56,11 +56,13 @@ use self::results::{Measurement, Quantity};
 use self::starts::Known;
 use paig::Error;
 use paig::network::cells::{CellKind, Equations};
-use paig::runs::checkpoint::{SavedWeights, clips_of};
+use paig::runs::checkpoint::{LearnedFrom, SavedWeights};
+use paig::runs::find;
 use paig::runs::names::CONFIG;
 use paig::runs::summary::Summary;
 use paig::support::atomic;
 use paig::support::device::set_tf32;
+use paig::support::output::FileSet;
 use paig::support::storage::storage;
 use paig::tasks::equation_file::EquationFile;
 use paig::training::saved::load_model;
@@ -137,8 +139,12 @@ fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) ->
     let begun = Instant::now();
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;
     set_tf32(device, config.model.tf32);
-    let learned = Learned::read(&config, &model, &clips_of(folder)?, device)?;
+    let learned = Learned::read(&config, &model, &LearnedFrom::of_run(folder)?, device)?;
     // Only for what can be measured: a name that is misspelt makes no folder.
+    if !is_same(folder, out) {
+        ensure_no_run(out)?;
+    }
+    FILES.settle(out)?;
     make_folder(out)?;
     let (scene, mut notes, by_model) = learned.observe()?;
     let record = config.task.video().context("the run's task has no video")?;
@@ -206,6 +212,9 @@ pub fn measure_videos(videos: &VideoRequest, against: &[EquationFile], out: &Pat
     let begun = Instant::now();
     let measured = || {
         let _guard = tch::no_grad_guard();
+        ensure_no_run(out)?;
+        FILES.settle(out)?;
+        FILES.check(out)?;
         let (subject, own) = videos.subject()?;
         make_folder(out)?;
         subject.measure(own, &Request { equation: None, against: against.to_vec() }, out, begun)
@@ -213,9 +222,28 @@ pub fn measure_videos(videos: &VideoRequest, against: &[EquationFile], out: &Pat
     Ok(measured()?)
 }
 
+/// The files of a measurement. The numbers come last: they show whose the others are.
+const FILES: FileSet = FileSet {
+    name: "a measurement",
+    files: &["positions.csv", "overlay.gif", page::POSITIONS, page::PAGE, results::MEASUREMENT],
+    recognizes: Measurement::is_in,
+};
+
+/// # Errors
+/// A run's folder.
+fn ensure_no_run(out: &Path) -> Result<()> {
+    ensure!(!find::is_run(out), "{} is a run folder; choose another folder with --out", out.display());
+    Ok(())
+}
+
+fn is_same(one: &Path, other: &Path) -> bool {
+    one.canonicalize().ok().zip(other.canonicalize().ok()).is_some_and(|(one, other)| one == other)
+}
+
 fn make_folder(out: &Path) -> Result<()> {
+    FILES.check(out)?;
     storage().create_folder(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    atomic::check_place(&out.join("measurement.html"))
+    atomic::check_place(&out.join(page::PAGE))
 }
 
 /// Leaves out of the only recording what comes before and after the part that the equation explains; a note, where that leaves
@@ -342,10 +370,12 @@ impl Subject {
         let pictures =
             pictures.map(|(source, recording)| source.pictures(recording, &scene.scale)).collect::<Result<_>>()?;
         let measured = Measured { measurement, scene, pixels, explained: judged, pictures };
-        positions_file::write(&out.join("positions.csv"), &measured)?;
-        overlay::write(&out.join("overlay.gif"), &measured)?;
-        page::write(out, &measured)?;
-        measured.measurement.write(out)?;
+        FILES.replace(out, |out| {
+            positions_file::write(&out.join("positions.csv"), &measured)?;
+            overlay::write(&out.join("overlay.gif"), &measured)?;
+            page::write(out, &measured)?;
+            measured.measurement.write(out)
+        })?;
         Ok(measured.measurement)
     }
 }

@@ -11,11 +11,12 @@ use super::sight::{self, Sight};
 use super::starts::Known;
 use crate::import::TASK;
 use crate::import::hold_out::Parts;
-use paig::datasets::dataset::{Dataset, are_the_same};
+use paig::datasets::dataset::Dataset;
 use paig::datasets::files::{ClipShape, Split};
 use paig::datasets::film::{FILM, FilmFile};
 use paig::datasets::iterators::Clips;
 use paig::network::physics_models::PhysicsNet;
+use paig::runs::checkpoint::LearnedFrom;
 use paig::support::statistics::upper_median;
 use paig::tasks;
 use paig::tasks::video::Video;
@@ -38,12 +39,12 @@ pub(super) struct Learned<'a> {
 }
 
 impl<'a> Learned<'a> {
-    /// The videos of a run that learned from the clips with these checksums, if it says from which.
+    /// The videos of a run that learned from clips and film with these checksums.
     ///
     /// # Errors
     /// A task without video or film, or one whose clips are others by now: then its film is another, too, and what the run
     /// knows of crop and times is not of that one.
-    pub fn read(config: &'a Config, model: &'a PhysicsNet, clips: &str, device: Device) -> Result<Self> {
+    pub fn read(config: &'a Config, model: &'a PhysicsNet, before: &LearnedFrom, device: Device) -> Result<Self> {
         let task = &config.task;
         let record =
             task.video().context("the run's task has no video; only what was made by `paig import` can be measured")?;
@@ -51,13 +52,21 @@ impl<'a> Learned<'a> {
         let path = config.data.train_path();
         let system = &model.system;
         let training = Dataset::open(&path, &ClipShape::training(task))?;
+        let film_path = path.with_file_name(FILM);
+        let film = FilmFile::read(&film_path, record.sources.len(), system.side, system.channels)?;
+        let now = LearnedFrom { clips: training.learned_from(), film: film.checksum() };
+        let [same_clips, same_film] = now.is_as(before);
         ensure!(
-            clips.is_empty() || are_the_same(&training.learned_from(), clips),
+            same_clips,
             "the clips in {} are not those that the run learned from: the video was imported again since. Import it as it \
              was, or train a new run on what is there now",
             path.display()
         );
-        let film = FilmFile::read(&path.with_file_name(FILM), record.sources.len(), system.side, system.channels)?;
+        ensure!(
+            same_film,
+            "{} is not the film that lay beside the clips of the run; put it back, or import the video as it was",
+            film_path.display()
+        );
         let train = training.clips(Split::Train, device);
         let there = path.with_file_name(TASK).to_str().and_then(|file| tasks::find(file).ok());
         let imported_again = there.is_some_and(|there| there.video().is_some_and(|video| !video.says_the_same(record)));

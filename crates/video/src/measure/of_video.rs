@@ -13,7 +13,9 @@ use super::scale::Scale;
 use super::{Named, Subject};
 use crate::import::crop::Rectangle;
 use crate::import::sources;
+use crate::import::stated::Stated;
 use crate::import::time_base::{Part, range};
+use crate::import::tracker::TrackerFile;
 use paig::network::cells::Equations;
 use paig::network::cells::text::EquationTable;
 use paig::network::system::{EquationEntry, SystemTable};
@@ -49,6 +51,9 @@ pub struct VideoRequest {
     pub origin: Option<[f64; 2]>,
     pub angle: f64,
     pub y_up: bool,
+    /// As in an [import](crate::import::request::Request).
+    pub scale_points: Option<[[f64; 2]; 2]>,
+    pub tracker: Option<TrackerFile>,
     pub equation: EquationFile,
     pub objects: Option<usize>,
     /// Points on the objects, and regions in which nothing is looked for.
@@ -76,8 +81,9 @@ impl VideoRequest {
             .kind(objects, &Equations::default())
             .with_context(|| format!("equation {}", self.equation.name))?;
         let objects = kind.objects.unwrap_or(objects);
-        let mut takes = Vec::new();
+        let (mut takes, mut doubtful) = (Vec::new(), Vec::new());
         for path in &self.videos {
+            doubtful.extend(self.stated().check(&sources::Video::open(path)?)?);
             for part in &self.parts {
                 takes.push(self.take(path, *part, objects)?);
             }
@@ -157,8 +163,8 @@ impl VideoRequest {
             observation(By::Centroid, "centroids of what moves"),
         ];
         let doubts = takes.iter().filter_map(|take| take.tracked.doubt.clone()).collect();
-        let notes =
-            takes.iter().flat_map(|take| take.video.remarks.iter().chain(&take.tracked.notes).cloned()).collect();
+        let of_takes = takes.iter().flat_map(|take| take.video.remarks.iter().chain(&take.tracked.notes).cloned());
+        let notes = doubtful.into_iter().chain(of_takes).collect();
         let subject = Subject {
             task: names.join(", "),
             pictures: takes.into_iter().map(|take| pictures::Source::Filmed(Box::new(take.video))).collect(),
@@ -182,6 +188,18 @@ impl VideoRequest {
         };
         let own = Named { name: self.equation.name.clone(), cell: subject.scene.system.cell.clone() };
         Ok((subject, own))
+    }
+
+    fn stated(&self) -> Stated {
+        Stated {
+            pixels_per_metre: self.pixels_per_metre,
+            scale_percent: self.scale_percent,
+            origin: self.origin,
+            angle: self.angle,
+            fps: self.fps,
+            scale_points: self.scale_points,
+            tracker: self.tracker,
+        }
     }
 
     /// A part of a video, its objects tracked, cut to the frames between which all of them are seen.

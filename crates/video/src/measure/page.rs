@@ -16,13 +16,14 @@ use paig_report::{cell, code, html};
 
 /// Height of each chart.
 const HEIGHT: u32 = 420;
-const POSITIONS: &str = "measurement-positions.png";
+pub(super) const POSITIONS: &str = "measurement-positions.png";
+pub(super) const PAGE: &str = "measurement.html";
 
 /// Writes the page and its charts.
 pub(super) fn write(folder: &Path, measured: &Measured) -> Result<()> {
     chart::write(&folder.join(POSITIONS), HEIGHT, charts(measured))?;
     let page = html::render(&format!("{}: measurement", measured.measurement.task), &text(measured)?, folder)?;
-    atomic::write_file(&folder.join("measurement.html"), |file| Ok(file.write_all(page.as_bytes())?))
+    atomic::write_file(&folder.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
 }
 
 /// The first object of the first video along its way, seen and fitted, and what is left between.

@@ -7,6 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use paig::support::output::has_keys;
 use paig::support::{atomic, storage};
 
 /// Version of the file's form.
@@ -198,6 +199,11 @@ impl Quantity {
 }
 
 impl Measurement {
+    /// The file as one that the program recognizes.
+    pub(super) fn is_in(json: &[u8]) -> bool {
+        has_keys(json, &["format", "task", "videos", "quantities"])
+    }
+
     pub fn quantity(&self, name: &str) -> Option<&Quantity> {
         self.quantities.iter().find(|quantity| quantity.name == name)
     }

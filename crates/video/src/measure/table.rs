@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use super::results::{Measurement, Outcome};
+use paig::support::output::{Kind, has_keys};
 use paig::support::{atomic, storage};
 
 /// What is known, by the video's name without its ending and the quantity.
@@ -111,6 +112,10 @@ fn clip_name(video: &str) -> &str {
     let file = file.rsplit_once('/').map_or(file, |(_, name)| name);
     file.rsplit_once('.').map_or(file, |(stem, _)| stem)
 }
+
+/// The rows as a file that the program recognizes.
+pub const ROWS: Kind =
+    Kind { name: "rows of `paig measurements`", recognizes: |json| has_keys(json, &["clip", "quantity", "value"]) };
 
 /// # Errors
 /// A full disk.

@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
 use crate::network::cells::integrator::{Integrator, SUBSTEPS};
 use crate::network::cells::state::Coordinates;
+use crate::support::toml_values::exact_if_given;
 
 /// An equation: accelerations as text, the parameters they name, how they are integrated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -87,12 +89,34 @@ pub struct Sides {
     pub bottom: Option<Given>,
 }
 
+impl EquationTable {
+    /// Checks that walls whose places are numbers stand in or beside a frame, at most one side away: none else is ever met in sight.
+    ///
+    /// # Errors
+    /// A wall that stands elsewhere.
+    pub(crate) fn check_walls(&self, side: usize) -> Result<()> {
+        let WallTable::At(Sides { left, right, top, bottom }) = &self.walls else { return Ok(()) };
+        let side = side as f64;
+        for (name, wall) in [("left", left), ("right", right), ("top", top), ("bottom", bottom)] {
+            if let Some(Given::Number(place)) = wall {
+                ensure!(
+                    (-side..=2.0 * side).contains(place),
+                    "walls.{name} = {place}: expected {} to {}, in or beside the frame of {side} pixels",
+                    -side,
+                    2.0 * side
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
 /// A parameter of the equation.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "a table, such as { unit = [1, -2] } or { fixed = 9.81 }")]
 pub struct ParameterTable {
     /// Powers of a length and of a time; without it units are not checked where the parameter takes part.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "exact_if_given")]
     pub unit: Option<[i32; 2]>,
     /// Where learning starts, lengths in pixels.
     #[serde(default, skip_serializing_if = "Option::is_none")]

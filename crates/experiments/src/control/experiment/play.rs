@@ -8,10 +8,9 @@ use super::scenario::Scenario;
 use super::{Experiment, ExperimentEvent, PlannerKind, Watch};
 use crate::control::episode::{Episode, play};
 use crate::control::figures::{self, Course};
-use crate::control::results::{Row, mean_and_interval};
+use crate::control::results::{Results, Row, mean_and_interval};
 use crate::control::reward::Reward;
 use paig::Error;
-use paig::support::storage::storage;
 
 /// All episodes of a planner.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,7 +48,7 @@ impl Experiment {
     fn prepare(&self, out: &Path) -> Result<Scenario> {
         ensure!(self.episodes > 0, "--episodes must be at least 1");
         let scenario = self.scenario()?;
-        storage().create_folder(out).with_context(|| format!("cannot create {}", out.display()))?;
+        Results::claim(out)?;
         // What fails should do so before the first episode.
         for kind in self.planners.iter().copied() {
             let model = kind.sees().then(|| self.model_of(kind, &scenario)).transpose()?;

@@ -15,9 +15,8 @@ use self::film::Film;
 
 pub use paig_decode::quiet_decoders;
 
-/// Largest side of a frame, pixels, and most frames of a video. What claims more is refused before room is made for it.
-pub const LARGEST_SIDE: u32 = 8192;
-pub const MOST_FRAMES: usize = 2_000_000;
+// What claims more is refused before room is made for it.
+pub use paig::tasks::video::{LARGEST_SIDE, MOST_FRAMES};
 
 /// A video and what is known of it before a frame is decoded.
 #[derive(Debug)]

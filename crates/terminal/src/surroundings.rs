@@ -1,0 +1,29 @@
+//! The process's surroundings in which no command can work. Tried first: the libraries below end the process without a line of ours.
+
+use std::fs;
+
+use anyhow::{Result, bail, ensure};
+use paig::support::memory;
+
+/// Addresses that libtorch and its threads take at the least, bytes.
+const LEAST_ADDRESSES: u64 = 1 << 30;
+/// Permissions of the owner, without which a program cannot read what it wrote.
+const OWNER: u32 = 0o700;
+
+/// # Errors
+/// A working directory that was removed, a umask that denies the owner, too small a limit of addresses.
+pub fn check() -> Result<()> {
+    if let Err(error) = std::env::current_dir() {
+        bail!("the working directory cannot be used: {error}; change to another one");
+    }
+    if let Some(mask) = umask() {
+        ensure!(mask & OWNER == 0, "umask {mask:03o} denies you your own files; set umask 022");
+    }
+    memory::ensure_addresses(LEAST_ADDRESSES)
+}
+
+fn umask() -> Option<u32> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let mask = status.lines().find_map(|line| line.strip_prefix("Umask:"))?;
+    u32::from_str_radix(mask.trim(), 8).ok()
+}

@@ -1,0 +1,242 @@
+//! Rules for outputs: an output replaces only files that this program wrote, and never an input of the same call. `--force` covers
+//! the program's own files only. A set of files is replaced as a whole or not at all.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::Value;
+
+use super::atomic;
+use super::storage::{self, storage};
+
+/// A kind of file that the program recognizes as its own.
+#[derive(Debug, Clone, Copy)]
+pub struct Kind {
+    /// For messages, such as "scores of `paig evaluate`".
+    pub name: &'static str,
+    pub recognizes: fn(&[u8]) -> bool,
+}
+
+impl Kind {
+    /// Checks that a file may be written in this place, also by a trial. Returns the place that links lead to.
+    ///
+    /// # Errors
+    /// An input of the same call, a file of another kind, a folder, a missing folder or one that cannot be written.
+    pub fn check(&self, path: &Path, inputs: &[&Path]) -> Result<PathBuf> {
+        let place = atomic::target(path)?;
+        for input in inputs {
+            ensure!(!is_of(&place, input), "{} is an input of this call; choose another file to write", path.display());
+        }
+        if place.is_file() {
+            let bytes = storage::read(&place).with_context(|| format!("cannot read {}", path.display()))?;
+            ensure!(
+                bytes.is_empty() || (self.recognizes)(&bytes),
+                "{} is there already and does not hold {}; choose another file, or move it away",
+                path.display(),
+                self.name
+            );
+        }
+        atomic::check_place(&place)?;
+        Ok(place)
+    }
+}
+
+/// Files in one folder that are replaced together. Files of other names in the folder stay.
+#[derive(Debug, Clone, Copy)]
+pub struct FileSet {
+    /// For messages, such as "a report".
+    pub name: &'static str,
+    /// Their names, also of folders. The last is a file: where it is, all are.
+    pub files: &'static [&'static str],
+    /// Recognizes the last file.
+    pub recognizes: fn(&[u8]) -> bool,
+}
+
+/// A complete set that is not in its place yet.
+const NEW: &str = ".new";
+
+impl FileSet {
+    /// Checks that the set may be written into a folder: a new one, or one with an earlier set or with none of its names.
+    ///
+    /// # Errors
+    /// A file in the folder's place, one of the set's names that this program did not write.
+    pub fn check(&self, folder: &Path) -> Result<()> {
+        match fs::metadata(folder) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+            described => {
+                let described = described.with_context(|| format!("cannot write into {}", folder.display()))?;
+                ensure!(described.is_dir(), "{} is a file; {} takes a folder", folder.display(), self.name);
+            }
+        }
+        if self.is_complete(folder)? {
+            return Ok(());
+        }
+        let taken = self.files.iter().find(|name| fs::symlink_metadata(folder.join(name)).is_ok());
+        if let Some(name) = taken {
+            bail!(
+                "{} holds {name:?}, which is not of {} by this program; choose another folder",
+                folder.display(),
+                self.name
+            );
+        }
+        Ok(())
+    }
+
+    /// The same for a folder in which the set has many more files: without the last one of the set it holds folders at most.
+    ///
+    /// # Errors
+    /// As for [`FileSet::check`].
+    pub fn check_alone(&self, folder: &Path) -> Result<()> {
+        self.check(folder)?;
+        if !folder.exists() || self.is_complete(folder)? {
+            return Ok(());
+        }
+        for entry in fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))? {
+            let entry = entry.with_context(|| format!("cannot list {}", folder.display()))?;
+            ensure!(
+                entry.path().is_dir() || atomic::is_partial(&entry.file_name()),
+                "{} holds {:?}, which is not of {} by this program; choose another folder",
+                folder.display(),
+                entry.file_name(),
+                self.name
+            );
+        }
+        Ok(())
+    }
+
+    /// Replaces the set in a folder, which is made where missing: `fill` writes all of it into another folder.
+    ///
+    /// # Errors
+    /// As for [`FileSet::check`] and [`atomic::write_folder`].
+    pub fn replace(&self, folder: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+        self.settle(folder)?;
+        self.check(folder)?;
+        storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        atomic::write_folder(&folder.join(NEW), fill)?;
+        self.settle(folder)
+    }
+
+    /// Puts a complete set in its place that a killed process did not.
+    ///
+    /// # Errors
+    /// A folder that cannot be written.
+    pub fn settle(&self, folder: &Path) -> Result<()> {
+        let new = folder.join(NEW);
+        if !new.exists() {
+            return Ok(());
+        }
+        let ours = self.is_complete(&new)? || self.is_complete(folder)?;
+        ensure!(ours, "{} is not of {} by this program; choose another folder", new.display(), self.name);
+        for name in self.files {
+            let (from, to) = (new.join(name), folder.join(name));
+            let Ok(described) = fs::symlink_metadata(&from) else { continue };
+            let replace = || {
+                match fs::symlink_metadata(&to) {
+                    Ok(before) if before.is_dir() => storage().remove_folder(&to)?,
+                    Ok(_) if described.is_dir() => storage().remove_file(&to)?,
+                    _ => {}
+                }
+                storage().rename(&from, &to)
+            };
+            replace().with_context(|| format!("cannot write {}", to.display()))?;
+        }
+        storage().sync(folder).with_context(|| format!("cannot write into {}", folder.display()))?;
+        storage().remove_folder(&new).with_context(|| format!("cannot remove {}", new.display()))
+    }
+
+    /// Whether a whole set of this program lies in a folder.
+    fn is_complete(&self, folder: &Path) -> Result<bool> {
+        let mark = self.files.last().expect("a set has files");
+        match storage::read(&folder.join(mark)) {
+            Ok(bytes) => Ok((self.recognizes)(&bytes)),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(error).with_context(|| format!("cannot read {}", folder.join(mark).display())),
+        }
+    }
+}
+
+/// Whether a JSON text is an object, or a list of objects, with all of these keys.
+pub fn has_keys(bytes: &[u8], keys: &[&str]) -> bool {
+    let has = |value: &Value| keys.iter().all(|key| value.get(key).is_some());
+    match serde_json::from_slice(bytes) {
+        Ok(Value::Array(rows)) => rows.iter().all(has),
+        Ok(object) => has(&object),
+        Err(_) => false,
+    }
+}
+
+/// Whether a place, where nothing need be yet, is an input or lies in it.
+fn is_of(place: &Path, input: &Path) -> bool {
+    let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let there = fs::canonicalize(place)
+        .or_else(|_| fs::canonicalize(folder).map(|folder| folder.join(place.file_name().unwrap_or_default())));
+    there.ok().zip(fs::canonicalize(input).ok()).is_some_and(|(place, input)| place.starts_with(input))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    const SCORES: Kind = Kind { name: "scores", recognizes: |bytes| has_keys(bytes, &["run", "scores"]) };
+    const SET: FileSet =
+        FileSet { name: "a result", files: &["pictures", "page", "mark"], recognizes: |bytes| bytes == b"ours" };
+
+    #[test]
+    fn a_file_is_replaced_if_the_program_wrote_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("ours"), r#"{"run": "r", "scores": {}}"#).unwrap();
+        fs::write(at("other"), r#"{"run": "r"}"#).unwrap();
+        fs::write(at("empty"), "").unwrap();
+        symlink("other", at("link")).unwrap();
+        symlink("nothing", at("open")).unwrap();
+        for name in ["ours", "new", "empty", "open"] {
+            SCORES.check(&at(name), &[]).unwrap();
+        }
+        assert_eq!(SCORES.check(&at("open"), &[]).unwrap(), at("nothing"));
+        for name in ["other", "link"] {
+            let error = SCORES.check(&at(name), &[]).unwrap_err().to_string();
+            assert!(error.contains("does not hold scores"), "{error}");
+        }
+        let error = SCORES.check(&at("ours"), &[&at("./ours")]).unwrap_err().to_string();
+        assert!(error.contains("input of this call"), "{error}");
+        // A file beside the pictures of a folder would be one of them.
+        assert!(SCORES.check(&at("new"), &[folder.path()]).is_err());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 5, "a trial left something");
+    }
+
+    /// What a killed process left complete is put in its place; what is not ours is never replaced.
+    #[test]
+    fn a_set_is_replaced_as_a_whole() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("out");
+        let text = |name: &str| fs::read_to_string(folder.join(name)).ok();
+        let fill = |page: &'static str| {
+            move |new: &Path| {
+                fs::create_dir(new.join("pictures"))?;
+                fs::write(new.join(format!("pictures/{page}")), "")?;
+                fs::write(new.join("page"), page)?;
+                Ok(fs::write(new.join("mark"), "ours")?)
+            }
+        };
+        fs::create_dir(&folder).unwrap();
+        fs::write(folder.join("page"), "dear diary").unwrap();
+        let error = SET.replace(&folder, fill("first")).unwrap_err().to_string();
+        assert!(error.contains("\"page\", which is not of a result"), "{error}");
+        assert_eq!(text("page").unwrap(), "dear diary");
+        fs::rename(folder.join("page"), folder.join("diary")).unwrap();
+        SET.replace(&folder, fill("first")).unwrap();
+        SET.replace(&folder, |_| bail!("no space")).unwrap_err();
+        assert_eq!(text("page").unwrap(), "first");
+        atomic::write_folder(&folder.join(NEW), fill("second")).unwrap();
+        fs::rename(folder.join(".new/page"), folder.join("page")).unwrap();
+        SET.settle(&folder).unwrap();
+        assert_eq!(["page", "mark", "diary"].map(text), ["second", "ours", "dear diary"].map(|it| Some(it.into())));
+        assert!(folder.join("pictures/second").exists() && !folder.join("pictures/first").exists());
+        assert!(!folder.join(NEW).exists());
+    }
+}

@@ -13,6 +13,8 @@ use crate::support::storage;
 pub struct EquationFile {
     /// The file, for people.
     pub name: String,
+    /// What moves, in one line; empty where nothing is said.
+    pub summary: String,
     pub equation: EquationEntry,
     /// How many objects the file speaks of, if it does.
     pub objects: Option<usize>,
@@ -24,6 +26,8 @@ pub struct EquationFile {
 /// What is read of it; the rest is for those who learn or generate.
 #[derive(Deserialize)]
 struct Contents {
+    #[serde(default)]
+    summary: String,
     system: Part,
 }
 
@@ -36,16 +40,33 @@ struct Part {
 }
 
 impl EquationFile {
+    /// A built-in equation.
+    pub fn built_in(name: &str) -> Self {
+        EquationFile {
+            name: name.into(),
+            summary: super::builtin(name).map(|task| task.summary().to_string()).unwrap_or_default(),
+            equation: EquationEntry::Name(name.into()),
+            objects: None,
+            side: None,
+            dt: None,
+        }
+    }
+
     /// Reads `[system.equation]`, `system.objects`, `system.side` and `system.dt` where they are given.
     ///
     /// # Errors
     /// A file that cannot be read or holds no such table; the message names the key.
     pub fn read(path: &Path) -> Result<Self> {
-        let read = || -> Result<Self> {
-            let Contents { system: Part { objects, side, dt, equation } } =
-                toml::from_str(&storage::read_to_string(path)?)?;
-            Ok(EquationFile { name: path.display().to_string(), equation, objects, side, dt })
-        };
+        let read = || Self::from_text(&path.display().to_string(), &storage::read_to_string(path)?);
         read().with_context(|| format!("equation file {}", path.display()))
+    }
+
+    /// The same of a file's text.
+    ///
+    /// # Errors
+    /// A text without such a table.
+    pub fn from_text(name: &str, text: &str) -> Result<Self> {
+        let Contents { summary, system: Part { objects, side, dt, equation } } = toml::from_str(text)?;
+        Ok(EquationFile { name: name.into(), summary, equation, objects, side, dt })
     }
 }

@@ -9,6 +9,7 @@
 mod builtin;
 pub mod camera;
 pub mod equation_file;
+pub mod gallery;
 pub mod looks;
 pub mod published;
 pub mod scene;

@@ -1,5 +1,6 @@
 //! Tools for development, `cargo xtask TOOL`: faults, kills, fuzzing, resources, coverage of intervals.
 
+mod equation_choice;
 mod fuzz;
 #[path = "../../tests/common/inputs.rs"]
 mod inputs;
@@ -9,8 +10,10 @@ mod programs;
 mod project;
 mod resources;
 mod seeds;
+mod synthetic_video;
 mod torture;
 mod torture_report;
+mod trajectory;
 
 use anyhow::Result;
 use clap::Parser;
@@ -25,6 +28,8 @@ enum Tool {
     TortureReport,
     IntervalCoverage(interval_coverage::Arguments),
     Seeds(seeds::Arguments),
+    EquationChoice(equation_choice::Arguments),
+    SyntheticVideo(synthetic_video::Arguments),
 }
 
 fn main() -> Result<()> {
@@ -35,5 +40,7 @@ fn main() -> Result<()> {
         Tool::TortureReport => torture_report::run(),
         Tool::IntervalCoverage(arguments) => interval_coverage::run(&arguments),
         Tool::Seeds(arguments) => seeds::run(&arguments),
+        Tool::EquationChoice(arguments) => equation_choice::run(&arguments),
+        Tool::SyntheticVideo(arguments) => synthetic_video::run(&arguments),
     }
 }

@@ -2,6 +2,7 @@
 
 use paig::support::significant::significant;
 use paig_terminal::say;
+use paig_video::measure::EXTENDED;
 use paig_video::measure::results::Measurement;
 
 /// Prints the quantities with their intervals, the prediction of what was held out, and the comparison of equations.
@@ -33,6 +34,17 @@ pub fn print_measurement(it: &Measurement) {
         let name = &other.equation;
         let (left, held_out) = (other.residual, other.held_out_error);
         say!("{name:<44}{:>9}{left:>10.4}{held_out:>10.4}{:>12.1}{:>12.1}", other.unknowns, other.aic, other.bic);
+    }
+    if let Some(missing) = &it.missing {
+        say!("\nmissing term: {} (BIC better by {:.0})", missing.name, missing.gain);
+        for quantity in &missing.quantities {
+            let interval = quantity.interval(|end| significant(end, 4)).unwrap_or("-".into());
+            say!("  {} {} {} [{interval}]", quantity.name, significant(quantity.value, 4), quantity.unit);
+        }
+        let [before, after] = missing.held_out_error;
+        say!(
+            "  held-out error {before:.4} -> {after:.4} {unit}; measure with it: --equation {EXTENDED}, beside these results"
+        );
     }
     it.notes.iter().for_each(|note| say!("note: {note}"));
     if let Some(verdict) = &it.verdict {

@@ -24,6 +24,10 @@ const NOISE_RANK: f32 = 0.385;
 const FAR: f32 = 6.0;
 /// Share of the samples in another state from which on it may be the background.
 const LEAST_OTHER: f32 = 0.15;
+/// Distance from the median of values whose mean is taken, levels.
+const NEAR: f32 = 2.5;
+/// Values that are sorted side by side.
+const LANES: usize = 16;
 /// Least noise, levels: rounding and compression.
 const LEAST_NOISE: f32 = 0.7;
 
@@ -104,28 +108,27 @@ impl Samples {
         let mut noise = vec![0.0_f32; width * height];
         levels.par_chunks_mut(width * 3).zip(noise.par_chunks_mut(width)).enumerate().for_each(
             |(y, (levels, noise))| {
-                let mut free: Vec<usize> = Vec::with_capacity(self.frames.len());
-                let mut values: Vec<f32> = Vec::with_capacity(self.frames.len());
+                let mut spreads = vec![0.0_f32; width * 3];
+                self.of_row(y, &tables, levels, &mut spreads);
                 let rows: Vec<&[(u32, u32, u32)]> =
-                    (0..self.frames.len()).map(|i| occupied.map_or(&[][..], |masks| masks[i].row(y))).collect();
-                for x in 0..width {
+                    occupied.map_or(Vec::new(), |masks| masks.iter().map(|mask| mask.row(y)).collect());
+                for x in partly_occupied(&rows, width) {
                     let holds = |run: &(u32, u32, u32)| (run.1..run.2).contains(&(x as u32));
-                    free.clear();
-                    free.extend((0..self.frames.len()).filter(|&i| !rows[i].iter().any(holds)));
+                    let free: Vec<usize> = (0..rows.len()).filter(|&i| !rows[i].iter().any(holds)).collect();
+                    // One that is occupied nearly always keeps what all samples say.
                     if free.len() < least {
-                        free.clear();
-                        free.extend(0..self.frames.len());
+                        continue;
                     }
-                    let mut spread = 0.0_f32;
-                    for channel in 0..3 {
-                        let place = (y * width + x) * 3 + channel;
-                        values.clear();
-                        values.extend(free.iter().map(|&i| tables[i][channel][self.frames[i].1[place] as usize]));
-                        let (level, deviation) = level_and_noise(&mut values);
-                        levels[x * 3 + channel] = level;
-                        spread = spread.max(deviation);
+                    for place in 3 * x..3 * x + 3 {
+                        let channel = place - 3 * x;
+                        let level = |&i: &usize| tables[i][channel][self.frames[i].1[y * width * 3 + place] as usize];
+                        let mut values: Vec<f32> = free.iter().map(level).collect();
+                        values.sort_unstable_by(f32::total_cmp);
+                        (levels[place], spreads[place]) = level_and_noise(values.len(), |rank| values[rank]);
                     }
-                    noise[x] = spread;
+                }
+                for (noise, spreads) in noise.iter_mut().zip(spreads.chunks(3)) {
+                    *noise = spreads.iter().copied().fold(0.0, f32::max);
                 }
             },
         );
@@ -142,6 +145,26 @@ impl Samples {
             levels,
             precision: Array2::from_shape_vec((height, width), precision).expect("one value for each pixel"),
             noise: typical,
+        }
+    }
+
+    /// Levels and their noise in all samples of a row, `[width, 3]`.
+    fn of_row(&self, y: usize, tables: &[[[f32; 256]; 3]], levels: &mut [f32], spreads: &mut [f32]) {
+        let count = self.frames.len();
+        let first = y * levels.len();
+        let mut sorted = vec![[0.0_f32; LANES]; count];
+        for start in (0..levels.len()).step_by(LANES) {
+            let lanes = LANES.min(levels.len() - start);
+            for ((values, (_, bytes)), tables) in sorted.iter_mut().zip(&self.frames).zip(tables) {
+                let bytes = &bytes[first + start..first + start + lanes];
+                for (lane, (value, byte)) in values.iter_mut().zip(bytes).enumerate() {
+                    *value = tables[(start + lane) % 3][*byte as usize];
+                }
+            }
+            sort_lanes(&mut sorted);
+            for place in start..start + lanes {
+                (levels[place], spreads[place]) = level_and_noise(count, |rank| sorted[rank][place - start]);
+            }
         }
     }
 
@@ -207,22 +230,65 @@ fn other_state(pixels: impl Iterator<Item = [f32; 3]>, level: [f32; 3], limit: f
     Some(state)
 }
 
-/// Level and noise of one channel of a pixel: mean of the values near the median, and a low rank of the deviations.
-fn level_and_noise(values: &mut [f32]) -> (f32, f32) {
-    let middle = values.len() / 2;
-    let centre = *values.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let (mut total, mut count) = (0.0, 0.0);
-    for value in values.iter_mut() {
-        // Rounded levels repeat, so the mean of near ones is finer than the median.
-        if (*value - centre).abs() <= 2.5 {
-            total += *value;
-            count += 1.0_f32;
-        }
-        *value = (*value - centre).abs();
+/// Pixels of a row that are occupied in at least one sample.
+fn partly_occupied(rows: &[&[(u32, u32, u32)]], width: usize) -> impl Iterator<Item = usize> {
+    let mut occupied = vec![false; if rows.is_empty() { 0 } else { width }];
+    for run in rows.iter().copied().flatten() {
+        occupied[run.1 as usize..(run.2 as usize).min(width)].fill(true);
     }
-    let rank = ((values.len() - 1) as f64 * NOISE_SHARE).round() as usize;
-    let deviation = *values.select_nth_unstable_by(rank, f32::total_cmp).1;
-    (total / count, deviation / NOISE_RANK)
+    occupied.into_iter().enumerate().filter_map(|(x, occupied)| occupied.then_some(x))
+}
+
+/// Sorts each lane by itself: the comparisons of a merge sort by odd and even places (Batcher 1968) depend on no value, so that all
+/// lanes go through them together.
+fn sort_lanes(rows: &mut [[f32; LANES]]) {
+    let count = rows.len();
+    let mut sorted = 1;
+    while sorted < count {
+        let mut apart = sorted;
+        while apart > 0 {
+            for start in (apart % sorted..count.saturating_sub(apart)).step_by(2 * apart) {
+                for low in start..(start + apart).min(count - apart) {
+                    let high = low + apart;
+                    if low / (2 * sorted) == high / (2 * sorted) {
+                        let (before, after) = rows.split_at_mut(high);
+                        for (a, b) in before[low].iter_mut().zip(&mut after[0]) {
+                            (*a, *b) = if *a < *b { (*a, *b) } else { (*b, *a) };
+                        }
+                    }
+                }
+            }
+            apart /= 2;
+        }
+        sorted *= 2;
+    }
+}
+
+/// Level and noise of one channel of a pixel, from its values by rank: mean of the values near the median, and a low rank of the
+/// deviations.
+fn level_and_noise(count: usize, value: impl Fn(usize) -> f32) -> (f32, f32) {
+    let middle = count / 2;
+    let centre = value(middle);
+    let rank = ((count - 1) as f64 * NOISE_SHARE).round() as usize;
+    let (mut total, mut near, mut deviation) = (centre, 1.0_f32, 0.0_f32);
+    // From the median outwards, by descending nearness.
+    let (mut below, mut above) = (middle, middle + 1);
+    for place in 1..count {
+        let left = if below > 0 { centre - value(below - 1) } else { f32::INFINITY };
+        let right = if above < count { value(above) - centre } else { f32::INFINITY };
+        let away = left.min(right);
+        if place <= rank {
+            deviation = away;
+        }
+        // Rounded levels repeat, so the mean of near ones is finer than the median.
+        if away <= NEAR {
+            (total, near) = (total + if left <= right { centre - left } else { centre + right }, near + 1.0);
+        } else if place > rank {
+            break;
+        }
+        if left <= right { below -= 1 } else { above += 1 }
+    }
+    (total / near, deviation / NOISE_RANK)
 }
 
 #[cfg(test)]
@@ -258,6 +324,29 @@ mod tests {
         for x in 0..20 {
             assert!((second.levels[[7, x, 1]] - (50 + 3 * x) as f32).abs() < 1e-4);
         }
+    }
+
+    #[test]
+    fn lanes_of_any_number_of_values_are_sorted() {
+        for count in 0..40 {
+            let value = |row: usize, lane: usize| ((row * 7919 + lane * 104_729) % 31) as f32;
+            let mut rows: Vec<[f32; LANES]> =
+                (0..count).map(|row| std::array::from_fn(|lane| value(row, lane))).collect();
+            sort_lanes(&mut rows);
+            for lane in 0..LANES {
+                let mut expected: Vec<f32> = (0..count).map(|row| value(row, lane)).collect();
+                expected.sort_by(f32::total_cmp);
+                assert_eq!(rows.iter().map(|row| row[lane]).collect::<Vec<_>>(), expected);
+            }
+        }
+    }
+
+    /// Of 0, 10, 11, 11, 12, 30: the median by rank is 11, near it lie 10, 11, 11 and 12, and the second smallest deviation is 0, the
+    /// third 1.
+    #[test]
+    fn level_and_noise_are_those_near_the_median() {
+        let values = [0.0, 10.0, 11.0, 11.0, 12.0, 30.0];
+        assert_eq!(level_and_noise(6, |rank| values[rank]), (11.0, 1.0 / NOISE_RANK));
     }
 
     #[test]

@@ -283,7 +283,7 @@ fn impacts(tracking: &Tracking, track: &Track, frames: &Range<usize>) -> Vec<usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::Scene;
+    use crate::synthetic::{Mover, Scene};
     use crate::time_base::Clock;
     use crate::video::{Clip, Video, Visitor};
     use crate::{Error, Options, track};
@@ -310,7 +310,7 @@ mod tests {
     }
 
     fn of(positions: Vec<[f64; 2]>) -> Vec<Segment> {
-        let scene = Scene { positions, seed: 11, ..Scene::default() };
+        let scene = Scene { seed: 11, ..Scene::of(Mover::at(positions)) };
         let clip = Timed(Clip::new(scene.render()).unwrap());
         segments(&track(&clip, &Options { objects: 1, ..Options::default() }).unwrap())
     }

@@ -282,12 +282,12 @@ fn motion(key: &Key, pyramid: &[Plane], guess: Similarity) -> Option<Motion> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::Scene;
+    use crate::synthetic::{Mover, Scene};
     use crate::video::Clip;
 
     fn survey(scene: &Scene) -> Vec<Coarse> {
         let clip = Clip::new(scene.render()).unwrap();
-        Survey::read(&clip, 0..scene.positions.len(), 1, &[]).unwrap().coarse
+        Survey::read(&clip, 0..scene.frames(), 1, &[]).unwrap().coarse
     }
 
     fn furthest(coarse: &[Coarse], camera: impl Fn(usize) -> [f64; 2]) -> f64 {
@@ -304,7 +304,7 @@ mod tests {
     fn a_large_object_before_a_standing_camera_leaves_the_background_where_it_is() {
         let positions = (0..40).map(|f| [60.0 + 5.0 * f64::from(f), 120.0]).collect();
         // 100 pixels wide and high: two thirds of the frame's height.
-        let scene = Scene { positions, axes: [80.0, 90.0], texture: 60.0, ..Scene::default() };
+        let scene = Scene::of(Mover { axes: [80.0, 90.0], texture: 60.0, ..Mover::at(positions) });
         let furthest = furthest(&survey(&scene), |_| [0.0; 2]);
         assert!(furthest < 0.15, "{furthest}");
     }
@@ -314,9 +314,8 @@ mod tests {
         let camera = |frame: usize| [-9.0 * frame as f64, 25.0 * (frame as f64 * 0.2).sin()];
         let positions = (0..60).map(|f| [150.0 + 9.0 * f as f64, 120.0]).collect();
         let scene = Scene {
-            positions,
             camera: (0..60).map(|f| [camera(f)[0], camera(f)[1], 0.0]).collect(),
-            ..Scene::default()
+            ..Scene::of(Mover::at(positions))
         };
         // Seven key frames, each registered to a few hundredths of a pixel.
         let furthest = furthest(&survey(&scene), camera);

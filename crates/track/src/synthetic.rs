@@ -1,4 +1,4 @@
-//! Synthetic videos with known positions: a textured ellipse over a textured background.
+//! Synthetic videos with known positions: textured ellipses over a textured background.
 
 use ndarray::{Array3, Array4};
 use rayon::prelude::*;
@@ -17,27 +17,64 @@ pub struct Shadow {
     pub light: f64,
 }
 
-/// Scene to render. `Default` is a disc of 12 pixels that rests at the origin.
+/// Textured ellipse that moves. `Default` is a disc of 12 pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mover {
+    /// Centre in each frame at mid-exposure, pixels.
+    pub positions: Vec<[f64; 2]>,
+    /// Angle in each frame, radians; 0 where absent.
+    pub angles: Vec<f64>,
+    /// Semi-axes, pixels.
+    pub axes: [f64; 2],
+    /// Mean colour, levels.
+    pub colour: [f64; 3],
+    /// Contrast of the texture, levels.
+    pub texture: f64,
+    pub shadow: Option<Shadow>,
+}
+
+impl Default for Mover {
+    fn default() -> Self {
+        Self {
+            positions: Vec::new(),
+            angles: Vec::new(),
+            axes: [12.0, 12.0],
+            colour: [190.0, 70.0, 50.0],
+            texture: 20.0,
+            shadow: None,
+        }
+    }
+}
+
+impl Mover {
+    /// A disc of 12 pixels with its centre at these places.
+    pub fn at(positions: Vec<[f64; 2]>) -> Self {
+        Self { positions, ..Self::default() }
+    }
+
+    /// Steps within the exposure of a frame, relative to its position.
+    fn blur(&self, frame: usize, shutter: f64) -> Vec<[f64; 2]> {
+        let last = self.positions.len() - 1;
+        let (before, after) = (frame.saturating_sub(1), (frame + 1).min(last));
+        let frames = (after - before).max(1) as f64;
+        let way = [0, 1].map(|a| (self.positions[after][a] - self.positions[before][a]) / frames * shutter);
+        let steps = (2.0 * way[0].hypot(way[1])).ceil().clamp(1.0, 40.0) as usize;
+        (0..steps).map(|k| way.map(|w| w * ((k as f64 + 0.5) / steps as f64 - 0.5))).collect()
+    }
+}
+
+/// Scene to render.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
     pub size: Size,
-    /// Centre of the object in each frame at mid-exposure, pixels.
-    pub positions: Vec<[f64; 2]>,
-    /// Angle of the object in each frame, radians; 0 where absent.
-    pub angles: Vec<f64>,
-    /// Semi-axes of the object, pixels.
-    pub axes: [f64; 2],
-    /// Mean colour of the object, levels.
-    pub colour: [f64; 3],
-    /// Contrast of the object's texture, levels.
-    pub texture: f64,
+    /// Drawn in this order, with as many positions each.
+    pub movers: Vec<Mover>,
     /// Mean colour of the background, levels.
     pub background: [f64; 3],
     /// Contrast of the background's texture, levels.
     pub background_texture: f64,
     /// Exposure time over the time between frames.
     pub shutter: f64,
-    pub shadow: Option<Shadow>,
     /// Standard deviation of the pixels' noise, levels.
     pub noise: f64,
     /// Change of brightness from the first to the last frame, as a factor less 1.
@@ -56,15 +93,10 @@ impl Default for Scene {
     fn default() -> Self {
         Self {
             size: Size { width: 320, height: 240 },
-            positions: Vec::new(),
-            angles: Vec::new(),
-            axes: [12.0, 12.0],
-            colour: [190.0, 70.0, 50.0],
-            texture: 20.0,
+            movers: Vec::new(),
             background: [120.0, 125.0, 118.0],
             background_texture: 25.0,
             shutter: 0.3,
-            shadow: None,
             noise: 2.0,
             drift: 0.0,
             flicker: 0.0,
@@ -76,49 +108,35 @@ impl Default for Scene {
 }
 
 impl Scene {
+    /// A mover before a background with the standard settings.
+    pub fn of(mover: Mover) -> Self {
+        Self { movers: vec![mover], ..Self::default() }
+    }
+
+    pub fn frames(&self) -> usize {
+        self.movers.iter().map(|mover| mover.positions.len()).max().unwrap_or(0)
+    }
+
     /// Renders all frames, `[frames, height, width, 3]`.
     pub fn render(&self) -> Array4<u8> {
         let Size { width, height } = self.size;
-        let mut bytes = vec![0; self.positions.len() * height * width * 3];
-        bytes.par_chunks_mut(height * width * 3).enumerate().for_each(|(frame, image)| self.frame(frame, image));
-        Array4::from_shape_vec((self.positions.len(), height, width, 3), bytes).expect("one byte for each sample")
+        let renderer = Renderer::new(self);
+        let mut bytes = vec![0; self.frames() * height * width * 3];
+        let images = bytes.par_chunks_mut(height * width * 3).enumerate();
+        images.for_each(|(frame, image)| renderer.frame(frame, image));
+        Array4::from_shape_vec((self.frames(), height, width, 3), bytes).expect("one byte for each sample")
     }
 
-    fn frame(&self, frame: usize, image: &mut [u8]) {
-        let Size { width, height } = self.size;
-        let mut random = Random::new(self.seed ^ (frame as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
-        let [x, y, angle] = self.camera.get(frame).copied().unwrap_or([0.0; 3]);
-        let translation = [x + self.shake * random.normal(), y + self.shake * random.normal()];
-        let camera = Similarity { a: angle.cos(), b: angle.sin(), u: translation[0], v: translation[1] };
-        let scene = camera.inverse();
-        let time = frame as f64 / (self.positions.len().max(2) - 1) as f64;
-        let light = (1.0 + self.drift * time) * (1.0 + self.flicker * random.normal());
-        let mut levels = Array3::<f64>::zeros((height, width, 3));
-        for ((y, x, c), level) in levels.indexed_iter_mut() {
+    fn background(&self, scene: &Similarity) -> Array3<f64> {
+        let level = |(y, x, c): (usize, usize, usize)| {
             let at = scene.apply([x as f64, y as f64]);
-            *level = self.background[c] + self.background_texture * texture(at, 17.0, self.seed + c as u64 / 2);
-        }
-        if let Some(shadow) = self.shadow {
-            self.shade(&mut levels, frame, &camera, shadow);
-        }
-        self.draw(&mut levels, frame, &camera);
-        for (to, level) in image.iter_mut().zip(&levels) {
-            *to = (level * light + self.noise * random.normal()).round().clamp(0.0, 255.0) as u8;
-        }
+            self.background[c] + self.background_texture * texture(at, 17.0, self.seed + c as u64 / 2)
+        };
+        Array3::from_shape_fn((self.size.height, self.size.width, 3), level)
     }
 
-    /// Steps of the object within the exposure of a frame, relative to its position.
-    fn blur(&self, frame: usize) -> Vec<[f64; 2]> {
-        let last = self.positions.len() - 1;
-        let (before, after) = (frame.saturating_sub(1), (frame + 1).min(last));
-        let frames = (after - before).max(1) as f64;
-        let way = [0, 1].map(|a| (self.positions[after][a] - self.positions[before][a]) / frames * self.shutter);
-        let steps = (2.0 * way[0].hypot(way[1])).ceil().clamp(1.0, 40.0) as usize;
-        (0..steps).map(|k| way.map(|w| w * ((k as f64 + 0.5) / steps as f64 - 0.5))).collect()
-    }
-
-    fn shade(&self, levels: &mut Array3<f64>, frame: usize, camera: &Similarity, shadow: Shadow) {
-        let centre = camera.apply([0, 1].map(|a| self.positions[frame][a] + shadow.offset[a]));
+    fn shade(&self, levels: &mut Array3<f64>, at: [f64; 2], camera: &Similarity, shadow: Shadow) {
+        let centre = camera.apply([0, 1].map(|a| at[a] + shadow.offset[a]));
         let (height, width, _) = levels.dim();
         for y in span(centre[1], shadow.axes[1] + 8.0, height) {
             for x in span(centre[0], shadow.axes[0] + 8.0, width) {
@@ -130,12 +148,13 @@ impl Scene {
         }
     }
 
-    fn draw(&self, levels: &mut Array3<f64>, frame: usize, camera: &Similarity) {
-        let steps = self.blur(frame);
+    fn draw(&self, levels: &mut Array3<f64>, (place, frame): (usize, usize), camera: &Similarity) {
+        let mover = &self.movers[place];
+        let steps = mover.blur(frame, self.shutter);
         let way = steps.iter().map(|s| s[0].hypot(s[1])).fold(0.0, f64::max);
-        let reach = self.axes[0].max(self.axes[1]) + way + 2.0;
-        let centre = camera.apply(self.positions[frame]);
-        let (sin, cos) = (self.angles.get(frame).copied().unwrap_or(0.0) + camera.angle()).sin_cos();
+        let reach = mover.axes[0].max(mover.axes[1]) + way + 2.0;
+        let centre = camera.apply(mover.positions[frame]);
+        let (sin, cos) = (mover.angles.get(frame).copied().unwrap_or(0.0) + camera.angle()).sin_cos();
         let (height, width, _) = levels.dim();
         for y in span(centre[1], reach, height) {
             for x in span(centre[0], reach, width) {
@@ -143,15 +162,59 @@ impl Scene {
                 for step in &steps {
                     let at = [x as f64 - centre[0] - step[0], y as f64 - centre[1] - step[1]];
                     let own = [cos * at[0] + sin * at[1], cos * at[1] - sin * at[0]];
-                    let part = cover(own, self.axes, 1.0) / steps.len() as f64;
+                    let part = cover(own, mover.axes, 1.0) / steps.len() as f64;
                     if part > 0.0 {
-                        let pattern = self.texture * texture(own, 7.0, self.seed + 99);
+                        let pattern = mover.texture * texture(own, 7.0, self.seed + 99 + 13 * place as u64);
                         share += part;
-                        (0..3).for_each(|c| colour[c] += part * (self.colour[c] + pattern));
+                        (0..3).for_each(|c| colour[c] += part * (mover.colour[c] + pattern));
                     }
                 }
                 (0..3).for_each(|c| levels[[y, x, c]] = (1.0 - share) * levels[[y, x, c]] + colour[c]);
             }
+        }
+    }
+}
+
+/// Renders the frames of a scene one by one.
+#[derive(Debug)]
+pub struct Renderer<'a> {
+    scene: &'a Scene,
+    /// Of a camera that stands.
+    background: Option<Array3<f64>>,
+    /// Quantiles of the standard normal distribution in random order: quicker to draw from than a formula.
+    normal: Vec<f64>,
+}
+
+impl<'a> Renderer<'a> {
+    pub fn new(scene: &'a Scene) -> Self {
+        let stands = scene.camera.is_empty() && scene.shake == 0.0;
+        let background = stands.then(|| scene.background(&Similarity::IDENTITY));
+        let mut random = Random::new(scene.seed);
+        Renderer { scene, background, normal: (0..1 << 16).map(|_| random.normal()).collect() }
+    }
+
+    /// Renders one frame into `image`, `[height, width, 3]`.
+    pub fn frame(&self, frame: usize, image: &mut [u8]) {
+        let scene = self.scene;
+        let mut random = Random::new(scene.seed ^ (frame as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let [x, y, angle] = scene.camera.get(frame).copied().unwrap_or([0.0; 3]);
+        let translation = [x + scene.shake * random.normal(), y + scene.shake * random.normal()];
+        let camera = Similarity { a: angle.cos(), b: angle.sin(), u: translation[0], v: translation[1] };
+        let time = frame as f64 / (scene.frames().max(2) - 1) as f64;
+        let light = (1.0 + scene.drift * time) * (1.0 + scene.flicker * random.normal());
+        let mut levels = match &self.background {
+            Some(background) => background.clone(),
+            None => scene.background(&camera.inverse()),
+        };
+        for mover in &scene.movers {
+            if let Some(shadow) = mover.shadow {
+                scene.shade(&mut levels, mover.positions[frame], &camera, shadow);
+            }
+        }
+        (0..scene.movers.len()).for_each(|place| scene.draw(&mut levels, (place, frame), &camera));
+        for (to, level) in image.iter_mut().zip(&levels) {
+            let noise = self.normal[random.next() as usize & (self.normal.len() - 1)];
+            *to = (level * light + scene.noise * noise).round().clamp(0.0, 255.0) as u8;
         }
     }
 }
@@ -190,6 +253,7 @@ fn lattice(x: i64, y: i64, seed: u64) -> f64 {
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014).
+#[derive(Debug)]
 struct Random(u64);
 
 impl Random {
@@ -197,12 +261,16 @@ impl Random {
         Self(seed)
     }
 
-    fn uniform(&mut self) -> f64 {
+    fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+        z ^ (z >> 31)
+    }
+
+    fn uniform(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
     /// Standard normal number (Box and Muller).
@@ -219,12 +287,10 @@ mod tests {
     #[test]
     fn the_centroid_of_a_plain_disc_is_its_position() {
         let scene = Scene {
-            positions: vec![[60.3, 41.7]; 2],
             size: Size { width: 120, height: 90 },
-            texture: 0.0,
             background_texture: 0.0,
             noise: 0.0,
-            ..Scene::default()
+            ..Scene::of(Mover { texture: 0.0, ..Mover::at(vec![[60.3, 41.7]; 2]) })
         };
         let frames = scene.render();
         let (mut total, mut moment) = (0.0, [0.0; 2]);

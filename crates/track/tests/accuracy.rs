@@ -1,6 +1,6 @@
 //! Accuracy and calibration on synthetic videos with known positions.
 
-use paig_track::synthetic::{Scene, Shadow};
+use paig_track::synthetic::{Mover, Scene, Shadow};
 use paig_track::{Camera, Clip, Method, Motion, Options, Similarity, Size, Track, Visibility, track};
 
 /// Errors of the visible frames along x and y, less their median (the template's centre is a convention), and the same in
@@ -10,7 +10,7 @@ fn errors(found: &Track, scene: &Scene) -> (Vec<[f64; 2]>, Vec<f64>) {
     let mut deviations = Vec::new();
     for point in found.points.iter().filter(|p| p.visibility == Visibility::Visible) {
         let measurement = point.measurement.unwrap();
-        let truth = scene.positions[point.frame];
+        let truth = scene.movers[0].positions[point.frame];
         errors.push([0, 1].map(|axis| measurement.position[axis] - truth[axis]));
         deviations.push([0, 1].map(|axis| measurement.covariance[axis][axis].sqrt()));
     }
@@ -30,7 +30,7 @@ fn accuracy(scene: &Scene) -> (f64, f64, Track) {
     let clip = Clip::new(scene.render()).unwrap();
     let first = track(&clip, &Options::default()).unwrap().tracks.remove(0);
     let (errors, normalised) = errors(&first, scene);
-    assert!(errors.len() * 10 >= scene.positions.len() * 8, "only {} frames are visible", errors.len());
+    assert!(errors.len() * 10 >= scene.frames() * 8, "only {} frames are visible", errors.len());
     let size = median(errors.iter().map(|e| e[0].hypot(e[1])).collect());
     let variance = normalised.iter().map(|z| z * z).sum::<f64>() / normalised.len() as f64;
     println!("median error {size:.4} px, variance of normalised errors {variance:.3}, {:?}", first.quality);
@@ -48,7 +48,7 @@ fn throw(frames: usize) -> Vec<[f64; 2]> {
 
 #[test]
 fn a_pendulum_before_a_textured_wall_is_found_to_a_tenth_of_a_pixel() {
-    let scene = Scene { positions: pendulum(120), ..Scene::default() };
+    let scene = Scene::of(Mover::at(pendulum(120)));
     let (size, variance, found) = accuracy(&scene);
     assert!(size < 0.1, "{size}");
     assert!((0.5..1.6).contains(&variance), "{variance}");
@@ -57,13 +57,12 @@ fn a_pendulum_before_a_textured_wall_is_found_to_a_tenth_of_a_pixel() {
 
 #[test]
 fn a_shadow_drift_and_flicker_do_not_move_a_thrown_ball() {
+    let shadow = Shadow { offset: [14.0, 18.0], axes: [12.0, 9.0], light: 0.7 };
     let scene = Scene {
-        positions: throw(50),
-        shadow: Some(Shadow { offset: [14.0, 18.0], axes: [12.0, 9.0], light: 0.7 }),
         drift: -0.15,
         flicker: 0.01,
         seed: 4,
-        ..Scene::default()
+        ..Scene::of(Mover { shadow: Some(shadow), ..Mover::at(throw(50)) })
     };
     let (size, variance, _) = accuracy(&scene);
     assert!(size < 0.1, "{size}");
@@ -73,8 +72,8 @@ fn a_shadow_drift_and_flicker_do_not_move_a_thrown_ball() {
 
 #[test]
 fn a_small_fast_ball_with_motion_blur_is_found() {
-    let scene =
-        Scene { positions: throw(50), axes: [4.0, 4.0], shutter: 0.6, texture: 0.0, seed: 8, ..Scene::default() };
+    let ball = Mover { axes: [4.0, 4.0], texture: 0.0, ..Mover::at(throw(50)) };
+    let scene = Scene { shutter: 0.6, seed: 8, ..Scene::of(ball) };
     let (size, variance, _) = accuracy(&scene);
     assert!(size < 0.1, "{size}");
     assert!((0.4..2.0).contains(&variance), "{variance}");
@@ -82,7 +81,7 @@ fn a_small_fast_ball_with_motion_blur_is_found() {
 
 #[test]
 fn a_shaking_camera_is_held_still() {
-    let scene = Scene { positions: pendulum(60), shake: 1.2, seed: 3, ..Scene::default() };
+    let scene = Scene { shake: 1.2, seed: 3, ..Scene::of(Mover::at(pendulum(60))) };
     let (size, _, _) = accuracy(&scene);
     assert!(size < 0.2, "{size}");
 }
@@ -112,7 +111,7 @@ fn camera_error(found: &Camera, scene: &Scene) -> f64 {
 
 #[test]
 fn a_hand_held_camera_is_registered_to_a_few_hundredths_of_a_pixel() {
-    let scene = Scene { positions: pendulum(60), camera: hand(60), seed: 3, ..Scene::default() };
+    let scene = Scene { camera: hand(60), seed: 3, ..Scene::of(Mover::at(pendulum(60))) };
     let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap();
     assert_eq!(found.camera.motion, Motion::Trembling, "{}", found.camera.line());
     let error = camera_error(&found.camera, &scene);
@@ -120,8 +119,8 @@ fn a_hand_held_camera_is_registered_to_a_few_hundredths_of_a_pixel() {
     // Positions are those of the reference frame.
     let [x, y, angle] = scene.camera[found.camera.reference];
     let reference = Similarity { a: angle.cos(), b: angle.sin(), u: x, v: y };
-    let positions = scene.positions.iter().map(|p| reference.apply(*p)).collect();
-    let (errors, _) = errors(&found.tracks[0], &Scene { positions, ..scene });
+    let positions = scene.movers[0].positions.iter().map(|p| reference.apply(*p)).collect();
+    let (errors, _) = errors(&found.tracks[0], &Scene::of(Mover::at(positions)));
     let size = median(errors.iter().map(|e| e[0].hypot(e[1])).collect());
     assert!(size < 0.1, "{size}");
 }
@@ -132,7 +131,7 @@ fn a_camera_that_follows_a_thrown_ball_gives_its_path_on_the_background() {
         (0..60).map(f64::from).map(|t| [60.0 + 9.0 * t, 200.0 - 6.0 * t + 0.1 * t * t]).collect();
     // The ball stays near the middle of the frame.
     let camera = positions.iter().map(|p| [140.0 - 0.9 * p[0], 20.0 - 0.1 * p[1], 0.0]).collect();
-    let scene = Scene { positions, camera, seed: 5, ..Scene::default() };
+    let scene = Scene { camera, seed: 5, ..Scene::of(Mover::at(positions)) };
     let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap();
     assert_eq!(found.camera.motion, Motion::Panning, "{}", found.camera.line());
     // Each frame hangs on edges of its own part of the background.
@@ -145,16 +144,15 @@ fn a_camera_that_follows_a_thrown_ball_gives_its_path_on_the_background() {
 #[test]
 fn a_large_object_before_a_standing_camera_does_not_move_it() {
     let positions = (0..50).map(|f| [60.0 + 4.0 * f64::from(f), 120.0]).collect();
-    let scene = Scene { positions, axes: [70.0, 90.0], texture: 50.0, ..Scene::default() };
+    let scene = Scene::of(Mover { axes: [70.0, 90.0], texture: 50.0, ..Mover::at(positions) });
     let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap();
     assert_eq!(found.camera.motion, Motion::Standing, "{}", found.camera.line());
 }
 
 #[test]
 fn a_cut_leaves_the_longest_scene() {
-    let one = Scene { positions: pendulum(30), ..Scene::default() }.render();
-    let other =
-        Scene { positions: pendulum(60), seed: 77, background: [60.0, 190.0, 90.0], ..Scene::default() }.render();
+    let one = Scene::of(Mover::at(pendulum(30))).render();
+    let other = Scene { seed: 77, background: [60.0, 190.0, 90.0], ..Scene::of(Mover::at(pendulum(60))) }.render();
     let both = ndarray::concatenate(ndarray::Axis(0), &[one.view(), other.view()]).unwrap();
     let found = track(&Clip::new(both).unwrap(), &Options::default()).unwrap();
     assert_eq!((found.camera.frames.clone(), &found.camera.cuts[..]), (30..90, &[30][..]));
@@ -165,7 +163,7 @@ fn a_cut_leaves_the_longest_scene() {
 fn an_object_that_rests_in_most_frames_is_removed_from_the_background() {
     let mut positions = vec![[100.0, 120.0]; 60];
     positions.extend((0..40).map(|f| [100.0 + 4.0 * f64::from(f), 120.0]));
-    let scene = Scene { positions, seed: 6, ..Scene::default() };
+    let scene = Scene { seed: 6, ..Scene::of(Mover::at(positions)) };
     let (size, _, found) = accuracy(&scene);
     assert!(size < 0.1, "{size}");
     assert!(found.points.iter().all(|p| p.visibility == Visibility::Visible));
@@ -174,7 +172,7 @@ fn an_object_that_rests_in_most_frames_is_removed_from_the_background() {
 #[test]
 fn frames_are_flagged_while_the_object_enters_and_before() {
     let positions = (0..60).map(|f| [-40.0 + 4.0 * f64::from(f), 100.0]).collect();
-    let scene = Scene { positions, size: Size { width: 240, height: 180 }, seed: 9, ..Scene::default() };
+    let scene = Scene { size: Size { width: 240, height: 180 }, seed: 9, ..Scene::of(Mover::at(positions)) };
     let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap().tracks.remove(0);
     assert_eq!(found.points[2].visibility, Visibility::Absent);
     assert_eq!(found.points[2].measurement, None);

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use paig::network::system::EquationEntry;
 use paig::support::device;
 use paig::tasks::equation_file::EquationFile;
 use paig_terminal::progress::Progress;
@@ -38,7 +37,8 @@ pub struct Arguments {
     /// Videos of one motion, or one run folder
     #[arg(required = true, value_name = "VIDEO or RUN")]
     paths: Vec<PathBuf>,
-    /// The equation: its name, or a file (.toml) with [system.equation] as in a task [default: falling, or the run's own]
+    /// The equation: its name (built in, or of configs/gallery), a file (.toml) with [system.equation] as in a task, or auto:
+    /// the one that explains the motion best [default: auto, or the run's own]
     #[arg(long, value_name = "NAME or FILE")]
     equation: Option<String>,
     /// File with an equation to be compared with; may be repeated
@@ -66,6 +66,9 @@ pub struct Arguments {
     threads: usize,
 }
 
+/// In place of an equation's name: chosen.
+const AUTO: &str = "auto";
+
 pub fn run(arguments: &Arguments) -> Result<()> {
     environment::set();
     let device = device::parse(&arguments.device)?;
@@ -77,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "one run folder is measured at a time; {} are given",
             arguments.paths.len()
         );
-        let equation = arguments.equation.as_deref().map(equation).transpose()?;
+        let equation = given_equation(arguments)?;
         let out = arguments.out.as_ref().unwrap_or(&arguments.paths[0]);
         (measure(&arguments.paths[0], &Request { equation, against }, out, device)?, out.clone())
     } else {
@@ -104,7 +107,7 @@ fn of_videos(arguments: &Arguments, against: &[EquationFile]) -> Result<(Measure
         y_up: scene.y_up,
         scale_points: scene.scale_points,
         tracker: scene.tracker,
-        equation: equation(arguments.equation.as_deref().unwrap_or("falling"))?,
+        equation: given_equation(arguments)?,
         objects: arguments.objects,
         hints,
         ignore,
@@ -126,16 +129,15 @@ fn named_after(video: &Path) -> PathBuf {
     PathBuf::from(format!("{}-measurement", stem.to_string_lossy()))
 }
 
+/// None where it is to be chosen, or is a run's own.
+fn given_equation(arguments: &Arguments) -> Result<Option<EquationFile>> {
+    arguments.equation.as_deref().filter(|name| *name != AUTO).map(equation).transpose()
+}
+
 /// An equation by its name or from a file.
 fn equation(named: &str) -> Result<EquationFile> {
     if named.ends_with(".toml") {
         return EquationFile::read(Path::new(named));
     }
-    Ok(EquationFile {
-        name: named.into(),
-        equation: EquationEntry::Name(named.into()),
-        objects: None,
-        side: None,
-        dt: None,
-    })
+    EquationFile::named(named)
 }

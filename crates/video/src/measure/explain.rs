@@ -158,11 +158,16 @@ pub struct Criteria {
 }
 
 impl Explained {
+    /// Independent residuals, of which `frames_in_one` frames hold as much as one.
+    pub fn independent(&self, frames_in_one: f64) -> f64 {
+        self.fitted.residuals.iter().flatten().count() as f64 / frames_in_one.max(1.0)
+    }
+
     /// Information criteria with as many independent positions as there are for `frames_in_one` frames that hold as much
     /// as one. Equations are compared with the same number.
     pub fn criteria(&self, frames_in_one: f64) -> Criteria {
         let residuals = || self.fitted.residuals.iter().flatten();
-        let independent = residuals().count() as f64 / frames_in_one.max(1.0);
+        let independent = self.independent(frames_in_one);
         // As in the fit, what is far off counts linearly.
         let huber = self.fitted.huber;
         let loss = |x: f64| if x.abs() <= huber { x * x } else { huber * (2.0 * x.abs() - huber) };

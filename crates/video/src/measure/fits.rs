@@ -42,11 +42,15 @@ pub(super) struct Fits {
 impl Fits {
     /// Whether the equation explains the whole recording, the held-out part with it.
     pub fn explain(&self) -> bool {
-        let coordinates = self.whole.dynamics.coordinates();
-        let Motion { noise, amplitude, .. } = Motion::of(&self.whole_tracks[0], coordinates);
-        let enough = (EXPLAINED * noise).max(SMALL * amplitude);
-        self.whole.fitted.usual_residual <= enough && self.judged.errors.held_out <= PREDICTED * enough
+        explains(&self.judged, &self.whole, &self.whole_tracks[0])
     }
+}
+
+/// Whether a fit to the whole of a track leaves little, and one that is judged predicts what was held out of it.
+pub(super) fn explains(judged: &Explained, whole: &Explained, track: &Track) -> bool {
+    let Motion { noise, amplitude, .. } = Motion::of(track, whole.dynamics.coordinates());
+    let enough = (EXPLAINED * noise).max(SMALL * amplitude);
+    whole.fitted.usual_residual <= enough && judged.errors.held_out <= PREDICTED * enough
 }
 
 impl Scene {
@@ -105,49 +109,50 @@ impl Scene {
         with_what_shows_beside(tracks, explained, self.piece)
     }
 
-    /// The equation and those it is compared with, fitted to the same positions.
-    pub(super) fn alternatives(
+    /// Other equations, fitted to the same positions.
+    pub(super) fn others(
         &self,
-        main: &Named,
-        explained: &Explained,
         against: &[Named],
         tracks: &[Track],
         known: &[Known],
-    ) -> Result<Vec<Alternative>> {
-        if against.is_empty() {
-            return Ok(Vec::new());
-        }
-        let (times, _) = self.per_coordinate();
-        let mut all = vec![(main.name.clone(), explained.clone())];
-        for Named { name, cell } in against {
+    ) -> Result<Vec<(String, Explained)>> {
+        let fitted = |Named { name, cell }: &Named| {
             let dynamics = self.dynamics(cell)?;
             let starts = starts(&dynamics, tracks, self.piece, (known, self.system.cell == *cell), None);
             let explained = explain(&dynamics, tracks, &starts);
             let explained = explained.with_context(|| format!("equation of {name}"))?;
-            all.push((name.clone(), self.with_what_is_beside(tracks, &explained)?.unwrap_or(explained)));
+            Ok((name.clone(), self.with_what_is_beside(tracks, &explained)?.unwrap_or(explained)))
+        };
+        against.iter().map(fitted).collect()
+    }
+
+    /// The equation and those it is compared with, side by side; none where it is compared with none.
+    pub(super) fn alternatives(&self, main: (String, Explained), others: Vec<(String, Explained)>) -> Vec<Alternative> {
+        if others.is_empty() {
+            return Vec::new();
         }
+        let (times, _) = self.per_coordinate();
+        let all: Vec<_> = std::iter::once(main).chain(others).collect();
         let frames_in_one = frames_in_one_of_best(all.iter().map(|(_, explained)| explained));
-        Ok(all
-            .into_iter()
-            .map(|(name, explained)| {
-                let criteria = explained.criteria(frames_in_one);
-                Alternative {
-                    equation: name,
-                    unknowns: criteria.unknowns,
-                    residual: times * explained.errors.learned,
-                    held_out_error: times * explained.errors.held_out,
-                    aic: criteria.aic,
-                    bic: criteria.bic,
-                    parameters: explained.parameters(&self.scale),
-                }
-            })
-            .collect())
+        let alternative = |(name, explained): (String, Explained)| {
+            let criteria = explained.criteria(frames_in_one);
+            Alternative {
+                equation: name,
+                unknowns: criteria.unknowns,
+                residual: times * explained.errors.learned,
+                held_out_error: times * explained.errors.held_out,
+                aic: criteria.aic,
+                bic: criteria.bic,
+                parameters: explained.parameters(&self.scale),
+            }
+        };
+        all.into_iter().map(alternative).collect()
     }
 }
 
 /// Frames that together hold as much as one independent one, by the residuals of the equation that leaves least: those of a wrong
 /// one hang together for long.
-fn frames_in_one_of_best<'a>(all: impl Iterator<Item = &'a Explained>) -> f64 {
+pub(super) fn frames_in_one_of_best<'a>(all: impl Iterator<Item = &'a Explained>) -> f64 {
     let residual = |explained: &Explained| explained.fitted.usual_residual;
     let best = all.min_by(|a, b| residual(a).total_cmp(&residual(b))).expect("at least the equation itself");
     bootstrap::frames_in_one(&best.fitted)

@@ -6,6 +6,7 @@
 //! The last quarter of each video is predicted from the rest and held against two baselines. Not in the original.
 
 pub mod bootstrap;
+mod candidates;
 pub mod clock;
 pub mod coverage;
 pub mod dynamics;
@@ -15,6 +16,7 @@ pub mod fit;
 mod fits;
 pub mod free_motion;
 pub mod judgement;
+mod missing_term;
 pub mod motion;
 mod native;
 pub mod normal_equations;
@@ -28,12 +30,17 @@ mod quantities;
 pub mod recording;
 pub mod results;
 pub mod scale;
+mod selection;
 pub mod shown;
 pub mod sight;
 pub mod starts;
 pub mod table;
+pub mod trials;
 mod trust;
+mod view;
 
+use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -42,17 +49,21 @@ use anyhow::{Context, Result, ensure};
 use tch::Device;
 
 use self::bootstrap::bootstrap;
+use self::candidates::Candidate;
 use self::explain::{Explained, constant_velocity};
 use self::fits::Fits;
 use self::free_motion::free_motion;
 use self::judgement::{Evidence, judge};
+use self::missing_term::missing_term;
 use self::motion::Motion;
 use self::native::{By, Tracked};
 use self::of_run::Learned;
+use self::of_video::Equation;
 pub use self::of_video::VideoRequest;
 use self::pictures::{Pictures, filmed};
 use self::recording::{Observation, Scene};
 use self::results::{Measurement, Quantity};
+use self::selection::Selection;
 use self::starts::Known;
 use paig::Error;
 use paig::network::cells::{CellKind, Equations};
@@ -66,6 +77,11 @@ use paig::support::output::FileSet;
 use paig::support::storage::storage;
 use paig::tasks::equation_file::EquationFile;
 use paig::training::saved::load_model;
+
+/// File of an equation with the term that it lacks.
+pub const EXTENDED: &str = "extended-equation.toml";
+/// What it holds where no term is missing.
+const NOTHING_MISSING: &str = "# The equation lacks none of the terms that were tried.\n";
 
 /// An equation to be compared.
 #[derive(Debug, Clone)]
@@ -215,9 +231,13 @@ pub fn measure_videos(videos: &VideoRequest, against: &[EquationFile], out: &Pat
         ensure_no_run(out)?;
         FILES.settle(out)?;
         FILES.check(out)?;
-        let (subject, own) = videos.subject()?;
+        let (subject, equation) = videos.subject()?;
         make_folder(out)?;
-        subject.measure(own, &Request { equation: None, against: against.to_vec() }, out, begun)
+        let request = Request { equation: None, against: against.to_vec() };
+        match equation {
+            Equation::Given(own) => subject.measure(own, &request, out, begun),
+            Equation::OneOf(candidates) => subject.by_the_best(&candidates)?.measure_by(&request, out, begun),
+        }
     };
     Ok(measured()?)
 }
@@ -225,7 +245,7 @@ pub fn measure_videos(videos: &VideoRequest, against: &[EquationFile], out: &Pat
 /// The files of a measurement. The numbers come last: they show whose the others are.
 const FILES: FileSet = FileSet {
     name: "a measurement",
-    files: &["positions.csv", "overlay.gif", page::POSITIONS, page::PAGE, results::MEASUREMENT],
+    files: &["positions.csv", "overlay.gif", page::POSITIONS, page::PAGE, EXTENDED, results::MEASUREMENT],
     recognizes: Measurement::is_in,
 };
 
@@ -259,17 +279,22 @@ fn cut_to_free_motion(
     if free.frames.len() == all {
         return Ok(None);
     }
-    let number = |place: usize| scene.recordings[0].numbers.get(place).copied().unwrap_or(place as u64);
-    let note = format!(
-        "the equation explains frames {}..{} of {} to {}: the others are left out (--frames chooses a part)",
-        number(free.frames.start),
-        number(free.frames.end - 1) + 1,
-        number(0),
-        number(all - 1)
-    );
+    let note = note_of_part(&scene.recordings[0].numbers, &free.frames, all);
     observations.iter_mut().for_each(|observation| observation.cut(&free.frames, all));
     scene.cut(free.frames);
     Ok(Some(note))
+}
+
+/// Which of `all` frames are taken, by their numbers in the video.
+fn note_of_part(numbers: &[u64], part: &Range<usize>, all: usize) -> String {
+    let number = |place: usize| numbers.get(place).copied().unwrap_or(place as u64);
+    format!(
+        "the equation explains frames {}..{} of {} to {}: the others are left out (--frames chooses a part)",
+        number(part.start),
+        number(part.end - 1) + 1,
+        number(0),
+        number(all - 1)
+    )
 }
 
 /// An observation whose fit leaves more than so many times what the quoted one does checks nothing.
@@ -279,6 +304,20 @@ const WORSE: f64 = 2.0;
 struct CrossCheck {
     judged: Explained,
     quantities: Vec<Quantity>,
+}
+
+/// A subject with the equation that was chosen for it.
+struct Chosen {
+    subject: Subject,
+    equation: Named,
+    /// The others with their fits, the best first.
+    others: Vec<(String, Explained)>,
+}
+
+impl Chosen {
+    fn measure_by(self, request: &Request, out: &Path, begun: Instant) -> Result<Measurement> {
+        self.subject.measured(self.equation, self.others, request, out, begun)
+    }
 }
 
 impl Subject {
@@ -296,7 +335,33 @@ impl Subject {
         Ok(CrossCheck { judged, quantities })
     }
 
+    /// The same with the equation that explains it best, and those it was chosen from.
+    fn by_the_best(mut self, candidates: &[Candidate]) -> Result<Chosen> {
+        let numbers = self.scene.recordings[0].numbers.clone();
+        let selection = Selection::of(&mut self.scene, &mut self.observations, candidates)?;
+        self.notes.extend(selection.part.as_ref().map(|part| note_of_part(&numbers, part, numbers.len())));
+        self.notes.extend(selection.notes());
+        self.doubts.extend(selection.doubt());
+        let mut ranked = selection.ranked.into_iter().map(|ranked| (ranked.candidate, ranked.explained));
+        let (best, _) = ranked.next().context("no equation was fitted")?;
+        self.scene.system.cell = best.cell.clone();
+        let others = ranked.map(|(candidate, explained)| (candidate.name, explained)).collect();
+        Ok(Chosen { subject: self, equation: Named { name: best.name, cell: best.cell }, others })
+    }
+
     fn measure(&self, own: Named, request: &Request, out: &Path, begun: Instant) -> Result<Measurement> {
+        self.measured(own, Vec::new(), request, out, begun)
+    }
+
+    /// `compared`: equations that were fitted already.
+    fn measured(
+        &self,
+        own: Named,
+        compared: Vec<(String, Explained)>,
+        request: &Request,
+        out: &Path,
+        begun: Instant,
+    ) -> Result<Measurement> {
         let Subject { known, .. } = self;
         let (mut scene, mut observations) = (self.scene.clone(), self.observations.clone());
         let named = |file: &EquationFile| Named::of(file, scene.system.objects);
@@ -358,12 +423,14 @@ impl Subject {
             held_out,
             residuals,
             alternatives: Vec::new(),
+            missing: missing_term(scene, &tracks, &judged, self.seed),
             notes,
             verdict: Some(verdict),
             training_seconds: self.training_seconds,
             seconds: 0.0,
         };
-        measurement.alternatives = scene.alternatives(&main, &judged, &against, &tracks, known)?;
+        let others = compared.into_iter().chain(scene.others(&against, &tracks, known)?).collect();
+        measurement.alternatives = scene.alternatives((main.name, judged.clone()), others);
         measurement.seconds = begun.elapsed().as_secs_f64();
         let pixels = observations[observation].recordings.iter().map(|positions| positions.pixels.as_slice()).collect();
         let pictures = self.pictures.iter().zip(&scene.recordings);
@@ -374,6 +441,10 @@ impl Subject {
             positions_file::write(&out.join("positions.csv"), &measured)?;
             overlay::write(&out.join("overlay.gif"), &measured)?;
             page::write(out, &measured)?;
+            atomic::write_file(&out.join(EXTENDED), |file| {
+                let equation = measured.measurement.missing.as_ref().and_then(|missing| missing.equation.as_deref());
+                Ok(file.write_all(equation.unwrap_or(NOTHING_MISSING).as_bytes())?)
+            })?;
             measured.measurement.write(out)
         })?;
         Ok(measured.measurement)

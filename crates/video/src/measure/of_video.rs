@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail, ensure};
 use paig_track::{Hint, Options, Region};
 
+use super::candidates::{self, Candidate, candidates, for_frames};
 use super::native::{By, Tracked};
 use super::pictures;
 use super::recording::{Observation, Recording, Scene, learned_from};
@@ -17,21 +18,20 @@ use crate::import::stated::Stated;
 use crate::import::time_base::{Part, range};
 use crate::import::tracker::TrackerFile;
 use paig::network::cells::Equations;
-use paig::network::cells::text::EquationTable;
-use paig::network::system::{EquationEntry, SystemTable};
+use paig::network::system::SystemTable;
 use paig::support::statistics::upper_median;
 use paig::tasks::equation_file::EquationFile;
 use paig::tasks::video::{Source, Video};
 
 /// Side of the frame in whose pixels an equation is that does not say.
 const SIDE: usize = 32;
+/// Stands for the equation until one is chosen.
+const UNTIL_CHOSEN: &str = "falling";
 /// Fewest frames of a recording.
 const LEAST_FRAMES: usize = 8;
 /// Frames of the pieces with which a fit begins: this share of all, within these bounds.
 const PIECE_SHARE: usize = 10;
 const PIECES: Range<usize> = 12..48;
-/// Two bounds are widened on both sides by so many times what lies between them: a pivot may be far outside of the picture.
-const WIDENED: f64 = 4.0;
 
 /// Videos to be measured, and how.
 #[derive(Debug, Clone)]
@@ -54,11 +54,18 @@ pub struct VideoRequest {
     /// As in an [import](crate::import::request::Request).
     pub scale_points: Option<[[f64; 2]; 2]>,
     pub tracker: Option<TrackerFile>,
-    pub equation: EquationFile,
+    /// Chosen among those that come with the program where none is given.
+    pub equation: Option<EquationFile>,
     pub objects: Option<usize>,
     /// Points on the objects, and regions in which nothing is looked for.
     pub hints: Vec<Hint>,
     pub ignore: Vec<Region>,
+}
+
+/// The equation of a measurement.
+pub(super) enum Equation {
+    Given(Named),
+    OneOf(Vec<Candidate>),
 }
 
 /// One part of one video with its objects tracked.
@@ -72,14 +79,15 @@ struct Take {
 }
 
 impl VideoRequest {
-    pub(super) fn subject(&self) -> Result<(Subject, Named)> {
+    pub(super) fn subject(&self) -> Result<(Subject, Equation)> {
         ensure!(!self.videos.is_empty(), "no video given");
-        let objects = self.objects.or(self.equation.objects).unwrap_or(1);
-        let kind = self
-            .equation
-            .equation
-            .kind(objects, &Equations::default())
-            .with_context(|| format!("equation {}", self.equation.name))?;
+        let given = self.equation.clone();
+        let file = given
+            .clone()
+            .unwrap_or_else(|| EquationFile { side: Some(candidates::SIDE), ..EquationFile::built_in(UNTIL_CHOSEN) });
+        let objects = self.objects.or(file.objects).unwrap_or(1);
+        let kind =
+            file.equation.kind(objects, &Equations::default()).with_context(|| format!("equation {}", file.name))?;
         let objects = kind.objects.unwrap_or(objects);
         let (mut takes, mut doubtful) = (Vec::new(), Vec::new());
         for path in &self.videos {
@@ -101,7 +109,7 @@ impl VideoRequest {
                 size[1]
             );
         }
-        let side = self.equation.side.unwrap_or(SIDE);
+        let side = file.side.unwrap_or(SIDE);
         let intervals = takes.iter().flat_map(|take| take.seconds.windows(2).map(|pair| pair[1] - pair[0]));
         let interval = upper_median(intervals).context("a video needs more than one frame")?;
         let crop = match self.crop {
@@ -137,7 +145,7 @@ impl VideoRequest {
             input_steps: 4,
             pred_steps: 6,
             dt: interval,
-            equation: in_seconds(&self.equation, interval),
+            equation: for_frames(&file, side, interval),
             wall_margin: None,
         };
         let system = table.system(0.0, &Equations::default())?;
@@ -186,8 +194,11 @@ impl VideoRequest {
                 recordings,
             },
         };
-        let own = Named { name: self.equation.name.clone(), cell: subject.scene.system.cell.clone() };
-        Ok((subject, own))
+        let equation = match given {
+            Some(_) => Equation::Given(Named { name: file.name, cell: subject.scene.system.cell.clone() }),
+            None => Equation::OneOf(candidates(objects, interval, self.crop.is_some())),
+        };
+        Ok((subject, equation))
     }
 
     fn stated(&self) -> Stated {
@@ -236,26 +247,4 @@ impl VideoRequest {
         );
         Ok(Take { video, tracked, numbers: seen.collect(), first_seconds: stamps[0], seconds })
     }
-}
-
-/// The equation for times in seconds: starts and bounds that the file gives for frames `dt` apart, for frames `interval` apart;
-/// bounds on both sides of a parameter with a unit are moved apart.
-fn in_seconds(file: &EquationFile, interval: f64) -> EquationEntry {
-    let EquationEntry::Text(table) = &file.equation else { return file.equation.clone() };
-    let mut table: EquationTable = table.clone();
-    let units_per_second = file.dt.map_or(1.0, |dt| dt / interval);
-    for parameter in table.parameters.values_mut() {
-        let Some([length, time]) = parameter.unit else { continue };
-        let factor = units_per_second.powi(-time);
-        for number in [&mut parameter.start, &mut parameter.low, &mut parameter.high, &mut parameter.fixed] {
-            number.iter_mut().for_each(|number| *number *= factor);
-        }
-        if let (Some(low), Some(high)) = (&mut parameter.low, &mut parameter.high)
-            && [length, time] != [0, 0]
-        {
-            let apart = WIDENED * (*high - *low);
-            (*low, *high) = (*low - apart, *high + apart);
-        }
-    }
-    EquationEntry::Text(table)
 }

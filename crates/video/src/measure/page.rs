@@ -1,14 +1,14 @@
 //! measurement.html: one page with all of a measurement, and its charts.
 
 use std::fmt::Write;
+use std::io::Write as _;
 use std::path::Path;
 
 use anyhow::Result;
 use plotters::chart::SeriesLabelPosition;
-use std::io::Write as _;
 
 use super::results::{Alternative, Quantity};
-use super::{Measured, motion};
+use super::{EXTENDED, Measured, motion};
 use paig::support::atomic;
 use paig::support::significant::significant;
 use paig::viz::chart::{self, BLUE, Chart, GREEN, GREY, Line, ORANGE, Span, Stroke};
@@ -142,6 +142,22 @@ fn text(measured: &Measured) -> Result<String> {
         left.block,
         unit = left.unit
     )?;
+    if let Some(missing) = &it.missing {
+        let [before, after] = missing.held_out_error.map(digits);
+        writeln!(
+            page,
+            "## Missing term\n\n{}: the held-out error falls from {before} to {after} {}, the Bayesian criterion by {:.0}.{}\n\n{}",
+            missing.name,
+            left.unit,
+            missing.gain,
+            if missing.equation.is_some() {
+                format!(" Measure with it: `--equation {EXTENDED}`.")
+            } else {
+                String::new()
+            },
+            quantities(&missing.quantities)?
+        )?;
+    }
     if !it.alternatives.is_empty() {
         writeln!(page, "## Which equation\n\n{}", alternatives(&it.alternatives, &left.unit)?)?;
     }
@@ -149,8 +165,7 @@ fn text(measured: &Measured) -> Result<String> {
 }
 
 fn quantities(quantities: &[Quantity]) -> Result<String> {
-    let mut table =
-        String::from("| quantity | value | 95 % interval | unit | by a colour tracker |\n|---|---|---|---|---|\n");
+    let mut table = String::from("| quantity | value | 95 % interval | unit | cross-check |\n|---|---|---|---|---|\n");
     for it in quantities {
         let tracker = it.by_tracker.map_or("–".into(), digits);
         writeln!(

@@ -35,6 +35,9 @@ pub struct Measurement {
     /// The equation and those it was compared with; empty where there was none.
     #[serde(default)]
     pub alternatives: Vec<Alternative>,
+    /// The term that the equation lacks; none where no term explains clearly more.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub missing: Option<MissingTerm>,
     /// What a person should know.
     pub notes: Vec<String>,
     /// Whether the numbers can be quoted; none in files of earlier versions.
@@ -134,6 +137,22 @@ pub struct Residuals {
     pub frames_in_one: f64,
     /// Frames of a block of the bootstrap.
     pub block: usize,
+}
+
+/// A term that the recording asks for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MissingTerm {
+    pub name: String,
+    /// Of the term alone, in metres if the scale is known, else pixels of the video, and seconds.
+    pub quantities: Vec<Quantity>,
+    /// Gain of the Bayesian criterion.
+    pub gain: f64,
+    /// Root mean square distances before and after, in the unit of the residuals: of what is learned from and what is held out.
+    pub residual: [f64; 2],
+    pub held_out_error: [f64; 2],
+    /// The whole equation with the term, as a file for `--equation`; none of what the camera does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub equation: Option<String>,
 }
 
 /// An equation that was fitted to the same positions.

@@ -89,6 +89,17 @@ pub struct Sides {
     pub bottom: Option<Given>,
 }
 
+impl Sides {
+    /// Multiplies places that are given as numbers.
+    pub fn scale(&mut self, factor: f64) {
+        for given in [&mut self.left, &mut self.right, &mut self.top, &mut self.bottom] {
+            if let Some(Given::Number(place)) = given {
+                *place *= factor;
+            }
+        }
+    }
+}
+
 impl EquationTable {
     /// Checks that walls whose places are numbers stand in or beside a frame, at most one side away: none else is ever met in sight.
     ///

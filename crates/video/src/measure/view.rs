@@ -1,0 +1,170 @@
+//! What the camera does to the positions: distortion by the lens, and a plane of motion that is seen at an angle. Each is tried as
+//! a correction of the observed positions, with the same equation.
+
+use paig::network::cells::Coordinates;
+
+use super::explain::{Explained, explain};
+use super::fit::{Start, Track};
+use super::recording::Scene;
+
+/// First step of a coefficient, its largest size, and rounds of the search.
+const STEP: f64 = 0.01;
+const LARGEST: f64 = 0.4;
+const ROUNDS: usize = 3;
+
+/// A way in which the camera may change what is seen, by one coefficient or two.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum View {
+    /// Radial distortion about the middle of the picture; the coefficient is the shift at its corner over the distance from the
+    /// middle.
+    Lens,
+    /// Perspective: the change of scale from the middle of the picture to a corner's distance, along x and along y.
+    Perspective,
+}
+
+/// A correction with the fit to the corrected positions.
+pub(super) struct Corrected {
+    pub view: View,
+    pub coefficients: Vec<f64>,
+    pub explained: Explained,
+    /// Extent of the corrected positions over that of the observed: what residuals are divided by to be compared.
+    pub magnification: f64,
+}
+
+impl View {
+    pub const ALL: [View; 2] = [View::Lens, View::Perspective];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            View::Lens => "lens distortion",
+            View::Perspective => "perspective: the plane of the motion is seen at an angle",
+        }
+    }
+
+    /// Names of the coefficients.
+    pub fn coefficients(self) -> &'static [&'static str] {
+        match self {
+            View::Lens => &["distortion_at_the_corner"],
+            View::Perspective => &["scale_along_x", "scale_along_y"],
+        }
+    }
+
+    /// Where a place, from the middle of the picture in units of the distance of its corner, would be seen without it.
+    fn corrected(self, coefficients: &[f64], [x, y]: [f64; 2]) -> [f64; 2] {
+        match self {
+            View::Lens => {
+                let factor = 1.0 + coefficients[0] * (x * x + y * y);
+                [x * factor, y * factor]
+            }
+            View::Perspective => {
+                let factor = 1.0 / (1.0 + coefficients[0] * x + coefficients[1] * y);
+                [x * factor, y * factor]
+            }
+        }
+    }
+
+    /// The coefficients with which an equation leaves least; none where it cannot be fitted.
+    pub fn fitted(self, scene: &Scene, tracks: &[Track], judged: &Explained) -> Option<Corrected> {
+        if judged.dynamics.system.cell.coordinates != Coordinates::Position {
+            return None;
+        }
+        let frame = Frame::of(scene);
+        let mut best = self.at(&vec![0.0; self.coefficients().len()], &frame, (scene, tracks), judged)?;
+        let mut step = STEP;
+        for _ in 0..ROUNDS {
+            for place in 0..best.coefficients.len() {
+                let beside = |by: f64| {
+                    let mut coefficients = best.coefficients.clone();
+                    coefficients[place] = (coefficients[place] + by).clamp(-LARGEST, LARGEST);
+                    self.at(&coefficients, &frame, (scene, tracks), &best.explained)
+                };
+                let (below, above) = (beside(-step)?, beside(step)?);
+                let [low, middle, high] = [&below, &best, &above].map(Corrected::cost);
+                // The vertex of the parabola through the three.
+                let bend = low - 2.0 * middle + high;
+                let way = if bend > 0.0 { 0.5 * (low - high) / bend } else { (low - high).signum() * 4.0 };
+                let vertex = beside(step * way.clamp(-20.0, 20.0))?;
+                let candidates = [below, above, vertex];
+                let better = candidates.into_iter().min_by(|a, b| a.cost().total_cmp(&b.cost()))?;
+                if better.cost() < best.cost() {
+                    best = better;
+                }
+            }
+            step *= 0.5;
+        }
+        Some(best)
+    }
+
+    fn at(
+        self,
+        coefficients: &[f64],
+        frame: &Frame,
+        (scene, tracks): (&Scene, &[Track]),
+        before: &Explained,
+    ) -> Option<Corrected> {
+        let corrected: Vec<Track> = tracks.iter().map(|track| self.track(track, coefficients, frame)).collect();
+        let magnification = extent(&corrected) / extent(tracks);
+        let start = Start { raw: before.fitted.raw.clone(), learned: before.learned.clone(), piece: scene.piece };
+        let explained = explain(&before.dynamics, &corrected, &[start]).ok()?;
+        let coefficients = coefficients.to_vec();
+        Some(Corrected { view: self, coefficients, explained, magnification })
+    }
+
+    fn track(self, track: &Track, coefficients: &[f64], frame: &Frame) -> Track {
+        let place = |at: &[f64]| {
+            let from_middle = [0, 1].map(|axis| (at[axis] - frame.middle[axis]) / frame.corner);
+            let corrected = self.corrected(coefficients, from_middle);
+            [0, 1].map(|axis| frame.middle[axis] + frame.corner * corrected[axis])
+        };
+        Track { positions: track.positions.chunks(2).flat_map(place).collect(), ..track.clone() }
+    }
+}
+
+impl Corrected {
+    /// Mean loss of the residuals as they are seen.
+    fn cost(&self) -> f64 {
+        self.explained.errors.learned / self.magnification
+    }
+}
+
+/// The picture in the coordinates of the equation.
+struct Frame {
+    middle: [f64; 2],
+    /// Distance of a corner from the middle.
+    corner: f64,
+}
+
+impl Frame {
+    fn of(scene: &Scene) -> Self {
+        let [width, height] = scene.record.size.map(|side| side as f64);
+        let middle = scene.scale.in_frame([width / 2.0, height / 2.0]);
+        Frame { middle, corner: width.hypot(height) / 2.0 / scene.scale.video_pixels }
+    }
+}
+
+/// Root mean square distance of the positions from their mean, over all tracks.
+fn extent(tracks: &[Track]) -> f64 {
+    let seen = || {
+        tracks.iter().flat_map(|track| track.positions.chunks(2)).filter(|at| at[0].is_finite() && at[1].is_finite())
+    };
+    let count = seen().count().max(1) as f64;
+    let mean = seen().fold([0.0; 2], |sum, at| [sum[0] + at[0] / count, sum[1] + at[1] / count]);
+    (seen().map(|at| (at[0] - mean[0]).powi(2) + (at[1] - mean[1]).powi(2)).sum::<f64>() / count).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_view_without_coefficients_changes_nothing_and_the_corner_is_where_it_is_said() {
+        assert_eq!(View::Lens.corrected(&[0.0], [0.3, 0.4]), [0.3, 0.4]);
+        assert_eq!(View::Perspective.corrected(&[0.0, 0.0], [0.3, 0.4]), [0.3, 0.4]);
+        // At the corner (0.6, 0.8) a coefficient of 0.1 moves a place outwards by a tenth.
+        let [x, y] = View::Lens.corrected(&[0.1], [0.6, 0.8]);
+        assert!((x - 0.66).abs() < 1e-12 && (y - 0.88).abs() < 1e-12);
+        // The right side is nearer to the camera by a fifth.
+        let [x, _] = View::Perspective.corrected(&[0.25, 0.0], [1.0, 0.0]);
+        assert!((x - 0.8).abs() < 1e-12);
+    }
+}

@@ -113,6 +113,8 @@ fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
         ("gravity_masses", three),
         ("charges", three),
         ("charge_in_a_field", thrown),
+        ("constant_acceleration", thrown),
+        ("mass_on_a_spring", thrown),
         ("fall_linear_drag", thrown),
         ("fall_quadratic_drag", thrown),
         ("lossy_bounce", thrown),

@@ -8,6 +8,7 @@ mod interval_coverage;
 mod programs;
 #[path = "../../tests/common/project.rs"]
 mod project;
+mod recordings;
 mod resources;
 mod seeds;
 mod synthetic_video;
@@ -22,6 +23,7 @@ use clap::Parser;
 #[derive(Debug, Parser)]
 enum Tool {
     Fuzz(fuzz::Arguments),
+    Recordings(recordings::Arguments),
     Resources(resources::Arguments),
     Torture(torture::Arguments),
     /// Writes reports/torture from what the parts of `make torture` printed.
@@ -35,6 +37,7 @@ enum Tool {
 fn main() -> Result<()> {
     match Tool::parse() {
         Tool::Fuzz(arguments) => fuzz::run(&arguments),
+        Tool::Recordings(arguments) => recordings::run(&arguments),
         Tool::Resources(arguments) => resources::run(&arguments),
         Tool::Torture(arguments) => torture::run(&arguments),
         Tool::TortureReport => torture_report::run(),

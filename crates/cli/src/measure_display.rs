@@ -2,7 +2,7 @@
 
 use paig::support::significant::significant;
 use paig_terminal::say;
-use paig_video::measure::EXTENDED;
+use paig_video::measure::results::EXTENDED;
 use paig_video::measure::results::Measurement;
 
 /// Prints the quantities with their intervals, the prediction of what was held out, and the comparison of equations.
@@ -15,6 +15,13 @@ pub fn print_measurement(it: &Measurement) {
         let value = significant(quantity.value, 6);
         let outcome = quantity.outcome.map_or(String::new(), |outcome| outcome.to_string());
         say!("{name:<30}{value:>12}   {interval:<26}{:<8}{tracker:>12}  {outcome}", quantity.unit);
+    }
+    for quantity in it.quantities.iter().filter(|quantity| !quantity.takes.is_empty()) {
+        let takes = quantity.takes.iter().map(|take| {
+            let [low, high] = [take.low, take.high].map(|end| significant(end, 5));
+            format!("{} ({low} to {high}) in {}", significant(take.value, 5), take.video)
+        });
+        say!("{} by take: {}", quantity.name.replace('_', " "), takes.collect::<Vec<_>>().join("; "));
     }
     let held_out = &it.held_out;
     let unit = &held_out.unit;

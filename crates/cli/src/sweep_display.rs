@@ -2,13 +2,14 @@
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
-use paig_experiments::sweep::{OUTPUT, SweepEvent, last_line};
+use paig_experiments::sweep::{OUTPUT, SweepEvent, SweepSummary, last_line};
 use paig_terminal::progress::escaped;
-use paig_terminal::say;
+use paig_terminal::{interrupt, say};
 
 /// How often the last lines of the runs are read.
 const REFRESH: Duration = Duration::from_secs(1);
@@ -93,5 +94,20 @@ impl SweepDisplay {
         } else {
             say!("{text}");
         }
+    }
+}
+
+/// Prints how the sweep ended; returns the exit code.
+pub fn conclude(summary: &SweepSummary) -> ExitCode {
+    let SweepSummary { finished, skipped, stopped, in_use, failed } = summary;
+    let in_use = if *in_use > 0 { format!(", {in_use} under way elsewhere") } else { String::new() };
+    say!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed{in_use}", failed.len());
+    for output in failed {
+        say!("failed: see {}", output.display());
+    }
+    match (failed.is_empty(), stopped) {
+        (false, _) => ExitCode::FAILURE,
+        (true, 0) => ExitCode::SUCCESS,
+        (true, _) => interrupt::exit_code(),
     }
 }

@@ -9,7 +9,9 @@ use crate::error::Error;
 use crate::mosaic::{Mosaic, outline};
 use crate::similarity::Similarity;
 use crate::statistics::{median, quantile};
+use crate::still;
 use crate::survey::{Coarse, Survey};
+use crate::texture::texture_stays;
 use crate::video::{Size, Video, map_frames};
 
 /// Displacements, pixels, at the 70th and the 98th percentile of the frames, below which a camera stands. The first is the
@@ -22,8 +24,9 @@ const NEAR: f64 = 0.9;
 /// Share of the corners that one motion must explain in a frame of a moving camera, and of the frames in which it must.
 const ONE_MOTION: f64 = 0.55;
 const MOST_FRAMES: f64 = 0.85;
-/// Share of the frames whose background must be found.
+/// Share of the frames whose background must be found; less of a camera that trembles, whose other frames are left out.
 const FOUND: f64 = 0.85;
+const FOUND_NEAR: f64 = 0.5;
 /// Share of the edges that must agree on a frame's registration.
 const AGREEING: f64 = 0.45;
 /// Factor by which moved frames must fit the background better than where they stand.
@@ -145,17 +148,12 @@ pub(crate) fn find(
     match judged(survey, &frames) {
         Judged::Unknown => return Ok(standing(Motion::Unknown)),
         Judged::Standing => return Ok(standing(Motion::Standing)),
+        Judged::Moving if still(survey, &frames) => return Ok(standing(Motion::Standing)),
         Judged::Moving => {}
     }
-    let all;
-    let survey = if survey.coarse.len() == survey.changes.len() {
-        survey
-    } else {
-        all = Survey::read(video, frames.clone(), 1, &[])?;
-        &all
-    };
+    let coarse = survey.register_all(video, &frames)?;
     let sampled: Vec<usize> = samples.iter().map(|(frame, _)| *frame).collect();
-    let start = Start::new(survey, &frames, &sampled)?;
+    let start = Start::new(survey, &coarse, &frames, &sampled)?;
     let moving = registered(video, (survey.size, samples), &frames, start)?;
     if !is_moving(&moving.displacements) || !moving.fits_better() {
         return Ok(standing(Motion::Standing));
@@ -209,6 +207,17 @@ fn judged(survey: &Survey, frames: &Range<usize>) -> Judged {
     if is_moving(&displacements) { Judged::Moving } else { Judged::Standing }
 }
 
+/// Whether texture or marks all over the frame stay where they are, whatever moves before them.
+fn still(survey: &Survey, frames: &Range<usize>) -> bool {
+    let images = survey.images(frames, still::LOOKED_AT);
+    texture_stays(&images)
+        || still::poses(&images).is_some_and(|poses| {
+            let displaced =
+                |pose: &Similarity| pose.enlarged(survey.factor).displacement(survey.size.width, survey.size.height);
+            !is_moving(&poses.iter().map(displaced).collect::<Vec<_>>())
+        })
+}
+
 fn is_moving(displacements: &[f64]) -> bool {
     let at = |share: f64| quantile(&mut displacements.to_vec(), share).unwrap_or(0.0);
     at(0.7) > STANDS[0] || at(0.98) > STANDS[1]
@@ -240,12 +249,13 @@ struct Start {
     reference: usize,
     origin: [f64; 2],
     canvas: Size,
+    /// Largest distance of a frame's corners from the reference frame, pixels.
+    reach: f64,
 }
 
 impl Start {
-    fn new(survey: &Survey, frames: &Range<usize>, sampled: &[usize]) -> Result<Self, Error> {
+    fn new(survey: &Survey, coarse: &[Coarse], frames: &Range<usize>, sampled: &[usize]) -> Result<Self, Error> {
         let size = survey.size;
-        let coarse: Vec<&Coarse> = survey.coarse.iter().filter(|c| frames.contains(&c.frame)).collect();
         let refuse = |frame: usize, reason: String| Err(Error::Camera { frame, reason });
         let scene = most_common(coarse.iter().filter(|c| c.pose.is_some()).map(|c| c.scene));
         let found: Vec<Option<Similarity>> = coarse
@@ -272,7 +282,8 @@ impl Start {
                 .collect();
             let known = near.iter().map(Option::is_some).collect();
             let reference = frames.start + reference;
-            return Ok(Self { poses: filled(&near), known, reference, origin: [0.0; 2], canvas: size });
+            let reach = TREMBLES * shorter;
+            return Ok(Self { poses: filled(&near), known, reference, origin: [0.0; 2], canvas: size, reach });
         }
         let count = known.iter().filter(|&&k| k).count();
         if (count as f64) < FOUND * found.len() as f64 {
@@ -280,7 +291,7 @@ impl Start {
             let (all, missing) = (found.len(), found.len() - count);
             return refuse(frames.start + lost, format!("its background is lost in {missing} of {all} frames"));
         }
-        let clear = |c: &&&Coarse| c.agreeing >= ONE_MOTION;
+        let clear = |c: &&Coarse| c.agreeing >= ONE_MOTION;
         if (coarse.iter().filter(clear).count() as f64) < MOST_FRAMES * coarse.len() as f64 {
             let worst =
                 coarse.iter().min_by(|a, b| a.agreeing.total_cmp(&b.agreeing)).map_or(frames.start, |c| c.frame);
@@ -298,7 +309,7 @@ impl Start {
         let origin = first.map(|v| -v);
         let shift = Similarity::translation(origin);
         poses.iter_mut().for_each(|pose| *pose = shift.after(pose));
-        Ok(Self { poses, known, reference: frames.start + reference, origin, canvas })
+        Ok(Self { poses, known, reference: frames.start + reference, origin, canvas, reach: f64::INFINITY })
     }
 }
 
@@ -361,7 +372,7 @@ fn registered(
     frames: &Range<usize>,
     start: Start,
 ) -> Result<Moving, Error> {
-    let Start { mut poses, known, reference, origin, canvas } = start;
+    let Start { mut poses, known, reference, origin, canvas, reach } = start;
     let place = |frame: usize| frame - frames.start;
     let samples: Vec<&(usize, Vec<u8>)> =
         samples.iter().filter(|(frame, _)| frames.contains(frame) && known[place(*frame)]).collect();
@@ -395,18 +406,21 @@ fn registered(
     let gains = found.iter().map(|(_, found)| found.and_then(|(_, gain)| gain)).collect();
     let found: Vec<(usize, Option<Registered>)> =
         found.into_iter().map(|(f, found)| (f, found.map(|it| it.0))).collect();
+    let displaced = |pose: &Similarity| still.after(pose).displacement(size.width, size.height);
     let fine: Vec<Option<Similarity>> = found
         .iter()
         .map(|(_, found)| found.filter(|found| found.agreeing > AGREEING).map(|found| found.map.inverse()))
+        .map(|pose| pose.filter(|pose| displaced(pose) < reach))
         .collect();
     let unregistered: Vec<usize> =
         fine.iter().zip(frames.clone()).filter(|(f, _)| f.is_none()).map(|(_, f)| f).collect();
-    if (unregistered.len() as f64) > (1.0 - FOUND) * fine.len() as f64 {
+    let least = if reach.is_finite() { FOUND_NEAR } else { FOUND };
+    if (unregistered.len() as f64) > (1.0 - least) * fine.len() as f64 {
         let count = unregistered.len();
         let reason = format!("its edges do not fit the background in {count} of {} frames", fine.len());
         return Err(Error::Camera { frame: unregistered[0], reason });
     }
     let poses = filled(&fine);
-    let displacements = poses.iter().map(|pose| still.after(pose).displacement(size.width, size.height)).collect();
+    let displacements = poses.iter().map(displaced).collect();
     Ok(Moving { poses, unregistered, displacements, gains, reference, origin, mosaic })
 }

@@ -108,18 +108,23 @@ impl Mosaic {
         Exposure::fit(&bytes, &levels)
     }
 
-    /// The mosaic as it would be filmed with an exposure, `[height, width, 3]`.
-    pub(crate) fn filmed(&self, exposure: &Exposure) -> Vec<u8> {
+    /// A frame in the frame of the mosaic, `[height, width, 3]`; where it does not reach, the mosaic as the frame's exposure would
+    /// show it.
+    pub(crate) fn completed(&self, frame: &[u8], from: Size, map: &Similarity) -> Vec<u8> {
+        let mut view = warped(frame, from, map, self.size, self.rounded.clone());
+        let exposure = self.exposure(&view);
         if exposure.change() < VISIBLE {
-            return self.rounded.clone();
+            return view.bytes;
         }
-        let mut bytes = vec![0; self.levels.len()];
-        for (to, from) in bytes.chunks_exact_mut(3).zip(self.levels.chunks_exact(3)) {
-            for c in 0..3 {
+        let row = 3 * self.size.width;
+        for (y, span) in view.spans.iter().enumerate() {
+            for place in (y * row..y * row + 3 * span.start).chain(y * row + 3 * span.end..(y + 1) * row) {
+                let channel = place % 3;
+                let level = exposure.gain[channel] as f32 * self.levels[place] + exposure.offset[channel] as f32;
                 // The conversion saturates.
-                to[c] = (exposure.gain[c] as f32 * from[c] + exposure.offset[c] as f32 + 0.5) as u8;
+                view.bytes[place] = (level + 0.5) as u8;
             }
         }
-        bytes
+        view.bytes
     }
 }

@@ -36,6 +36,9 @@ pub struct Options {
     pub ignore: Vec<Region>,
     /// How many times as slow as it was filmed the video plays; by its tags where absent.
     pub slow_motion: Option<f64>,
+    /// Time from the first to the last row of a frame of a rolling shutter, seconds; positions are moved to the time of the
+    /// middle row.
+    pub readout: Option<f64>,
     /// Standard deviation of the blur of difference images, pixels.
     pub blur: f32,
     /// Threshold of a moving region, as a share of the median peak of the difference images.
@@ -56,6 +59,7 @@ impl Default for Options {
             hints: Vec::new(),
             ignore: Vec::new(),
             slow_motion: None,
+            readout: None,
             blur: 1.5,
             threshold: 0.35,
             least_peak: 6.0,

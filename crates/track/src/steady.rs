@@ -5,7 +5,6 @@ use crate::error::Error;
 use crate::mosaic::Mosaic;
 use crate::time_base::Clock;
 use crate::video::{Size, Video, Visitor};
-use crate::warp::warped;
 
 /// Frames resampled into the frame of the background. Where a frame does not reach, the background shows.
 pub(crate) struct Steady<'a> {
@@ -18,15 +17,7 @@ impl Steady<'_> {
     /// A frame in the frame of the background, `[height, width, 3]`.
     pub(crate) fn frame(&self, frame: usize, bytes: &[u8]) -> Vec<u8> {
         let Some(pose) = self.camera.pose(frame) else { return bytes.to_vec() };
-        let (from, to) = (self.video.size(), self.mosaic.size);
-        let view = warped(bytes, from, &pose.inverse(), to, vec![0; to.pixels() * 3]);
-        let exposure = self.mosaic.exposure(&view);
-        let mut whole = self.mosaic.filmed(&exposure);
-        for (y, span) in view.spans.iter().enumerate() {
-            let row = (y * to.width + span.start) * 3..(y * to.width + span.end) * 3;
-            whole[row.clone()].copy_from_slice(&view.bytes[row]);
-        }
-        whole
+        self.mosaic.completed(bytes, self.video.size(), &pose.inverse())
     }
 }
 

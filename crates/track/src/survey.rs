@@ -13,6 +13,8 @@ use crate::video::{Size, Video};
 
 /// Frames that are registered before it is known that the camera moves.
 const LOOKED_AT: usize = 450;
+/// Memory for reduced images, bytes: a moving camera is registered from them without another pass over the video.
+const REDUCED_BYTES: usize = 128 << 20;
 /// Distance of a corner from where the background's motion takes it, reduced pixels, up to which it belongs to the background.
 const AGREES: f64 = 0.6;
 /// Fewest corners, and cells that hold them, of a registration.
@@ -60,6 +62,27 @@ pub(crate) struct Survey {
     pub(crate) coarse: Vec<Coarse>,
     /// Frames kept as they are, `[height, width, 3]`.
     pub(crate) kept: Vec<(usize, Vec<u8>)>,
+    /// Reduced images of every frame, or of every so many-th where there are more than fit into memory.
+    images: Vec<(usize, Reduced)>,
+}
+
+/// Reduced image, rounded to levels.
+struct Reduced {
+    width: usize,
+    height: usize,
+    levels: Vec<u8>,
+}
+
+impl Reduced {
+    fn of(image: &Plane) -> Self {
+        let levels = image.values.iter().map(|level| (level + 0.5) as u8).collect();
+        Self { width: image.width, height: image.height, levels }
+    }
+
+    fn plane(&self) -> Plane {
+        let values = self.levels.iter().map(|&level| f32::from(level)).collect();
+        Plane { width: self.width, height: self.height, values }
+    }
 }
 
 impl Survey {
@@ -70,7 +93,10 @@ impl Survey {
     pub(crate) fn read(video: &dyn Video, range: Range<usize>, stride: usize, keep: &[usize]) -> Result<Self, Error> {
         let size = video.size();
         let factor = reduction(size);
-        let mut survey = Self { size, factor, changes: Vec::new(), coarse: Vec::new(), kept: Vec::new() };
+        let (changes, coarse, kept, images) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut survey = Self { size, factor, changes, coarse, kept, images };
+        let of_one = (size.width / factor) * (size.height / factor);
+        let every = (range.len() * of_one).div_ceil(REDUCED_BYTES).max(1);
         let mut registrar = Registrar::default();
         let mut before: Option<[Plane; 2]> = None;
         let first = range.start;
@@ -87,6 +113,9 @@ impl Survey {
             if (frame - first).is_multiple_of(stride) {
                 survey.coarse.push(registrar.register(frame, &image));
             }
+            if (frame - first).is_multiple_of(every) {
+                survey.images.push((frame, Reduced::of(&image)));
+            }
             if keep.binary_search(&frame).is_ok() {
                 survey.kept.push((frame, bytes.to_vec()));
             }
@@ -100,6 +129,35 @@ impl Survey {
             return Err(Error::MissingFrame { frame: first + survey.changes.len() });
         }
         Ok(survey)
+    }
+
+    /// Registers every frame of a range, from the reduced images where there are enough of them.
+    ///
+    /// # Errors
+    /// As [`Survey::read`].
+    pub(crate) fn register_all(&self, video: &dyn Video, range: &Range<usize>) -> Result<Vec<Coarse>, Error> {
+        let images: Vec<&(usize, Reduced)> = self.images.iter().filter(|(frame, _)| range.contains(frame)).collect();
+        if images.len() < range.len() {
+            return Ok(Self::read(video, range.clone(), 1, &[])?.coarse);
+        }
+        let cuts: Vec<usize> =
+            self.changes.iter().filter(|change| change.is_cut()).map(|change| change.frame).collect();
+        let mut registrar = Registrar::default();
+        let register = |(frame, image): &(usize, Reduced)| {
+            if cuts.binary_search(frame).is_ok() {
+                registrar.begin_scene();
+            }
+            registrar.register(*frame, &image.plane())
+        };
+        Ok(images.into_iter().map(register).collect())
+    }
+
+    /// Reduced images of a range, at most so many, evenly spread.
+    pub(crate) fn images(&self, range: &Range<usize>, most: usize) -> Vec<Plane> {
+        let images: Vec<&Reduced> =
+            self.images.iter().filter(|(frame, _)| range.contains(frame)).map(|(_, image)| image).collect();
+        let count = most.min(images.len());
+        (0..count).map(|k| images[(2 * k + 1) * images.len() / (2 * count)].plane()).collect()
     }
 
     /// Stride at which a range is looked at first.

@@ -12,6 +12,7 @@ use crate::options::{Hint, Options};
 use crate::points::points;
 use crate::quality;
 use crate::roles::roles;
+use crate::rolling_shutter;
 use crate::start::{Course, course};
 use crate::statistics::median;
 use crate::steady::Steady;
@@ -79,7 +80,12 @@ pub fn track(video: &dyn Video, options: &Options) -> Result<Tracking, Error> {
             tracking
         }
     };
-    Ok(timed(tracking, time))
+    let mut tracking = timed(tracking, time);
+    if let Some(readout) = options.readout {
+        let Tracking { tracks, camera, time, .. } = &mut tracking;
+        tracks.iter_mut().for_each(|track| rolling_shutter::correct(track, camera, time, size, readout));
+    }
+    Ok(tracking)
 }
 
 /// Adds what the first track shows of the time base, and removes the positions of frames that show nothing new.

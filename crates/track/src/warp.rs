@@ -1,7 +1,6 @@
 //! Frames resampled into the frame of the background, by cubic convolution along rows, then along columns.
 
 use std::ops::Range;
-use std::sync::LazyLock;
 
 use rayon::prelude::*;
 
@@ -9,13 +8,11 @@ use crate::plane::cubic;
 use crate::similarity::Similarity;
 use crate::video::Size;
 
-/// Phases of the filter: positions are exact to half a phase, 0.008 pixels, and neighbours share a phase.
-const PHASES: usize = 64;
 /// Pixels at the border of a frame that are left out: the filter reaches beyond it.
 const INSET: f64 = 1.0;
 
-static FILTERS: LazyLock<Vec<[f32; 4]>> =
-    LazyLock::new(|| (0..=PHASES).map(|phase| cubic(phase as f32 / PHASES as f32)).collect());
+/// Pixels by which the rows of a frame are prolonged on both sides, with the outermost one.
+const MARGIN: usize = 4;
 
 /// Frame in the frame of the background.
 pub(crate) struct Warped {
@@ -41,34 +38,34 @@ pub(crate) fn warped(frame: &[u8], from: Size, map: &Similarity, to: Size, fill:
     let slope = a + b * b / a;
     let mut rows = vec![0.0_f32; columns * from.height * 3];
     rows.par_chunks_mut(columns * 3).enumerate().for_each(|(row, out)| {
-        let line: Vec<f32> = frame[row * from.width * 3..][..from.width * 3].iter().map(|&v| f32::from(v)).collect();
+        let line = prolonged(&frame[row * from.width * 3..][..from.width * 3]);
         let start = slope * left as f64 - b / a * (row as f64 - v) + u;
-        for Run { range, first, filter } in runs(start, slope, 1, columns) {
-            let (begin, end) = (first - 1, first + 2 + range.len() as i64);
-            if begin >= 0 && end <= from.width as i64 {
-                let taps = &line[3 * begin as usize..3 * end as usize];
-                let count = 3 * range.len();
-                let taps = [&taps[..count], &taps[3..3 + count], &taps[6..6 + count], &taps[9..9 + count]];
-                filtered(&mut out[3 * range.start..3 * range.end], taps, filter);
-            } else {
-                let column = |at: i64| 3 * at.clamp(0, from.width as i64 - 1) as usize;
-                for (k, pixel) in out[3 * range.start..3 * range.end].chunks_exact_mut(3).enumerate() {
-                    let taps = [-1, 0, 1, 2].map(|tap| &line[column(first + k as i64 + tap)..][..3]);
-                    filtered(pixel, taps, filter);
-                }
+        for Run { range, first, part } in runs(start, slope, 1, columns) {
+            // What no pixel of the result needs is left out.
+            let (low, high) = (first - 1 + MARGIN as i64, (from.width + MARGIN) as i64 + MARGIN as i64);
+            let skipped = (-(low + range.start as i64)).clamp(0, range.len() as i64) as usize;
+            let count = (high - 3 - low - range.start as i64).clamp(0, range.len() as i64) as usize;
+            if skipped < count {
+                let at = |tap: i64| {
+                    let begin = (low + tap) as usize + range.start + skipped;
+                    &line[3 * begin..3 * (begin + count - skipped)]
+                };
+                let out = &mut out[3 * (range.start + skipped)..3 * (range.start + count)];
+                let pace = (slope - 1.0) as f32;
+                filtered(out, [at(0), at(1), at(2), at(3)], part + pace * skipped as f32, pace);
             }
         }
     });
     bytes.par_chunks_mut(to.width * 3).zip(&spans).enumerate().for_each(|(y, (out, span))| {
         let mut values = vec![0.0; 3 * span.len()];
         let start = b * span.start as f64 + a * y as f64 + v;
-        for Run { range, first, filter } in runs(start, b, 0, span.len()) {
+        for Run { range, first, part } in runs(start, b, 0, span.len()) {
             // A run of this pass keeps to its rows.
             let taps = [-1, 0, 1, 2].map(|tap| {
                 let row = (first + tap).clamp(0, from.height as i64 - 1) as usize;
                 &rows[(row * columns + span.start + range.start - left) * 3..][..3 * range.len()]
             });
-            filtered(&mut values[3 * range.start..3 * range.end], taps, filter);
+            filtered(&mut values[3 * range.start..3 * range.end], taps, part, b as f32);
         }
         for (byte, value) in out[3 * span.start..3 * span.end].iter_mut().zip(values) {
             // The conversion saturates.
@@ -78,39 +75,52 @@ pub(crate) fn warped(frame: &[u8], from: Size, map: &Similarity, to: Size, fill:
     Warped { bytes, spans }
 }
 
-/// Places that share a filter.
+/// A row of a frame as numbers, prolonged by [`MARGIN`] pixels on both sides.
+fn prolonged(row: &[u8]) -> Vec<f32> {
+    let (first, last) = (&row[..3], &row[row.len() - 3..]);
+    let before = std::iter::repeat_n(first, MARGIN).flatten();
+    let after = std::iter::repeat_n(last, MARGIN).flatten();
+    before.chain(row).chain(after).map(|&level| f32::from(level)).collect()
+}
+
+/// Places whose neighbouring samples advance evenly.
 struct Run {
     range: Range<usize>,
-    /// Sample before the first place.
+    /// Sample before place 0, by the run's pace; and the way from there to the first place of the run.
     first: i64,
-    filter: &'static [f32; 4],
+    part: f32,
 }
 
 /// Runs of the places `start + slope * k` for `k` in `0..count`, whose whole part advances by `pace` from one to the next.
 fn runs(start: f64, slope: f64, pace: i64, count: usize) -> impl Iterator<Item = Run> {
-    // In phases, less the pace: constant within a run.
-    let phase = move |k: usize| ((start + (slope - pace as f64) * k as f64) * PHASES as f64).round() as i64;
-    let rate = ((slope - pace as f64) * PHASES as f64).abs();
+    let rate = slope - pace as f64;
+    let place = move |k: usize| start + rate * k as f64;
     let mut next = 0;
     std::iter::from_fn(move || {
         (next < count).then(|| {
-            let (begin, own) = (next, phase(next));
-            // Not beyond the place at which the phase changes.
-            let mut end = count.min(begin + 1 + if rate < 1e-9 { count } else { (1.0 / rate) as usize + 1 });
-            while end > begin + 1 && phase(end - 1) != own {
-                end -= 1;
-            }
-            next = end;
-            let filter = &FILTERS[own.rem_euclid(PHASES as i64) as usize];
-            Run { range: begin..end, first: own.div_euclid(PHASES as i64) + pace * begin as i64, filter }
+            let begin = next;
+            let whole = place(begin).floor();
+            // First place beyond the whole part.
+            let end = match rate {
+                rate if rate > 0.0 => ((whole + 1.0 - start) / rate).ceil(),
+                rate if rate < 0.0 => ((whole - start) / rate).floor() + 1.0,
+                _ => f64::INFINITY,
+            };
+            next = (end.min(count as f64) as usize).clamp(begin + 1, count);
+            Run { range: begin..next, first: whole as i64, part: (place(begin) - whole) as f32 }
         })
     })
 }
 
-/// Weighted sum of four lines.
-fn filtered(out: &mut [f32], [p, q, r, s]: [&[f32]; 4], filter: &[f32; 4]) {
-    for ((((value, p), q), r), s) in out.iter_mut().zip(p).zip(q).zip(r).zip(s) {
-        *value = filter[0] * p + filter[1] * q + filter[2] * r + filter[3] * s;
+/// Cubic convolution of four lines of pixels, at `part` between the second and the third for the first pixel and `pace` more for
+/// each of the next.
+fn filtered(out: &mut [f32], [p, q, r, s]: [&[f32]; 4], part: f32, pace: f32) {
+    let lines = p.chunks_exact(3).zip(q.chunks_exact(3)).zip(r.chunks_exact(3)).zip(s.chunks_exact(3));
+    for (k, (pixel, (((p, q), r), s))) in out.chunks_exact_mut(3).zip(lines).enumerate() {
+        let [a, b, c, d] = cubic(part + pace * k as f32);
+        for channel in 0..3 {
+            pixel[channel] = a * p[channel] + b * q[channel] + c * r[channel] + d * s[channel];
+        }
     }
 }
 

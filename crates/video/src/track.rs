@@ -8,9 +8,9 @@ use image::{Rgb, RgbImage};
 use paig::support::output::Kind;
 use paig::support::significant::significant;
 use paig::support::{atomic, picture_file};
-use paig_track::calibration::{Lens, Plane};
 use paig_track::{Clock, Motion, Options, Point, Role, Segment, Size, Tracking, Visibility, Visitor, segments};
 
+use crate::calibration::Calibration;
 use crate::import::sources::Video;
 
 /// Share of a frame's pixels in motion above which the camera, not an object, moves; before a background without marks.
@@ -19,34 +19,6 @@ const MOVING_CAMERA: f64 = 0.2;
 const HALF: f64 = 0.5;
 /// Colours of the paths, one for each object.
 const COLOURS: [[u8; 3]; 4] = [[230, 60, 50], [40, 120, 220], [50, 170, 80], [240, 160, 30]];
-
-/// From pixels of the video to metres on the plane of the motion.
-#[derive(Debug, Clone, Copy)]
-pub struct Calibration {
-    plane: Plane,
-    lens: Option<Lens>,
-}
-
-impl Calibration {
-    /// Plane of a rectangle of known size, metres, by its corners in pixels of the video from its top left corner: bottom
-    /// left, bottom right, top right, top left. The lens may be known.
-    ///
-    /// # Errors
-    /// As [`Plane::of_rectangle`].
-    pub fn new(corners: [[f64; 2]; 4], [width, height]: [f64; 2], lens: Option<Lens>) -> Result<Self> {
-        let centred = corners.map(|corner| corner.map(|place| place - HALF));
-        let straight = centred.map(|corner| lens.map_or(corner, |lens| lens.straight(corner)));
-        Ok(Calibration { plane: Plane::of_rectangle(straight, width, height)?, lens })
-    }
-
-    /// Position and deviations on the plane, metres, of a position of the tracker.
-    fn metres(&self, position: [f64; 2], covariance: [[f64; 2]; 2]) -> [f64; 4] {
-        let straight = self.lens.map_or(position, |lens| lens.straight(position));
-        let [x, y] = self.plane.metres(straight);
-        let [[xx, _], [_, yy]] = self.plane.covariance(straight, covariance);
-        [x, y, xx.sqrt(), yy.sqrt()]
-    }
-}
 
 /// Frames of a video for the tracker.
 struct Frames<'a>(&'a Video);

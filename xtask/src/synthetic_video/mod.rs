@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use clap::Args;
+use paig_video::import::sources::Filming;
 use paig_video::import::time_base::Part;
 use paig_video::measure::results::Measurement;
 use paig_video::measure::{VideoRequest, measure_videos};
@@ -99,7 +100,7 @@ fn measure(video: &Path, kind: &Kind) -> Result<Measurement> {
     let request = VideoRequest {
         videos: vec![video.into()],
         parts: vec![Part::All],
-        fps: None,
+        filming: Filming::default(),
         crop: None,
         pixels_per_metre: None,
         scale_percent: 0.0,
@@ -113,6 +114,7 @@ fn measure(video: &Path, kind: &Kind) -> Result<Measurement> {
         objects: None,
         hints: Vec::new(),
         ignore: Vec::new(),
+        takes: false,
     };
     let out = video.with_extension("");
     measure_videos(&request, &[], &out).with_context(|| format!("video {}", video.display()))

@@ -15,6 +15,7 @@ use paig_video::import::request::Request;
 use paig_video::import::time_base::Clock;
 use paig_video::import::{Imported, import};
 
+use super::camera_options::SpeedOption;
 use super::scene_options::{SceneOptions, rectangle};
 
 /// Turns videos into a task: clips for training, validation and test, the task file, and a contact sheet that shows what
@@ -63,6 +64,8 @@ pub struct Arguments {
     colour: bool,
     #[command(flatten)]
     scene: SceneOptions,
+    #[command(flatten)]
+    speed: SpeedOption,
     /// The equation that the objects obey: its name, or a file (.toml) whose [system.equation] is taken, such as one of
     /// configs/gallery; it can be changed in the new task file
     #[arg(long, default_value = "falling", help_heading = "Task")]
@@ -125,6 +128,7 @@ fn request(arguments: Arguments) -> Result<Request> {
         parts: scene.parts,
         step: arguments.step,
         fps: scene.fps,
+        slow_motion: arguments.speed.read(scene.fps)?,
         crop: crop(&arguments.crop)?,
         side: arguments.side,
         grey: arguments.grey,
@@ -163,8 +167,8 @@ fn summarize(request: &Request, imported: &Imported) {
         let rate = request.step as f64 / kept.interval;
         let clock = match kept.clock {
             Clock::Given => ", as given",
-            Clock::Regular => "",
-            Clock::Resampled { .. } => " on average, varying",
+            Clock::Regular => ", even",
+            Clock::Resampled { .. } => ", put onto an even clock",
         };
         let (count, seconds) = (kept.frames.len(), kept.interval * kept.frames.len() as f64);
         say!(

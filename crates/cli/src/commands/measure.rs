@@ -12,13 +12,14 @@ use paig_video::import::crop::Rectangle;
 use paig_video::measure::results::Measurement;
 use paig_video::measure::{Request, VideoRequest, is_run, measure, measure_videos};
 
+use super::camera_options::CameraOptions;
 use super::scene_options::{SceneOptions, rectangle};
 use super::track_options::TrackOptions;
 use crate::measure_display::print_measurement;
 
 /// Measures the physical parameters of what moves in a video, with 95 % intervals and a verdict.
 ///
-/// Of videos: tracks the objects at the video's own resolution, fits the equation to every frame as one long trajectory,
+/// Of videos: tracks the objects at the video's own resolution, takes the parts in which they move freely (or --frames), fits the equation to every frame as one long trajectory,
 /// predicts the last quarter to judge the fit, and quotes the parameters of the fit to all frames. Seconds, no training.
 ///
 /// Of a run folder: the same with what the run has learned, held against the model's own positions. `paig train` does this at
@@ -51,8 +52,13 @@ pub struct Arguments {
     /// edges [default: the whole picture]
     #[arg(long, value_name = "RECTANGLE", help_heading = "Videos")]
     crop: Option<String>,
+    /// The parts and videos are takes of the same thing: each is measured alone, too, and their scatter is part of the intervals
+    #[arg(long, help_heading = "Videos")]
+    takes: bool,
     #[command(flatten)]
     scene: SceneOptions,
+    #[command(flatten)]
+    camera: CameraOptions,
     #[command(flatten)]
     objects_shown: TrackOptions,
     /// Folder for the files [default: the run's, or one beside you named after the video]
@@ -97,7 +103,7 @@ fn of_videos(arguments: &Arguments, against: &[EquationFile]) -> Result<(Measure
     let request = VideoRequest {
         videos: arguments.paths.clone(),
         parts: scene.parts,
-        fps: scene.fps,
+        filming: arguments.camera.read(scene.fps)?,
         crop: arguments.crop.as_deref().map(crop).transpose()?,
         pixels_per_metre: scene.pixels_per_metre,
         scale_percent: scene.scale_percent,
@@ -111,6 +117,7 @@ fn of_videos(arguments: &Arguments, against: &[EquationFile]) -> Result<(Measure
         objects: arguments.objects,
         hints,
         ignore,
+        takes: arguments.takes,
     };
     let out = arguments.out.clone().unwrap_or_else(|| named_after(&arguments.paths[0]));
     let waiting = Progress::busy("tracking and fitting");

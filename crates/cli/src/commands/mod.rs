@@ -1,6 +1,8 @@
 //! The commands.
 
 mod baselines;
+mod batch;
+mod camera_options;
 mod completions;
 mod control;
 mod convert;
@@ -38,6 +40,7 @@ pub enum Command {
     Import(Box<import::Arguments>),
     Measure(Box<measure::Arguments>),
     Measurements(measurements::Arguments),
+    Batch(batch::Arguments),
     Track(track::Arguments),
     Sweep(sweep::Arguments),
     Report(report::Arguments),
@@ -65,6 +68,7 @@ impl Command {
             Command::Import(arguments) => import::run(*arguments).map(done),
             Command::Measure(arguments) => measure::run(&arguments).map(done),
             Command::Measurements(arguments) => measurements::run(&arguments).map(done),
+            Command::Batch(arguments) => batch::run(arguments),
             Command::Track(arguments) => track::run(&arguments).map(done),
             Command::Sweep(arguments) => sweep::run(arguments),
             Command::Report(arguments) => report::run(&arguments),

@@ -7,10 +7,10 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use paig::support::device;
 use paig::tasks;
-use paig_experiments::sweep::{self, RunState, RunStatus, SweepPlan, SweepRequest, SweepSummary, parse_seeds};
+use paig_experiments::sweep::{self, RunState, RunStatus, SweepPlan, SweepRequest, parse_seeds};
 use paig_terminal::{interrupt, say};
 
-use crate::sweep_display::SweepDisplay;
+use crate::sweep_display::{SweepDisplay, conclude};
 
 /// Trains tasks x seeds as processes of `paig train`, a few at a time.
 ///
@@ -124,20 +124,5 @@ fn print_status(runs: &[RunStatus]) {
         if let RunState::Unreadable(why) = state {
             say!("    {why}");
         }
-    }
-}
-
-/// Prints how the sweep ended; returns the exit code.
-fn conclude(summary: &SweepSummary) -> ExitCode {
-    let SweepSummary { finished, skipped, stopped, in_use, failed } = summary;
-    let in_use = if *in_use > 0 { format!(", {in_use} under way elsewhere") } else { String::new() };
-    say!("{finished} finished, {skipped} skipped, {stopped} stopped, {} failed{in_use}", failed.len());
-    for output in failed {
-        say!("failed: see {}", output.display());
-    }
-    match (failed.is_empty(), stopped) {
-        (false, _) => ExitCode::FAILURE,
-        (true, 0) => ExitCode::SUCCESS,
-        (true, _) => interrupt::exit_code(),
     }
 }

@@ -7,10 +7,10 @@ use clap::Args;
 use paig_terminal::progress::Progress;
 use paig_terminal::say;
 use paig_track::Options;
-use paig_track::calibration::{Lens, depth_line};
-use paig_video::import::sources::Video;
-use paig_video::track::{Calibration, Followed, PICTURE, TABLE, track, write_picture, write_table};
+use paig_track::calibration::depth_line;
+use paig_video::track::{Followed, PICTURE, TABLE, track, write_picture, write_table};
 
+use super::camera_options::CameraOptions;
 use super::track_options::TrackOptions;
 
 /// Tracks the objects that move in a video, at its own resolution and without an equation: positions with standard deviations.
@@ -18,7 +18,7 @@ use super::track_options::TrackOptions;
 /// The camera may stand, tremble or turn with an object; one that travels past things at several depths is refused. Shadows,
 /// hands and arms are told apart from objects and left out. Positions are pixels of the video from its top left corner, y
 /// down; where the camera moves, those of its reference frame. What is found of the time base, and the pieces in which
-/// objects move freely, are listed.
+/// objects move freely, are listed. With --plane the table has columns in metres, too, y up from the first corner.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  paig track clip.mp4\n  paig track clip.mp4 --objects 2 --frames 30..200 --out positions.csv\n  \
@@ -39,33 +39,25 @@ pub struct Arguments {
     /// Only these frames, counted from 0, without the last: 118..202
     #[arg(long, value_name = "START..END")]
     frames: Option<String>,
-    /// How many times as slow as it was filmed the video plays, 8 for 240 frames a second stored as 30 [default: by its tags]
-    #[arg(long, value_name = "FACTOR")]
-    slow_motion: Option<f64>,
-    /// The plane of the motion by a rectangle in it: its corners in pixels (bottom left, bottom right, top right, top left),
-    /// then its width and height in metres. Adds columns in metres, y up from the first corner
-    #[arg(long, value_name = "X,Y,X,Y,X,Y,X,Y,WIDTH,HEIGHT", allow_hyphen_values = true)]
-    plane: Option<String>,
-    /// Radial distortion of the lens for --plane: r becomes r / (1 + K r^2), in half diagonals; negative for a wide lens
-    #[arg(long, value_name = "K", allow_negative_numbers = true, requires = "plane")]
-    distortion: Option<f64>,
+    #[command(flatten)]
+    camera: CameraOptions,
     #[command(flatten)]
     objects_shown: TrackOptions,
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     ensure!(arguments.objects > 0, "--objects must be at least 1");
-    let positive = |factor: f64| factor.is_finite() && factor > 0.0;
-    ensure!(arguments.slow_motion.is_none_or(positive), "--slow-motion: must be a positive number");
+    let camera = arguments.camera.read(None)?;
     let out = TABLE.check(&arguments.out, &[&arguments.video])?;
     let picture = PICTURE.check(&arguments.picture, &[&arguments.video])?;
-    let video = Video::open(&arguments.video)?;
+    let video = camera.open(&arguments.video)?;
     let (hints, ignore) = arguments.objects_shown.read()?;
-    let calibration = arguments.plane.as_deref().map(|text| plane(text, arguments.distortion, &video)).transpose()?;
+    let calibration = camera.calibration(&video).context("--plane")?;
     let options = Options {
         frames: arguments.frames.as_deref().map(|text| frames(text, video.frames)).transpose()?,
         objects: arguments.objects,
-        slow_motion: arguments.slow_motion,
+        slow_motion: camera.slow_motion,
+        readout: camera.readout,
         hints,
         ignore,
         ..Options::default()
@@ -102,15 +94,6 @@ fn frames(text: &str, count: usize) -> Result<std::ops::Range<usize>> {
     let range = bound(start, 0).with_context(wrong)?..bound(end, count).with_context(wrong)?;
     ensure!(range.start < range.end && range.end <= count, "--frames {text:?}: the video has {count} frames");
     Ok(range)
-}
-
-fn plane(text: &str, distortion: Option<f64>, video: &Video) -> Result<Calibration> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-    let wrong = || format!("--plane {text:?}: expected four corners x,y, then width,height in metres: ten numbers");
-    let [a, b, c, d, e, f, g, h, width, height] = numbers.with_context(wrong)?[..] else { anyhow::bail!(wrong()) };
-    let lens = distortion.map(|k| Lens::new(k, video.width as usize, video.height as usize));
-    Calibration::new([[a, b], [c, d], [e, f], [g, h]], [width, height], lens)
-        .with_context(|| format!("--plane {text:?}"))
 }
 
 #[cfg(test)]

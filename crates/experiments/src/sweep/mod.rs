@@ -10,9 +10,9 @@ mod seeds;
 mod status;
 
 pub use paig::runs::names::{DONE, OUTPUT};
-pub use plan::{Job, SweepPlan};
+pub use plan::{Job, Stage, SweepPlan};
 pub use processes::{
-    SweepEvent, SweepSummary, failure, forget_failure, last_line, note_failure, run, training_program,
+    SweepEvent, SweepSummary, Work, failure, forget_failure, last_line, note_failure, run, training_program,
 };
 pub use request::{SweepRequest, jobs};
 pub use seeds::{MOST_RUNS, parse_seeds};

@@ -44,7 +44,7 @@ pub struct Job {
 
 /// How far a job is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Stage {
+pub enum Stage {
     New,
     CutOff,
     Finished,

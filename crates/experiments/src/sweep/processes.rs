@@ -1,5 +1,6 @@
 //! The runs of a sweep as processes, a few at a time.
 
+use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -72,24 +73,56 @@ pub enum SweepEvent<'a> {
     Waiting,
 }
 
+/// What a process of the program does, in a folder of its own.
+pub trait Work {
+    fn folder(&self) -> &Path;
+
+    /// How far it is.
+    ///
+    /// # Errors
+    /// A folder that belongs to other work.
+    fn stage(&self) -> Result<Stage>;
+
+    /// Words of the program's command line but for the folder, from a stage that is not [`Stage::Finished`].
+    fn words(&self, stage: Stage) -> Vec<OsString>;
+}
+
+impl Work for Job {
+    fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    fn stage(&self) -> Result<Stage> {
+        Job::stage(self)
+    }
+
+    fn words(&self, stage: Stage) -> Vec<OsString> {
+        let train = [OsString::from("train")].into_iter();
+        match stage {
+            Stage::CutOff => train.chain(["--resume".into()]).collect(),
+            Stage::New | Stage::Finished => train.chain(self.options.words().iter().cloned()).collect(),
+        }
+    }
+}
+
 /// One run that is under way.
-struct Running<'a> {
-    job: &'a Job,
+struct Running<'a, W> {
+    job: &'a W,
     child: Child,
     since: Instant,
     /// Where what it prints begins in the output, bytes.
     from: u64,
 }
 
-/// Runs the jobs with the training program, `at_once` at a time, in their order. One that fails stops no other one.
+/// Runs the jobs with the program, `at_once` at a time, in their order. One that fails stops no other one.
 /// `stop` is asked some times a second; once it says so, no further run begins, and those under way are told to save and
 /// stop (SIGINT). `observe` is told what happens.
 ///
 /// # Errors
 /// A process that cannot be waited for.
-pub fn run(
+pub fn run<W: Work>(
     program: &Path,
-    jobs: &[Job],
+    jobs: &[W],
     at_once: usize,
     stop: &dyn Fn() -> bool,
     observe: &mut dyn FnMut(SweepEvent),
@@ -107,7 +140,7 @@ pub fn run(
         observe(event);
     };
     let mut waiting = jobs.iter();
-    let mut running: Vec<Running> = Vec::new();
+    let mut running: Vec<Running<W>> = Vec::new();
     let mut stopping = false;
     loop {
         while running.len() < at_once && !stop() {
@@ -127,7 +160,7 @@ pub fn run(
         }
         let mut still = Vec::new();
         for mut one in running {
-            let folder = &one.job.folder;
+            let folder = one.job.folder();
             match one.child.try_wait().context("cannot wait for a run").map_err(Error::of_work)? {
                 None => still.push(one),
                 Some(status) if status.success() => match atomic::write_file(&folder.join(DONE), |_| Ok(())) {
@@ -157,8 +190,8 @@ fn was_signalled(status: ExitStatus) -> bool {
 }
 
 /// Starts or continues a run; none if it has finished before or cannot be started.
-fn start<'a>(program: &Path, job: &'a Job, tell: &mut dyn FnMut(SweepEvent)) -> Option<Running<'a>> {
-    let folder = &job.folder;
+fn start<'a, W: Work>(program: &Path, job: &'a W, tell: &mut dyn FnMut(SweepEvent)) -> Option<Running<'a, W>> {
+    let folder = job.folder();
     if RunFolder::is_in_use(folder) {
         tell(SweepEvent::InUse(folder));
         return None;
@@ -178,17 +211,15 @@ fn start<'a>(program: &Path, job: &'a Job, tell: &mut dyn FnMut(SweepEvent)) -> 
 }
 
 /// The process of a run that is not finished.
-fn spawn(program: &Path, job: &Job, stage: Stage) -> Result<Option<Child>> {
+fn spawn(program: &Path, job: &impl Work, stage: Stage) -> Result<Option<Child>> {
+    if stage == Stage::Finished {
+        return Ok(None);
+    }
     let mut command = Command::new(program);
-    command.arg("train");
-    match stage {
-        Stage::Finished => return Ok(None),
-        Stage::New => command.args(job.options.words()),
-        Stage::CutOff => command.arg("--resume"),
-    };
-    let output = open_output(&job.folder)?;
+    command.args(job.words(stage));
+    let output = open_output(job.folder())?;
     // A group of its own: Ctrl-C reaches a run through the sweep alone, and only once.
-    command.arg("--out").arg(&job.folder).process_group(0);
+    command.arg("--out").arg(job.folder()).process_group(0);
     command.stdin(Stdio::null()).stdout(output.try_clone()?).stderr(output);
     command.spawn().map(Some).with_context(|| format!("cannot start {}", program.display()))
 }

@@ -62,6 +62,15 @@ impl Lens {
         let factor = 1.0 / (1.0 + self.coefficient * (away[0] * away[0] + away[1] * away[1]));
         [0, 1].map(|axis| self.middle[axis] + factor * (pixel[axis] - self.middle[axis]))
     }
+
+    /// Pixel at which a place without distortion is seen; the inverse of [`Lens::straight`].
+    pub fn bent(&self, place: [f64; 2]) -> [f64; 2] {
+        let away = [0, 1].map(|axis| (place[axis] - self.middle[axis]) / self.radius);
+        let square = self.coefficient * (away[0] * away[0] + away[1] * away[1]);
+        // The root of k s r^2 - r + s = 0 that is s where k is 0; beyond its range the lens shows nothing, and the edge stands in.
+        let factor = 2.0 / (1.0 + (1.0 - 4.0 * square).max(0.0).sqrt());
+        [0, 1].map(|axis| self.middle[axis] + factor * (place[axis] - self.middle[axis]))
+    }
 }
 
 /// Sum of the squared distances of points from the line that fits them best, pixels^2.
@@ -83,28 +92,29 @@ fn bend(points: impl Iterator<Item = [f64; 2]>) -> f64 {
 mod tests {
     use super::*;
 
-    /// Pixel at which a place without distortion is seen, by iteration.
-    fn bent(lens: &Lens, place: [f64; 2]) -> [f64; 2] {
-        let mut pixel = place;
-        for _ in 0..200 {
-            let straight = lens.straight(pixel);
-            pixel = [0, 1].map(|axis| pixel[axis] + 0.5 * (place[axis] - straight[axis]));
-        }
-        pixel
-    }
-
     #[test]
     fn straight_lines_give_the_coefficient() {
         let lens = Lens::new(-0.12, 1280, 720);
         let line = |from: [f64; 2], to: [f64; 2]| -> Vec<[f64; 2]> {
             (0..8)
                 .map(|k| f64::from(k) / 7.0)
-                .map(|t| bent(&lens, [from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1])]))
+                .map(|t| lens.bent([from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1])]))
                 .collect()
         };
         let lines = [line([100.0, 80.0], [1150.0, 60.0]), line([120.0, 100.0], [140.0, 650.0])];
         let found = Lens::of_straight_lines(&lines, 1280, 720).unwrap();
         assert!((found.coefficient + 0.12).abs() < 1e-4, "{found:?}");
+    }
+
+    #[test]
+    fn a_bent_place_is_straightened_to_where_it_was() {
+        for coefficient in [-0.2, 0.0, 0.15] {
+            let lens = Lens::new(coefficient, 1280, 720);
+            for place in [[100.0, 80.0], [640.0, 360.0], [1100.0, 500.0]] {
+                let [x, y] = lens.straight(lens.bent(place));
+                assert!((x - place[0]).hypot(y - place[1]) < 1e-9, "{coefficient} {place:?}: {x} {y}");
+            }
+        }
     }
 
     #[test]

@@ -53,7 +53,11 @@ pub(super) struct Reel {
 impl Reel {
     /// Reads what the videos say of themselves, and chooses frames. A clip has at least `needed`.
     pub(super) fn open(request: &Request, needed: usize) -> Result<Self> {
-        let videos = request.videos.iter().map(|path| Ok(Rc::new(Video::open(path)?))).collect::<Result<Vec<_>>>()?;
+        let open = |path: &PathBuf| {
+            let video = Video::open(path)?;
+            Ok(Rc::new(if request.fps.is_some() { video } else { video.timed(request.slow_motion) }))
+        };
+        let videos = request.videos.iter().map(open).collect::<Result<Vec<_>>>()?;
         for path in &request.videos {
             ensure!(
                 path::absolute(path).is_ok_and(|path| path.to_str().is_some()),

@@ -30,6 +30,8 @@ pub struct Request {
     pub step: usize,
     /// Frames a second, in place of the video's own times.
     pub fps: Option<f64>,
+    /// How many times as slow as it was filmed each video plays; by its tags where absent. Not with `fps`.
+    pub slow_motion: Option<f64>,
     pub crop: CropChoice,
     /// Side of the frames that a model sees, pixels.
     pub side: usize,
@@ -79,6 +81,7 @@ impl Request {
             parts: vec![Part::All],
             step: 1,
             fps: None,
+            slow_motion: None,
             crop: CropChoice::Auto,
             side: 32,
             grey: false,

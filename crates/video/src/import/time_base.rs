@@ -39,6 +39,8 @@ pub struct Kept {
     pub interval: f64,
     /// When the first one is shown, seconds.
     pub first_seconds: f64,
+    /// Largest distance of a frame from the even clock that it is put onto, seconds.
+    pub off: f64,
     /// What was found of the video's own clock.
     pub clock: Clock,
 }
@@ -68,7 +70,7 @@ impl Kept {
             let Some(fps) = fps else { bail!("it has no time stamps; say with --fps how many frames it has a second") };
             let first_seconds = range.start as f64 / fps;
             let (frames, interval) = (range.step_by(step).collect(), step as f64 / fps);
-            return Ok(Kept { frames, interval, first_seconds, clock: Clock::Given });
+            return Ok(Kept { frames, interval, first_seconds, off: 0.0, clock: Clock::Given });
         };
         let times = &all[range.clone()];
         let (first, last) = (times[0], times[times.len() - 1]);
@@ -77,7 +79,8 @@ impl Kept {
         {
             // A frame alone lasts as long as those of the video do.
             let interval = (end - begin) / (all.len() - 1) as f64 * step as f64;
-            return Ok(Kept { frames: vec![range.start], interval, first_seconds: *only, clock: Clock::Regular });
+            let frames = vec![range.start];
+            return Ok(Kept { frames, interval, first_seconds: *only, off: 0.0, clock: Clock::Regular });
         }
         ensure!(
             times.len() > 1 && last > first,
@@ -89,14 +92,17 @@ impl Kept {
         let furthest = times.iter().enumerate().map(off).fold(0.0, f64::max);
         if furthest <= REGULAR * mean {
             let frames = range.step_by(step).collect();
-            return Ok(Kept { frames, interval: mean * step as f64, first_seconds: first, clock: Clock::Regular });
+            let interval = mean * step as f64;
+            return Ok(Kept { frames, interval, first_seconds: first, off: furthest, clock: Clock::Regular });
         }
         let (tick, nearest) = best_clock(times)?;
         let repeated = nearest.windows(2).filter(|pair| pair[0] == pair[1]).count();
         let left_out = times.len() - (nearest.len() - repeated);
+        let of_tick = |(number, place): (usize, &usize)| (times[*place] - first - tick * number as f64).abs();
+        let off = nearest.iter().enumerate().map(of_tick).fold(0.0, f64::max);
         let frames = nearest.iter().step_by(step).map(|place| range.start + place).collect();
         let clock = Clock::Resampled { repeated, left_out };
-        Ok(Kept { frames, interval: tick * step as f64, first_seconds: first, clock })
+        Ok(Kept { frames, interval: tick * step as f64, first_seconds: first, off, clock })
     }
 }
 

@@ -25,6 +25,8 @@ const LEAST_WIDTH: f64 = 2.0;
 /// Frames a second that cameras have.
 const USUAL_RATES: [f64; 12] = [12.5, 15.0, 23.976, 24.0, 25.0, 29.97, 30.0, 48.0, 50.0, 59.94, 60.0, 120.0];
 const SAME_RATE: f64 = 0.01;
+/// Distance of a frame from an even clock, in intervals, that is more than the rounding of a gif's stamps.
+const NOTICED: f64 = 0.16;
 /// Part of a video's frames that may be shown twice or left out by a regular clock.
 const FEW_CHANGES: f64 = 0.1;
 
@@ -48,6 +50,14 @@ pub(super) fn of(
         match kept.clock {
             Clock::Given => {}
             Clock::Regular => {
+                let interval = kept.interval / request.step as f64;
+                if kept.off > NOTICED * interval {
+                    warnings.push(format!(
+                        "{name}: its frames stand up to {:.1} ms off an even clock of {rate:.3} a second and are taken as even; \
+                         `paig measure` takes each at its own time",
+                        1e3 * kept.off
+                    ));
+                }
                 if !USUAL_RATES.iter().any(|usual| (rate / usual - 1.0).abs() <= SAME_RATE) {
                     warnings.push(format!(
                         "{name}: {rate:.2} frames a second are unusual; 1 % in the time is 2 % in an acceleration: say \
@@ -59,8 +69,9 @@ pub(super) fn of(
                 let changed = (repeated + left_out) as f64 / kept.frames.len() as f64;
                 let advice = if changed > FEW_CHANGES { "; film at a constant rate if you can" } else { "" };
                 warnings.push(format!(
-                    "{name}: its frame rate varies; frames were put onto a clock of {rate:.3} a second, {repeated} shown \
-                     twice, {left_out} left out{advice}"
+                    "{name}: its frame rate varies; frames were put onto a clock of {rate:.3} a second, up to {:.1} ms off it, \
+                     {repeated} shown twice, {left_out} left out{advice}; `paig measure` takes each frame at its own time",
+                    1e3 * kept.off
                 ));
             }
         }

@@ -4,7 +4,7 @@
 //! parts of it), the prediction of what was held out, agreement of the observations, and the width of each interval. The drawing
 //! of a model decides nothing.
 
-use super::results::{HeldOut, Judgement, Outcome, Quantity, Residuals};
+use super::results::{HeldOut, Judgement, MissingTerm, Outcome, Quantity, Residuals};
 
 /// Share of the frames in which the objects must be seen, and below which nothing is found.
 const SEEN: f64 = 0.7;
@@ -26,7 +26,7 @@ const NOTICEABLE: f64 = 1.0;
 /// Half the width of an interval over the value, up to which a value is known, and beyond which nothing is.
 const NARROW: f64 = 0.1;
 const WIDE: f64 = 0.5;
-/// By how many intervals' half-widths, and by which part of the value, two observations may differ.
+/// By how many intervals' half-widths, and by which part of the value, two observations, or two equations, may differ.
 const AGREE: f64 = 3.0;
 const NEARLY_EQUAL: f64 = 0.03;
 
@@ -45,6 +45,7 @@ pub struct Evidence<'a> {
     pub amplitude: f64,
     /// Noise of the observed positions from their high differences, in the same unit.
     pub noise: f64,
+    pub missing: Option<&'a MissingTerm>,
 }
 
 /// Judges a measurement; sets the outcome of each of its quantities.
@@ -52,7 +53,7 @@ pub fn judge(evidence: &Evidence, quantities: &mut [Quantity]) -> Judgement {
     let mut against: Vec<(Outcome, String)> = evidence.against();
     let of_all = against.iter().map(|(outcome, _)| *outcome).max().unwrap_or(Outcome::Found);
     for quantity in quantities.iter_mut() {
-        let (own, reason) = of_quantity(quantity);
+        let (own, reason) = of_quantity(quantity, evidence.missing);
         quantity.outcome = Some(of_all.max(own));
         against.extend(reason.map(|reason| (own, reason)));
     }
@@ -135,7 +136,7 @@ impl Evidence<'_> {
 }
 
 /// The outcome of one quantity by itself, and why it is not found.
-fn of_quantity(quantity: &Quantity) -> (Outcome, Option<String>) {
+fn of_quantity(quantity: &Quantity, missing: Option<&MissingTerm>) -> (Outcome, Option<String>) {
     let name = quantity.name.replace('_', " ");
     let Some((low, high)) = quantity.low.zip(quantity.high) else {
         return (Outcome::NotFound, Some(format!("{name} has no interval: the motion does not determine it")));
@@ -146,17 +147,24 @@ fn of_quantity(quantity: &Quantity) -> (Outcome, Option<String>) {
         let outcome = if relative > WIDE { Outcome::NotFound } else { Outcome::Doubtful };
         return (outcome, Some(format!("{name} is known to {:.0} % only", 100.0 * relative)));
     }
-    if let Some(other) = quantity.by_tracker {
+    let differs = |other: f64| {
         let apart = (other - quantity.value).abs();
-        if apart > AGREE * half && apart > NEARLY_EQUAL * quantity.value.abs() {
-            return (
-                Outcome::Doubtful,
-                Some(format!(
-                    "{name} differs by {:.0} % from the other observation's",
-                    100.0 * apart / quantity.value.abs()
-                )),
-            );
-        }
+        apart > AGREE * half && apart > NEARLY_EQUAL * quantity.value.abs()
+    };
+    if let Some((missing, factor)) = missing.and_then(|it| Some((it, it.factors.get(&quantity.name)?)))
+        && differs(factor * quantity.value)
+    {
+        return (
+            Outcome::Doubtful,
+            Some(format!(
+                "{name} would be {:.3} times as large with the missing term ({}): measure with it",
+                factor, missing.name
+            )),
+        );
+    }
+    if let Some(other) = quantity.by_tracker.filter(|other| differs(*other)) {
+        let percent = 100.0 * (other - quantity.value).abs() / quantity.value.abs();
+        return (Outcome::Doubtful, Some(format!("{name} differs by {percent:.0} % from the other observation's")));
     }
     (Outcome::Found, None)
 }

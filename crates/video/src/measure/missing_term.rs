@@ -126,6 +126,7 @@ pub(super) fn missing_term(scene: &Scene, tracks: &[Track], judged: &Explained, 
     let best = terms.into_iter().map(of_term).chain(views.into_iter().map(of_view)).filter(helps);
     let best = best.min_by(|a, b| a.criterion.total_cmp(&b.criterion))?;
     let (times, _) = scene.per_coordinate();
+    let factors = factors(judged, &best.explained);
     let (name, quantities, equation) = match best.what {
         What::Term(term, table) => {
             (term.name, quantities(scene, tracks, &best.explained, term, seed)?, file(scene, system, &table))
@@ -141,8 +142,21 @@ pub(super) fn missing_term(scene: &Scene, tracks: &[Track], judged: &Explained, 
         gain: criterion(judged) - best.criterion,
         residual: [before.learned, best.learned].map(|error| times * error),
         held_out_error: [before.held_out, best.held_out].map(|error| times * error),
+        factors,
         equation,
     })
+}
+
+/// By which factor each learned parameter changes from one fit to another.
+fn factors(before: &Explained, after: &Explained) -> BTreeMap<String, f64> {
+    let value = |it: &Explained, name: &str| {
+        let place = it.dynamics.system.cell.parameters.iter().position(|parameter| parameter.name == name)?;
+        let parameter = &it.dynamics.system.cell.parameters[place];
+        it.learned[place].then(|| parameter.bounds.value(it.fitted.raw[place]))
+    };
+    let parameters = before.dynamics.system.cell.parameters.iter();
+    let factor = |name: &str| Some(value(after, name)? / value(before, name)?);
+    parameters.filter_map(|parameter| Some((parameter.name.to_string(), factor(&parameter.name)?))).collect()
 }
 
 /// The parameters of a term with their intervals, fitted to all frames.

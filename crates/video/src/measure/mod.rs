@@ -5,6 +5,7 @@
 //! ([`mod@fit`]), in float64 and without images; a bootstrap over time says how far the result can be trusted ([`mod@bootstrap`]).
 //! The last quarter of each video is predicted from the rest and held against two baselines. Not in the original.
 
+mod attempts;
 pub mod bootstrap;
 mod candidates;
 pub mod clock;
@@ -12,10 +13,12 @@ pub mod coverage;
 pub mod dynamics;
 pub mod errors;
 pub mod explain;
+mod finished;
 pub mod fit;
 mod fits;
 pub mod free_motion;
 pub mod judgement;
+mod measured;
 mod missing_term;
 pub mod motion;
 mod native;
@@ -26,6 +29,7 @@ mod overlay;
 mod page;
 mod pictures;
 mod positions_file;
+mod proposals;
 mod quantities;
 pub mod recording;
 pub mod results;
@@ -35,22 +39,25 @@ pub mod shown;
 pub mod sight;
 pub mod starts;
 pub mod table;
+pub mod takes;
 pub mod trials;
 mod trust;
 mod view;
 
-use std::io::Write;
 use std::ops::Range;
 use std::path::Path;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use tch::Device;
 
+use self::attempts::Attempts;
 use self::bootstrap::bootstrap;
 use self::candidates::Candidate;
 use self::explain::{Explained, constant_velocity};
+use self::finished::{FILES, Finished};
 use self::fits::Fits;
 use self::free_motion::free_motion;
 use self::judgement::{Evidence, judge};
@@ -58,9 +65,8 @@ use self::missing_term::missing_term;
 use self::motion::Motion;
 use self::native::{By, Tracked};
 use self::of_run::Learned;
-use self::of_video::Equation;
 pub use self::of_video::VideoRequest;
-use self::pictures::{Pictures, filmed};
+use self::pictures::filmed;
 use self::recording::{Observation, Scene};
 use self::results::{Measurement, Quantity};
 use self::selection::Selection;
@@ -73,15 +79,9 @@ use paig::runs::names::CONFIG;
 use paig::runs::summary::Summary;
 use paig::support::atomic;
 use paig::support::device::set_tf32;
-use paig::support::output::FileSet;
 use paig::support::storage::storage;
 use paig::tasks::equation_file::EquationFile;
 use paig::training::saved::load_model;
-
-/// File of an equation with the term that it lacks.
-pub const EXTENDED: &str = "extended-equation.toml";
-/// What it holds where no term is missing.
-const NOTHING_MISSING: &str = "# The equation lacks none of the terms that were tried.\n";
 
 /// An equation to be compared.
 #[derive(Debug, Clone)]
@@ -111,6 +111,7 @@ pub struct Request {
 }
 
 /// Everything that a measurement is made of.
+#[derive(Clone)]
 struct Subject {
     task: String,
     scene: Scene,
@@ -126,18 +127,10 @@ struct Subject {
     notes: Vec<String>,
     /// What speaks against every number.
     doubts: Vec<String>,
+    /// Measurements of each take alone, whose scatter is part of the intervals.
+    takes: Vec<Measurement>,
     training_seconds: Option<f64>,
     seed: u64,
-}
-
-/// A measured subject with all that its files are made of.
-struct Measured<'a> {
-    measurement: Measurement,
-    scene: &'a Scene,
-    /// Observed positions of each recording, pixels of a frame.
-    pixels: Vec<&'a [f64]>,
-    explained: Explained,
-    pictures: Vec<Pictures>,
 }
 
 /// Measures a finished run, and writes `measurement.json`, `measurement.html`, `measurement-positions.png`, `positions.csv` and
@@ -180,7 +173,7 @@ fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) ->
                     }
                     Err(error) => notes.push(format!("tracker: {error:#}")),
                 }
-                pictures.push(pictures::Source::Filmed(Box::new(film)));
+                pictures.push(pictures::Source::Filmed(Rc::new(film)));
             }
             None => {
                 notes.push(format!(
@@ -206,11 +199,12 @@ fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) ->
         known: learned.known(),
         notes,
         doubts: Vec::new(),
+        takes: Vec::new(),
         training_seconds: summary.map(|summary| summary.wall_seconds),
         seed: config.seed,
     };
     let own = Named { name: "the run's own".into(), cell: model.system.cell.clone() };
-    subject.measure(own, request, out, begun)
+    subject.measured(own, Vec::new(), request, begun)?.write(out)
 }
 
 /// Whether a path is a run's folder rather than a video.
@@ -231,23 +225,15 @@ pub fn measure_videos(videos: &VideoRequest, against: &[EquationFile], out: &Pat
         ensure_no_run(out)?;
         FILES.settle(out)?;
         FILES.check(out)?;
-        let (subject, equation) = videos.subject()?;
+        let films = videos.films()?;
         make_folder(out)?;
         let request = Request { equation: None, against: against.to_vec() };
-        match equation {
-            Equation::Given(own) => subject.measure(own, &request, out, begun),
-            Equation::OneOf(candidates) => subject.by_the_best(&candidates)?.measure_by(&request, out, begun),
-        }
+        let attempts = Attempts { videos, films: &films, request: &request, begun };
+        let finished = if videos.takes { attempts.takes(out)? } else { attempts.best()? };
+        finished.write(out)
     };
     Ok(measured()?)
 }
-
-/// The files of a measurement. The numbers come last: they show whose the others are.
-const FILES: FileSet = FileSet {
-    name: "a measurement",
-    files: &["positions.csv", "overlay.gif", page::POSITIONS, page::PAGE, EXTENDED, results::MEASUREMENT],
-    recognizes: Measurement::is_in,
-};
 
 /// # Errors
 /// A run's folder.
@@ -306,20 +292,6 @@ struct CrossCheck {
     quantities: Vec<Quantity>,
 }
 
-/// A subject with the equation that was chosen for it.
-struct Chosen {
-    subject: Subject,
-    equation: Named,
-    /// The others with their fits, the best first.
-    others: Vec<(String, Explained)>,
-}
-
-impl Chosen {
-    fn measure_by(self, request: &Request, out: &Path, begun: Instant) -> Result<Measurement> {
-        self.subject.measured(self.equation, self.others, request, out, begun)
-    }
-}
-
 impl Subject {
     fn cross_check(&self, scene: &Scene, explained: &Explained, other: &Observation) -> Result<CrossCheck> {
         let tracks = scene.tracks(other);
@@ -335,8 +307,8 @@ impl Subject {
         Ok(CrossCheck { judged, quantities })
     }
 
-    /// The same with the equation that explains it best, and those it was chosen from.
-    fn by_the_best(mut self, candidates: &[Candidate]) -> Result<Chosen> {
+    /// Measured by the equation that explains it best, beside those it was chosen from.
+    fn by_the_best(mut self, candidates: &[Candidate], request: &Request, begun: Instant) -> Result<Finished> {
         let numbers = self.scene.recordings[0].numbers.clone();
         let selection = Selection::of(&mut self.scene, &mut self.observations, candidates)?;
         self.notes.extend(selection.part.as_ref().map(|part| note_of_part(&numbers, part, numbers.len())));
@@ -346,11 +318,7 @@ impl Subject {
         let (best, _) = ranked.next().context("no equation was fitted")?;
         self.scene.system.cell = best.cell.clone();
         let others = ranked.map(|(candidate, explained)| (candidate.name, explained)).collect();
-        Ok(Chosen { subject: self, equation: Named { name: best.name, cell: best.cell }, others })
-    }
-
-    fn measure(&self, own: Named, request: &Request, out: &Path, begun: Instant) -> Result<Measurement> {
-        self.measured(own, Vec::new(), request, out, begun)
+        self.measured(Named { name: best.name, cell: best.cell }, others, request, begun)
     }
 
     /// `compared`: equations that were fitted already.
@@ -359,9 +327,8 @@ impl Subject {
         own: Named,
         compared: Vec<(String, Explained)>,
         request: &Request,
-        out: &Path,
         begun: Instant,
-    ) -> Result<Measurement> {
+    ) -> Result<Finished> {
         let Subject { known, .. } = self;
         let (mut scene, mut observations) = (self.scene.clone(), self.observations.clone());
         let named = |file: &EquationFile| Named::of(file, scene.system.objects);
@@ -378,11 +345,10 @@ impl Subject {
             notes.push(note);
             fits = scene.fits(&main.cell, &observations[..count], known);
         }
-        let (scene, observations) = (&scene, &observations);
         let Fits { observation, tracks, judged, whole_tracks, whole } = fits?;
         let uncertainty = bootstrap(&whole.dynamics, &whole_tracks, &whole.learned, &whole.fitted, self.seed)?;
         let other = observations.get(1).filter(|_| self.first_counts).map(|other| {
-            let fit = self.cross_check(scene, &judged, other);
+            let fit = self.cross_check(&scene, &judged, other);
             fit.with_context(|| format!("fit to {}", other.by))
         });
         let other = other.and_then(|fit| fit.map_err(|error| notes.push(format!("{error:#}"))).ok());
@@ -397,10 +363,13 @@ impl Subject {
                 quantity.beside(other)
             })
             .collect();
+        takes::pool(&mut quantities, &self.takes);
         let residuals = scene.residuals(&whole, &uncertainty);
         let motion = Motion::of(&tracks[0], judged.dynamics.coordinates());
         let (times, _) = scene.per_coordinate();
+        let missing = missing_term(&scene, &tracks, &judged, self.seed);
         let evidence = Evidence {
+            missing: missing.as_ref(),
             doubts: &self.doubts,
             seen: motion.seen,
             chance: motion.chance,
@@ -423,7 +392,7 @@ impl Subject {
             held_out,
             residuals,
             alternatives: Vec::new(),
-            missing: missing_term(scene, &tracks, &judged, self.seed),
+            missing,
             notes,
             verdict: Some(verdict),
             training_seconds: self.training_seconds,
@@ -432,22 +401,8 @@ impl Subject {
         let others = compared.into_iter().chain(scene.others(&against, &tracks, known)?).collect();
         measurement.alternatives = scene.alternatives((main.name, judged.clone()), others);
         measurement.seconds = begun.elapsed().as_secs_f64();
-        let pixels = observations[observation].recordings.iter().map(|positions| positions.pixels.as_slice()).collect();
-        let pictures = self.pictures.iter().zip(&scene.recordings);
-        let pictures =
-            pictures.map(|(source, recording)| source.pictures(recording, &scene.scale)).collect::<Result<_>>()?;
-        let measured = Measured { measurement, scene, pixels, explained: judged, pictures };
-        FILES.replace(out, |out| {
-            positions_file::write(&out.join("positions.csv"), &measured)?;
-            overlay::write(&out.join("overlay.gif"), &measured)?;
-            page::write(out, &measured)?;
-            atomic::write_file(&out.join(EXTENDED), |file| {
-                let equation = measured.measurement.missing.as_ref().and_then(|missing| missing.equation.as_deref());
-                Ok(file.write_all(equation.unwrap_or(NOTHING_MISSING).as_bytes())?)
-            })?;
-            measured.measurement.write(out)
-        })?;
-        Ok(measured.measurement)
+        let (observation, pictures) = (observations.swap_remove(observation), self.pictures.clone());
+        Ok(Finished { measurement, scene, observation, explained: judged, pictures })
     }
 }
 

@@ -1,8 +1,11 @@
 //! Observation of a video at its own resolution: the tracks of [`paig_track`], without an equation and without a model.
 
-use anyhow::{Result, bail};
-use paig_track::{Method, Motion, Options, Point, Role, Track, Tracking, Visibility};
+use std::ops::Range;
 
+use anyhow::{Result, bail};
+use paig_track::{Finding, Method, Motion, Options, Point, Role, Segment, Track, Tracking, Visibility};
+
+use super::proposals::{Proposal, proposals};
 use super::recording::Positions;
 use super::scale::Scale;
 use crate::import::sources::Video;
@@ -15,6 +18,10 @@ use paig::support::statistics::upper_median;
 const HALF: f64 = 0.5;
 /// Least precision of a position relative to the median one.
 const LEAST_WEIGHT: f64 = 0.1;
+/// Displacement of a camera, as a share of the picture's shorter side, beyond which its registration needs a person's eye.
+const PANS: f64 = 0.35;
+/// Factor beyond which a speed that changes at once, in the same direction, is slow motion rather than a blow.
+const SLOW_MOTION: f64 = 4.0;
 /// Most tracks that are looked for beyond the objects: shadows, hands, and what else moves.
 const OTHERS: usize = 3;
 
@@ -24,6 +31,8 @@ pub(super) struct Tracked {
     pub tracks: Vec<Track>,
     /// Other objects, the likeliest first.
     pub others: Vec<Track>,
+    /// Pieces in which the objects move freely.
+    segments: Vec<Segment>,
     /// First tracked frame.
     first: usize,
     /// When every frame of the video was filmed, seconds; none where the video does not say.
@@ -31,7 +40,7 @@ pub(super) struct Tracked {
     /// What was found of the time base and the camera, for people.
     pub notes: Vec<String>,
     /// Why the positions may be wrong altogether.
-    pub doubt: Option<String>,
+    pub doubts: Vec<String>,
 }
 
 /// Which positions of a track are taken.
@@ -50,7 +59,7 @@ impl Tracked {
     /// As [`track`], and fewer objects than the system has.
     pub fn of(video: &Video, options: &Options, objects: usize) -> Result<Self> {
         let options = Options { objects: objects + OTHERS, ..options.clone() };
-        let Followed { tracking: Tracking { tracks, camera, time, .. }, .. } = track(video, &options)?;
+        let Followed { tracking: Tracking { tracks, camera, time, .. }, segments } = track(video, &options)?;
         let (mut tracks, mut others): (Vec<_>, Vec<_>) = (tracks, Vec::new());
         tracks.retain(|track| track.role == Role::Object);
         if tracks.len() < objects {
@@ -68,24 +77,36 @@ impl Tracked {
             let places = point.measurement.iter_mut().map(|it| &mut it.position).chain(&mut point.centroid);
             places.for_each(|place| *place = [place[0] - camera.origin[0], place[1] - camera.origin[1]]);
         }
-        let doubt = (camera.motion == Motion::Panning).then(|| {
-            format!(
-                "{}: {}; film with a standing camera, or look whether the overlay fits",
-                video.name(),
-                camera.line()
-            )
+        let name = video.name();
+        let far = PANS * video.width.min(video.height) as f64;
+        let pans = (camera.motion == Motion::Panning && camera.displacement > far).then(|| {
+            format!("{name}: {}; film with a standing camera, or look whether the overlay fits", camera.line())
         });
+        let slow = time.findings.iter().find_map(|finding| match finding {
+            Finding::SpeedChange { frame, factor } if factor.max(1.0 / factor) > SLOW_MOTION => Some(format!(
+                "{name}: everything is {factor:.2} times as fast from frame {frame} on, so it is unknown which part plays at the \
+                 speed of life: take one (--frames), and say how slow it is (--slow-motion)"
+            )),
+            _ => None,
+        });
+        let doubts = pans.into_iter().chain(slow).collect();
         let mut notes = time.lines();
         if camera.moves() {
             notes.push(format!("camera: {}", camera.line()));
         }
-        Ok(Tracked { tracks, others, first, times: time.times, notes, doubt })
+        Ok(Tracked { tracks, others, segments, first, times: time.times, notes, doubts })
     }
 
-    /// First frame and the one after the last between which all objects have positions.
-    pub fn range(&self) -> std::ops::Range<usize> {
+    /// Parts in which all objects move freely, at least so many frames each.
+    pub fn proposals(&self, least: usize) -> Vec<Proposal> {
+        proposals(&self.segments, self.tracks.len(), least)
+    }
+
+    /// First frame and the one after the last of all or of some between which all objects have positions.
+    pub fn range(&self, among: Option<&Range<usize>>) -> Range<usize> {
         let seen = |track: &Track| {
-            let seen = |point: &Point| position(point, By::Template).is_some();
+            let among = |point: &Point| among.is_none_or(|among| among.contains(&point.frame));
+            let seen = |point: &Point| among(point) && position(point, By::Template).is_some();
             let first = track.points.iter().position(seen).unwrap_or(0);
             let last = track.points.iter().rposition(seen).unwrap_or(0);
             (first, last + 1)
@@ -141,10 +162,11 @@ impl Tracked {
                 let own = Tracked {
                     tracks: vec![track.clone()],
                     others: Vec::new(),
+                    segments: Vec::new(),
                     first: self.first,
                     times: None,
                     notes: Vec::new(),
-                    doubt: None,
+                    doubts: Vec::new(),
                 };
                 let alone = System { objects: 1, ..system.clone() };
                 let pixels = own.positions(numbers, By::Template, (scale, &alone)).pixels;

@@ -1,7 +1,8 @@
 //! The scene of videos that no model has seen: tracked at their own resolution.
 
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 use anyhow::{Context, Result, bail, ensure};
 use paig_track::{Hint, Options, Region};
@@ -9,11 +10,12 @@ use paig_track::{Hint, Options, Region};
 use super::candidates::{self, Candidate, candidates, for_frames};
 use super::native::{By, Tracked};
 use super::pictures;
+use super::proposals::Proposal;
 use super::recording::{Observation, Recording, Scene, learned_from};
 use super::scale::Scale;
 use super::{Named, Subject};
 use crate::import::crop::Rectangle;
-use crate::import::sources;
+use crate::import::sources::{self, Filming};
 use crate::import::stated::Stated;
 use crate::import::time_base::{Part, range};
 use crate::import::tracker::TrackerFile;
@@ -39,8 +41,7 @@ pub struct VideoRequest {
     pub videos: Vec<PathBuf>,
     /// Parts of each video that show one motion from its beginning to its end.
     pub parts: Vec<Part>,
-    /// Frames a second, in place of the video's own times.
-    pub fps: Option<f64>,
+    pub filming: Filming,
     /// The frame to which starts and bounds of the equation refer, and at whose edges walls stand; the whole picture if not
     /// given.
     pub crop: Option<Rectangle>,
@@ -60,6 +61,8 @@ pub struct VideoRequest {
     /// Points on the objects, and regions in which nothing is looked for.
     pub hints: Vec<Hint>,
     pub ignore: Vec<Region>,
+    /// Whether each part is measured alone, too, and the scatter of the parts counts.
+    pub takes: bool,
 }
 
 /// The equation of a measurement.
@@ -68,10 +71,27 @@ pub(super) enum Equation {
     OneOf(Vec<Candidate>),
 }
 
+/// A part of a video with its objects tracked.
+pub(super) struct Film {
+    video: Rc<sources::Video>,
+    tracked: Rc<Tracked>,
+    /// Parts in which the objects move freely; none where a person named the part.
+    free: Vec<Proposal>,
+}
+
+/// Parts of the films that are measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Parts {
+    /// Those in which the objects move freely.
+    Free,
+    /// Everything that was asked for.
+    Whole,
+}
+
 /// One part of one video with its objects tracked.
 struct Take {
-    video: sources::Video,
-    tracked: Tracked,
+    video: Rc<sources::Video>,
+    tracked: Rc<Tracked>,
     numbers: Vec<usize>,
     /// Of these frames, from 0 on, seconds.
     seconds: Vec<f64>,
@@ -79,21 +99,33 @@ struct Take {
 }
 
 impl VideoRequest {
-    pub(super) fn subject(&self) -> Result<(Subject, Equation)> {
-        ensure!(!self.videos.is_empty(), "no video given");
-        let given = self.equation.clone();
-        let file = given
-            .clone()
-            .unwrap_or_else(|| EquationFile { side: Some(candidates::SIDE), ..EquationFile::built_in(UNTIL_CHOSEN) });
+    /// The equation, or what stands for it until one is chosen, and the number of objects.
+    fn system(&self) -> Result<(EquationFile, usize)> {
+        let until_chosen = || EquationFile { side: Some(candidates::SIDE), ..EquationFile::built_in(UNTIL_CHOSEN) };
+        let file = self.equation.clone().unwrap_or_else(until_chosen);
         let objects = self.objects.or(file.objects).unwrap_or(1);
         let kind =
             file.equation.kind(objects, &Equations::default()).with_context(|| format!("equation {}", file.name))?;
         let objects = kind.objects.unwrap_or(objects);
-        let (mut takes, mut doubtful) = (Vec::new(), Vec::new());
-        for path in &self.videos {
-            doubtful.extend(self.stated().check(&sources::Video::open(path)?)?);
-            for part in &self.parts {
-                takes.push(self.take(path, *part, objects)?);
+        Ok((file, objects))
+    }
+
+    /// All parts of all videos, tracked.
+    pub(super) fn films(&self) -> Result<Vec<Film>> {
+        ensure!(!self.videos.is_empty(), "no video given");
+        let (_, objects) = self.system()?;
+        let each =
+            self.videos.iter().flat_map(|path| self.parts.iter().map(move |part| self.film(path, *part, objects)));
+        each.collect()
+    }
+
+    pub(super) fn subject(&self, films: &[Film], parts: Parts) -> Result<(Subject, Equation)> {
+        let (file, objects) = self.system()?;
+        let (mut takes, mut proposed, mut doubtful) = (Vec::new(), Vec::new(), Vec::new());
+        for of_one in films.chunk_by(|one, next| one.video.path == next.video.path) {
+            doubtful.extend(self.stated().check(&of_one[0].video)?);
+            for film in of_one {
+                takes.extend(film.takes(parts, &mut proposed)?);
             }
         }
         let first = &takes[0].video;
@@ -116,6 +148,7 @@ impl VideoRequest {
             Some(rectangle) => rectangle.squared(size[0], size[1])?,
             None => Rectangle { x: 0, y: 0, width: size[0], height: size[1] }.squared(size[0], size[1])?,
         };
+        let calibration = self.filming.calibration(first)?;
         let trained = |take: &Take| learned_from(take.numbers.len());
         let source = |take: &Take| Source {
             file: take.video.path.display().to_string(),
@@ -130,7 +163,7 @@ impl VideoRequest {
             film_step: Some(1),
             time_unit: "s".into(),
             frame_seconds: interval,
-            pixels_per_metre: self.pixels_per_metre,
+            pixels_per_metre: calibration.map(|plane| plane.pixels_per_metre).or(self.pixels_per_metre),
             scale_percent: self.scale_percent,
             time_percent: self.time_percent,
             origin: self.origin,
@@ -170,18 +203,20 @@ impl VideoRequest {
             observation(By::Template, "the tracker's templates at the video's resolution"),
             observation(By::Centroid, "centroids of what moves"),
         ];
-        let doubts = takes.iter().filter_map(|take| take.tracked.doubt.clone()).collect();
-        let of_takes = takes.iter().flat_map(|take| take.video.remarks.iter().chain(&take.tracked.notes).cloned());
-        let notes = doubtful.into_iter().chain(of_takes).collect();
+        let tracked = || takes.chunk_by(|a, b| Rc::ptr_eq(&a.tracked, &b.tracked)).map(|of_one| &of_one[0]);
+        let doubts = tracked().flat_map(|take| take.tracked.doubts.iter().cloned()).collect();
+        let notes = tracked().flat_map(|take| take.video.remarks.iter().chain(&take.tracked.notes).cloned());
+        let notes = doubtful.into_iter().chain(notes).chain(proposed).collect();
         let subject = Subject {
             task: names.join(", "),
-            pictures: takes.into_iter().map(|take| pictures::Source::Filmed(Box::new(take.video))).collect(),
+            pictures: takes.into_iter().map(|take| pictures::Source::Filmed(take.video)).collect(),
             observations,
             first_counts: true,
             may_be_cut: true,
             known: Vec::new(),
             notes,
             doubts,
+            takes: Vec::new(),
             training_seconds: None,
             seed: 0,
             scene: Scene {
@@ -194,7 +229,7 @@ impl VideoRequest {
                 recordings,
             },
         };
-        let equation = match given {
+        let equation = match self.equation {
             Some(_) => Equation::Given(Named { name: file.name, cell: subject.scene.system.cell.clone() }),
             None => Equation::OneOf(candidates(objects, interval, self.crop.is_some())),
         };
@@ -207,44 +242,87 @@ impl VideoRequest {
             scale_percent: self.scale_percent,
             origin: self.origin,
             angle: self.angle,
-            fps: self.fps,
+            fps: self.filming.fps,
             scale_points: self.scale_points,
             tracker: self.tracker,
         }
     }
 
-    /// A part of a video, its objects tracked, cut to the frames between which all of them are seen.
-    fn take(&self, path: &std::path::Path, part: Part, objects: usize) -> Result<Take> {
-        let video = sources::Video::open(path)?;
+    /// A part of a video with its objects tracked.
+    fn film(&self, path: &Path, part: Part, objects: usize) -> Result<Film> {
+        let video = self.filming.open(path)?;
         let named = || format!("video {}", path.display());
-        let part = range(video.frames, video.times.as_deref(), self.fps, part).with_context(named)?;
+        let whole = part == Part::All;
+        let part = range(video.frames, video.times.as_deref(), None, part).with_context(named)?;
+        let calibration = self.filming.calibration(&video).context("--plane").with_context(named)?;
+        let hint = |hint: &Hint| match &calibration {
+            Some(calibration) => Hint { position: calibration.rectified(hint.position), ..*hint },
+            None => *hint,
+        };
         let options = Options {
             frames: Some(part),
-            hints: self.hints.clone(),
+            hints: self.hints.iter().map(hint).collect(),
             ignore: self.ignore.clone(),
+            slow_motion: self.filming.slow_motion,
+            readout: self.filming.readout,
             ..Options::default()
         };
+        let video = calibration.iter().fold(video, sources::Video::rectified);
         let tracked = Tracked::of(&video, &options, objects)?;
-        let seen = tracked.range();
+        let free = if whole { tracked.proposals(LEAST_FRAMES) } else { Vec::new() };
+        Ok(Film { video: Rc::new(video), tracked: Rc::new(tracked), free })
+    }
+}
+
+impl Film {
+    /// Whether the objects move freely in a part of it only.
+    pub(super) fn has_parts(&self) -> bool {
+        let whole = self.tracked.range(None);
+        self.free.iter().any(|part| part.frames.start > whole.start || part.frames.end < whole.end)
+    }
+
+    /// Parts cut to the frames between which all objects are seen, with a line on each in `proposed`.
+    fn takes(&self, parts: Parts, proposed: &mut Vec<String>) -> Result<Vec<Take>> {
+        let mut takes = Vec::new();
+        for Proposal { frames, reason } in self.free.iter().filter(|_| parts == Parts::Free) {
+            let Ok(take) = self.take(Some(frames)) else { continue };
+            let (first, last) = (take.numbers[0], take.numbers[take.numbers.len() - 1]);
+            if take.numbers.len() < self.video.frames {
+                let name = self.video.name();
+                proposed.push(format!(
+                    "{name}: frames {first}..{} are taken, {reason} (--frames chooses a part)",
+                    last + 1
+                ));
+            }
+            takes.push(take);
+        }
+        if takes.is_empty() {
+            takes.push(self.take(None)?);
+        }
+        Ok(takes)
+    }
+
+    fn take(&self, among: Option<&Range<usize>>) -> Result<Take> {
+        let Film { video, tracked, .. } = self;
+        let path = &video.path;
+        let seen = tracked.range(among);
         ensure!(
             seen.len() >= LEAST_FRAMES,
             "video {}: all objects are seen in {} frames only; {LEAST_FRAMES} are the least",
             path.display(),
             seen.len()
         );
-        let stamps: Vec<f64> = match (self.fps, &tracked.times) {
-            (Some(fps), _) => seen.clone().map(|frame| frame as f64 / fps).collect(),
-            (None, Some(times)) => times[seen.clone()].to_vec(),
-            (None, None) => {
-                bail!("video {}: no time stamps; say with --fps how many frames it has a second", path.display())
-            }
+        let Some(times) = &tracked.times else {
+            bail!("video {}: no time stamps; say with --fps how many frames it has a second", path.display())
         };
+        let stamps = times[seen.clone()].to_vec();
         let seconds: Vec<f64> = stamps.iter().map(|stamp| stamp - stamps[0]).collect();
         ensure!(
             seconds.windows(2).all(|pair| pair[1] > pair[0]),
             "video {}: its times do not ascend; say with --fps how many frames it has a second",
             path.display()
         );
+        let (video, tracked) = (video.clone(), tracked.clone());
         Ok(Take { video, tracked, numbers: seen.collect(), first_seconds: stamps[0], seconds })
     }
 }

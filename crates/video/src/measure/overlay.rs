@@ -7,7 +7,7 @@ use plotters::element::{Circle, Cross, PathElement};
 use plotters::style::text_anchor::HPos;
 use plotters::style::{Color, RGBColor};
 
-use super::Measured;
+use super::measured::Measured;
 use paig::viz::canvas::{Canvas, drawn};
 use paig::viz::chart::{BLUE, GREEN, ORANGE};
 use paig::viz::gif;

@@ -7,8 +7,10 @@ use std::path::Path;
 use anyhow::Result;
 use plotters::chart::SeriesLabelPosition;
 
+use super::measured::Measured;
+use super::motion;
+use super::results::EXTENDED;
 use super::results::{Alternative, Quantity};
-use super::{EXTENDED, Measured, motion};
 use paig::support::atomic;
 use paig::support::significant::significant;
 use paig::viz::chart::{self, BLUE, Chart, GREEN, GREY, Line, ORANGE, Span, Stroke};

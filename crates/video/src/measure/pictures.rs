@@ -1,6 +1,7 @@
 //! Some frames of a recording to draw on: as they were filmed where the file is still at hand, else as the model sees them.
 
 use std::path::Path;
+use std::rc::Rc;
 
 use anyhow::Result;
 use image::{RgbImage, imageops};
@@ -29,9 +30,10 @@ pub struct Pictures {
 }
 
 /// Where the pictures of a recording come from.
+#[derive(Clone)]
 pub enum Source {
     /// The video, by the numbers of the recording's frames.
-    Filmed(Box<sources::Video>),
+    Filmed(Rc<sources::Video>),
     /// The frames as the model sees them, `[frames, height, width, channels]`.
     Seen(Array4<u8>),
 }

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use anyhow::Result;
 
-use super::Measured;
 use super::dynamics::Dynamics;
+use super::measured::Measured;
 use paig::network::cells::Coordinates;
 use paig::support::atomic;
 use paig::support::significant::six_digits;

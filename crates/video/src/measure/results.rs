@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 use paig::support::output::has_keys;
 use paig::support::{atomic, storage};
 
+/// File of an equation with the term that it lacks.
+pub const EXTENDED: &str = "extended-equation.toml";
 /// Version of the file's form.
 pub const FORMAT: u32 = 1;
 pub const MEASUREMENT: &str = "measurement.json";
@@ -69,9 +71,22 @@ pub struct Quantity {
     pub tracker_low: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tracker_high: Option<f64>,
+    /// By each take alone, where the scatter of several is part of the interval.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub takes: Vec<Take>,
     /// Whether the value can be quoted with its interval; none in files of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<Outcome>,
+}
+
+/// A quantity by one take alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Take {
+    /// Name of its video, with its frames.
+    pub video: String,
+    pub value: f64,
+    pub low: f64,
+    pub high: f64,
 }
 
 /// How well the held-out part of the videos is predicted from the rest: root mean square distances.
@@ -150,6 +165,9 @@ pub struct MissingTerm {
     /// Root mean square distances before and after, in the unit of the residuals: of what is learned from and what is held out.
     pub residual: [f64; 2],
     pub held_out_error: [f64; 2],
+    /// Value with the term over the value without it, of each parameter of the equation.
+    #[serde(default)]
+    pub factors: BTreeMap<String, f64>,
     /// The whole equation with the term, as a file for `--equation`; none of what the camera does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub equation: Option<String>,
@@ -190,6 +208,7 @@ impl Quantity {
             by_tracker: None,
             tracker_low: None,
             tracker_high: None,
+            takes: Vec::new(),
             outcome: None,
         }
     }

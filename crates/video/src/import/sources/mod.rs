@@ -2,16 +2,21 @@
 //! square pixels in display order.
 
 mod film;
+mod filming;
 mod npz;
+mod rectified;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use image::RgbImage;
 use paig_decode::{Decoder, Note};
-use paig_track::Clock;
+use paig_track::{Clock, Finding, TimeBase};
 
 use self::film::Film;
+pub use self::filming::{Filming, Rectangle};
+use self::rectified::{Rectified, Samples};
+use crate::calibration::Calibration;
 
 pub use paig_decode::quiet_decoders;
 
@@ -33,6 +38,8 @@ pub struct Video {
     /// Remarks on the file, for people.
     pub remarks: Vec<String>,
     source: Source,
+    /// Where the pixels of rectified frames lie, if frames are rectified.
+    samples: Option<Samples>,
 }
 
 #[derive(Debug)]
@@ -73,7 +80,7 @@ impl Video {
             ensure!(frames > 0, "it has no frames");
             ensure!(frames <= MOST_FRAMES, "it has {frames} frames; at most {MOST_FRAMES} are read");
             let times = clock.times.clone();
-            Ok(Video { path: path.into(), width, height, frames, times, clock, remarks, source })
+            Ok(Video { path: path.into(), width, height, frames, times, clock, remarks, source, samples: None })
         };
         read().with_context(|| format!("video {}", path.display()))
     }
@@ -83,10 +90,57 @@ impl Video {
     /// # Errors
     /// A file that cannot be opened any more.
     pub fn decode(&self) -> Result<Box<dyn Frames + '_>> {
-        Ok(match &self.source {
+        let frames: Box<dyn Frames + '_> = match &self.source {
             Source::Film(film) => Box::new(Film::new(film, (self.width, self.height))),
             Source::Array(film) => Box::new(film),
+        };
+        Ok(match &self.samples {
+            Some(samples) => Box::new(Rectified { frames, samples }),
+            None => frames,
         })
+    }
+
+    /// The same with each frame of an interlaced video split into its two fields, which have times of their own.
+    ///
+    /// # Errors
+    /// An array, whose frames are whole.
+    pub fn in_fields(self) -> Result<Self> {
+        let Source::Film(film) = self.source else {
+            bail!("video {}: an array has whole frames, no fields", self.path.display())
+        };
+        let film = film.split_into_fields();
+        let times = film.times().map(<[f64]>::to_vec);
+        let clock = Clock { times: times.clone(), ..self.clock };
+        Ok(Video { frames: film.info().frames, times, clock, source: Source::Film(film), ..self })
+    }
+
+    /// The same with the times at which the frames were filmed, and remarks on what that changes: where the video plays slower
+    /// than it was filmed, by the camera's tags or by so many times as `slow_motion` says.
+    #[must_use]
+    pub fn timed(self, slow_motion: Option<f64>) -> Self {
+        let TimeBase { times, findings, .. } = TimeBase::new(&self.clock, slow_motion);
+        let concerns = |finding: &&Finding| {
+            let all = matches!(finding, Finding::SlowMotion { .. } | Finding::Impossible { .. });
+            all || matches!(finding, Finding::Claimed { .. } | Finding::EditedSpeed { .. })
+        };
+        let lines = findings.iter().filter(concerns).map(Finding::line);
+        let remarks = self.remarks.into_iter().chain(lines).collect();
+        Video { times, remarks, ..self }
+    }
+
+    /// The same with so many frames a second instead of the times that the file states.
+    #[must_use]
+    pub fn at_rate(self, fps: f64) -> Self {
+        let times: Vec<f64> = (0..self.frames).map(|frame| frame as f64 / fps).collect();
+        let clock = Clock { times: Some(times.clone()), ..Clock::default() };
+        Video { times: Some(times), clock, ..self }
+    }
+
+    /// The same with frames as a camera in front of the plane of the motion would film them.
+    #[must_use]
+    pub fn rectified(self, calibration: &Calibration) -> Self {
+        let samples = Samples::of(calibration, (self.width, self.height));
+        Video { samples: Some(samples), ..self }
     }
 
     /// Whether a new decoder goes to the first frame it is asked for at once, or nearly so; else it decodes all before it.
@@ -153,9 +207,6 @@ fn film(path: &Path) -> Result<(Source, Facts)> {
             "its pixels are {:.4} times as wide as high: {width} x {height} of them become {} x {} square ones",
             info.pixel_aspect, size.0, size.1
         ));
-    }
-    if let Some(rate) = info.capture_rate {
-        remarks.push(format!("its tags say that it was filmed at {rate} frames a second; if so, give --fps {rate}"));
     }
     let clock = Clock {
         times: film.times().map(<[f64]>::to_vec),

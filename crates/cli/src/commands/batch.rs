@@ -1,0 +1,224 @@
+//! Measures many videos into one table. See `paig batch --help`.
+
+use std::collections::BTreeSet;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::{Args, FromArgMatches};
+use paig::runs::names::DONE;
+use paig::support::{atomic, device, storage};
+use paig_experiments::sweep::{self, Stage, Work};
+use paig_terminal::{interrupt, say};
+use paig_video::batch::{Entry, PAGE, videos_of, write};
+use paig_video::measure::results::Measurement;
+use serde::Deserialize;
+
+use super::measure;
+use crate::sweep_display::{SweepDisplay, conclude};
+
+/// Words of a video's measurement, beside its results: with others it is measured again.
+const COMMAND: &str = "command.json";
+
+/// Measures many videos, each as `paig measure` does, and puts the results into one table: batch.csv, batch.json and batch.html.
+///
+/// Videos are those of a folder, or those of a list in TOML: a table [[video]] for each with `file` and options of `paig measure`
+/// by their names (equation = "falling", frames = "30..62", y-up = true); [measure] holds what they share. A video that
+/// fails stops no other one; the exit code is 1 then. Given again, the same command measures only what is not measured yet.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  paig batch clips --jobs 2 -- --equation falling --scale 12,40,12,300,0.5 --y-up\n  \
+                  paig batch clips.toml --out results"
+)]
+pub struct Arguments {
+    /// A folder with videos, or a list of them (.toml)
+    #[arg(value_name = "FOLDER or LIST")]
+    source: PathBuf,
+    /// Folder for the table and for each video's results
+    #[arg(long, value_name = "DIR", default_value = "batch")]
+    out: PathBuf,
+    /// Videos at a time
+    #[arg(long, default_value_t = 1)]
+    jobs: usize,
+    /// Options of `paig measure` for all videos
+    #[arg(last = true, value_name = "OPTIONS")]
+    options: Vec<OsString>,
+}
+
+/// A list of videos.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct List {
+    #[serde(default)]
+    measure: toml::Table,
+    video: Vec<toml::Table>,
+}
+
+/// One video.
+struct Job {
+    name: String,
+    video: PathBuf,
+    folder: PathBuf,
+    words: Vec<OsString>,
+}
+
+pub fn run(arguments: Arguments) -> Result<ExitCode> {
+    ensure!(arguments.jobs > 0, "--jobs must be at least 1");
+    let jobs = jobs(&arguments)?;
+    let program = sweep::training_program()?;
+    storage::storage().create_folder(&arguments.out).with_context(|| format!("folder {}", arguments.out.display()))?;
+    for job in jobs.iter().filter(|job| job.stage().is_ok_and(|stage| stage == Stage::New)) {
+        job.begin()?;
+    }
+    interrupt::catch()?;
+    let mut display = SweepDisplay::new(jobs.len());
+    let summary = sweep::run(&program, &jobs, arguments.jobs, &interrupt::asked, &mut |event| display.show(&event))?;
+    display.close();
+    write(&arguments.out, &jobs.iter().map(Job::entry).collect::<Vec<_>>())?;
+    say!("look at {}", arguments.out.join(PAGE).display());
+    Ok(conclude(&summary))
+}
+
+fn jobs(arguments: &Arguments) -> Result<Vec<Job>> {
+    let threads = (device::cores() / arguments.jobs).max(1).to_string();
+    let shared = [OsString::from("--threads"), threads.into()].into_iter().chain(arguments.options.iter().cloned());
+    let shared: Vec<OsString> = shared.collect();
+    let videos: Vec<(PathBuf, Vec<OsString>)> = if arguments.source.is_dir() {
+        videos_of(&arguments.source)?.into_iter().map(|video| (video, Vec::new())).collect()
+    } else {
+        listed(&arguments.source)?
+    };
+    let mut names = BTreeSet::new();
+    let job = |(video, own): (PathBuf, Vec<OsString>)| {
+        let words = [OsString::from("measure"), video.clone().into()].into_iter().chain(shared.iter().cloned());
+        let words: Vec<OsString> = words.chain(own).collect();
+        check(&words).with_context(|| format!("video {}", video.display()))?;
+        let stem = video.file_stem().unwrap_or(video.as_os_str()).to_string_lossy().into_owned();
+        let numbered = (2..).map(|number| format!("{stem}-{number}"));
+        let name = std::iter::once(stem.clone()).chain(numbered).find(|name| names.insert(name.clone()));
+        let name = name.context("no name is left")?;
+        Ok(Job { folder: arguments.out.join(&name), name, video, words })
+    };
+    videos.into_iter().map(job).collect()
+}
+
+/// Videos of a list with their options. Files count from the list's folder.
+fn listed(path: &Path) -> Result<Vec<(PathBuf, Vec<OsString>)>> {
+    let read = || Ok::<List, anyhow::Error>(toml::from_str(&storage::read_to_string(path)?)?);
+    let List { measure, video } = read().with_context(|| format!("list {}", path.display()))?;
+    ensure!(!video.is_empty(), "list {}: expected a table [[video]] for each video, found none", path.display());
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let of = |mut own: toml::Table| {
+        let file = own.remove("file").and_then(|file| file.as_str().map(String::from));
+        let file = file.with_context(|| format!("list {}: a [[video]] lacks file = \"NAME\"", path.display()))?;
+        let mut options = measure.clone();
+        options.extend(own);
+        let words = options.iter().map(|(key, value)| words(key, value)).collect::<Result<Vec<_>>>();
+        let words = words.with_context(|| format!("list {}, {file}", path.display()))?;
+        Ok((folder.join(file), words.concat()))
+    };
+    video.into_iter().map(of).collect()
+}
+
+/// An option as words: a switch, or a value for each of several.
+fn words(key: &str, value: &toml::Value) -> Result<Vec<OsString>> {
+    let name = format!("--{}", key.replace('_', "-"));
+    let one = |value: &toml::Value| match value {
+        toml::Value::String(text) => Ok(text.clone()),
+        toml::Value::Integer(number) => Ok(number.to_string()),
+        toml::Value::Float(number) => Ok(number.to_string()),
+        other => anyhow::bail!("{key}: expected a text, a number, true, false or a list of these, found {other}"),
+    };
+    Ok(match value {
+        toml::Value::Boolean(true) => vec![name.into()],
+        toml::Value::Boolean(false) => Vec::new(),
+        toml::Value::Array(values) => {
+            let values = values.iter().map(one).collect::<Result<Vec<_>>>()?;
+            values.into_iter().flat_map(|value| [name.clone().into(), value.into()]).collect()
+        }
+        value => vec![name.into(), one(value)?.into()],
+    })
+}
+
+/// Refuses options that `paig measure` does not have before a video is measured.
+fn check(words: &[OsString]) -> Result<()> {
+    ensure!(words.iter().all(|word| word != "--out"), "--out is the batch's: give it before --");
+    let command = measure::Arguments::augment_args(clap::Command::new("measure"));
+    let matches = command.try_get_matches_from(words).map_err(|error| {
+        let text = error.to_string();
+        anyhow::anyhow!("{}", text.lines().next().unwrap_or_default().trim_start_matches("error: "))
+    })?;
+    measure::Arguments::from_arg_matches(&matches)?;
+    Ok(())
+}
+
+impl Job {
+    /// Notes what is measured, for another time.
+    fn begin(&self) -> Result<()> {
+        let named = || format!("folder {}", self.folder.display());
+        storage::storage().create_folder(&self.folder).with_context(named)?;
+        storage::storage().remove_if_there(&self.folder.join(DONE)).with_context(named)?;
+        let words = self.lossy();
+        atomic::write_file(&self.folder.join(COMMAND), |file| Ok(serde_json::to_writer_pretty(file, &words)?))
+    }
+
+    fn lossy(&self) -> Vec<String> {
+        self.words.iter().map(|word| word.to_string_lossy().into_owned()).collect()
+    }
+
+    fn entry(&self) -> Entry {
+        let ending = match sweep::failure(&self.folder) {
+            Some(reason) => Err(reason),
+            None => Measurement::read(&self.folder).map_err(|error| format!("{error:#}")),
+        };
+        Entry { name: self.name.clone(), video: self.video.clone(), ending }
+    }
+}
+
+impl Work for Job {
+    fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    fn stage(&self) -> Result<Stage> {
+        let same = || {
+            let text = storage::read_to_string(&self.folder.join(COMMAND)).ok()?;
+            Some(serde_json::from_str::<Vec<String>>(&text).ok()? == self.lossy())
+        };
+        let finished = self.folder.join(DONE).exists() && same().unwrap_or(false);
+        Ok(if finished { Stage::Finished } else { Stage::New })
+    }
+
+    fn words(&self, _stage: Stage) -> Vec<OsString> {
+        self.words.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_gives_each_video_what_all_share_and_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let list = folder.path().join("list.toml");
+        let text = "[measure]\nequation = \"falling\"\ny-up = true\n[[video]]\nfile = \"a.mp4\"\nfps = 120\n\
+                    [[video]]\nfile = \"b.mp4\"\nequation = \"spring\"\nignore = [\"0,0,9,9\", \"1,1,5,5\"]\n";
+        std::fs::write(&list, text).unwrap();
+        let listed = listed(&list).unwrap();
+        assert_eq!(listed[0].0, folder.path().join("a.mp4"));
+        assert_eq!(listed[0].1, ["--equation", "falling", "--fps", "120", "--y-up"]);
+        let two = ["--equation", "spring", "--ignore", "0,0,9,9", "--ignore", "1,1,5,5", "--y-up"];
+        assert_eq!(listed[1].1, two);
+    }
+
+    #[test]
+    fn options_that_are_not_there_are_refused_at_once() {
+        let words = |text: &str| text.split(' ').map(OsString::from).collect::<Vec<_>>();
+        check(&words("measure a.mp4 --equation falling --y-up")).unwrap();
+        let error = format!("{:#}", check(&words("measure a.mp4 --equatoin falling")).unwrap_err());
+        assert!(error.contains("--equatoin"), "{error}");
+        assert!(check(&words("measure a.mp4 --out b")).is_err());
+    }
+}

@@ -1,0 +1,99 @@
+//! Parts of recordings to measure: those of free motion together, the longest of them, the whole videos; and takes.
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::Result;
+
+use super::finished::Finished;
+use super::of_video::{Equation, Film, Parts};
+use super::recording::Observation;
+use super::results::Outcome;
+use super::{Request, Subject, VideoRequest, make_folder};
+
+/// Videos with their objects tracked, to be measured.
+pub(super) struct Attempts<'a> {
+    pub videos: &'a VideoRequest,
+    pub films: &'a [Film],
+    pub request: &'a Request,
+    pub begun: Instant,
+}
+
+impl Attempts<'_> {
+    /// The parts of free motion together; where that finds nothing, the longest of them; where that does not either, the whole
+    /// videos. The best of the three.
+    pub(super) fn best(&self) -> Result<Finished> {
+        let (subject, equation) = self.videos.subject(self.films, Parts::Free)?;
+        let mut best = self.measured(&subject, &equation);
+        let count = subject.scene.recordings.len();
+        if count > 1 && !is_found(&best) {
+            let frames = |place: &usize| subject.scene.recordings[*place].times.len();
+            let mut alone = subject.alone((0..count).max_by_key(frames).unwrap_or(0));
+            let note = format!("{count} parts do not follow one equation together: {} alone is measured", alone.task);
+            alone.notes.push(note);
+            best = better(best, self.measured(&alone, &equation));
+        }
+        if !is_found(&best) && self.films.iter().any(Film::has_parts) {
+            let (whole, equation) = self.videos.subject(self.films, Parts::Whole)?;
+            best = better(best, self.measured(&whole, &equation));
+        }
+        best
+    }
+
+    /// Each recording alone, into folders of their own, then all together with the scatter between them in the intervals.
+    pub(super) fn takes(&self, out: &Path) -> Result<Finished> {
+        let (mut subject, equation) = self.videos.subject(self.films, Parts::Free)?;
+        for place in 0..subject.scene.recordings.len() {
+            let alone = subject.alone(place);
+            let folder = out.join(format!("take-{}", place + 1));
+            make_folder(&folder)?;
+            match self.measured(&alone, &equation).and_then(|finished| finished.write(&folder)) {
+                Ok(measurement) => subject.takes.push(measurement),
+                Err(error) => subject.notes.push(format!("{} alone: {error:#}", alone.task)),
+            }
+        }
+        self.measured(&subject, &equation)
+    }
+
+    fn measured(&self, subject: &Subject, equation: &Equation) -> Result<Finished> {
+        match equation {
+            Equation::Given(own) => subject.measured(own.clone(), Vec::new(), self.request, self.begun),
+            Equation::OneOf(candidates) => subject.clone().by_the_best(candidates, self.request, self.begun),
+        }
+    }
+}
+
+fn is_found(attempt: &Result<Finished>) -> bool {
+    attempt.as_ref().is_ok_and(|it| it.outcome() == Outcome::Found)
+}
+
+/// The one with the better verdict; of two alike the one that predicts the held-out frames better.
+fn better(first: Result<Finished>, second: Result<Finished>) -> Result<Finished> {
+    let rank = |it: &Finished| {
+        let error = it.measurement.held_out.percent_of_amplitude;
+        (it.outcome(), if error.is_nan() { f64::INFINITY } else { error })
+    };
+    match (first, second) {
+        (Ok(first), Ok(second)) => {
+            let ((one, its), (other, others)) = (rank(&first), rank(&second));
+            let second_is_better = other < one || other == one && others < its;
+            Ok(if second_is_better { second } else { first })
+        }
+        (first, second) => first.or_else(|error| second.map_err(|_| error)),
+    }
+}
+
+impl Subject {
+    /// The same with one of its recordings.
+    fn alone(&self, place: usize) -> Subject {
+        let mut alone = self.clone();
+        alone.scene.record.sources = vec![alone.scene.record.sources.swap_remove(place)];
+        alone.scene.recordings = vec![alone.scene.recordings.swap_remove(place)];
+        alone.pictures = vec![alone.pictures.swap_remove(place)];
+        alone.task.clone_from(&alone.scene.recordings[0].name);
+        for Observation { recordings, .. } in &mut alone.observations {
+            *recordings = vec![recordings.swap_remove(place)];
+        }
+        alone
+    }
+}

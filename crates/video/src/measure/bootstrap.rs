@@ -5,7 +5,10 @@
 //! order, is one draw. The draws are widened for what the fit itself has used up of the residuals, by Student's t over as
 //! many residuals as there are independent ones.
 //!
-//! Künsch 1989 (moving blocks), Politis and Romano 1992 (circular blocks).
+//! That takes residuals to be alike over the whole motion. Where the equation lacks something they are not: then a part of the
+//! recording says something else than the rest, and the delete-a-part jackknife gives the wider interval, which counts.
+//!
+//! Künsch 1989 (moving blocks, jackknife of dependent observations), Politis and Romano 1992 (circular blocks).
 
 use anyhow::{Context, Result};
 use nalgebra::{DMatrix, DVector};
@@ -31,6 +34,10 @@ const CHANCE: f64 = 2.0;
 const KEPT_LAGS: usize = 60;
 /// How near a draw comes to a bound, as a share of the value's own distance from it.
 const NEAR_BOUND: f64 = 1e-3;
+/// Parts of the jackknife, and the ratio of its variance to the bootstrap's beyond which that is no chance: the 95 % quantile of
+/// chi-squared over its degrees of freedom.
+const PARTS: usize = 6;
+const NO_CHANCE: f64 = 2.21;
 /// A smallest number of independent residuals beyond the unknowns, so that there is a width at all.
 const LEAST_FREE: f64 = 4.0;
 /// 97.5 % quantile of normal numbers.
@@ -82,7 +89,8 @@ pub fn bootstrap(
     let jacobian = jacobian(&problem, fitted);
     let counted = fitted.residuals.iter().flatten().filter(|x| x.abs() <= fitted.huber).count() as f64;
     let all: usize = fitted.residuals.iter().map(Vec::len).sum();
-    let normal_matrix = jacobian.transpose() * &jacobian * (counted / all as f64);
+    let share = counted / all as f64;
+    let normal_matrix = jacobian.transpose() * &jacobian * share;
     let equations = NormalEquations::new(&normal_matrix).context("the motion does not tell all unknowns apart")?;
     let inverse = equations.inverse();
     let longest = problem.tracks.iter().map(|track| track.trained).max().unwrap_or(1);
@@ -104,9 +112,15 @@ pub fn bootstrap(
     let by_itself = (0..count).filter(|unknown| shown[problem.learned[*unknown]] == Shown::ByItself);
     let narrow = by_itself.map(|unknown| expected[unknown] / drawn(unknown)).filter(|ratio| ratio.is_finite());
     let widened = quantile * narrow.fold(1.0, f64::max).sqrt();
-    let draws = changes
-        .into_iter()
-        .map(|change| draw(&problem, fitted, &(change * widened), [normal(&mut random), normal(&mut random)]));
+    let by_parts = jackknife(&jacobian, &stacked(&bounded), share);
+    let of_parts = StudentsT::new(0.0, 1.0, (PARTS - 1) as f64)?.inverse_cdf(0.975) / NORMAL_QUANTILE;
+    let widened = DVector::from_fn(jacobian.ncols(), |unknown, _| {
+        let ratio = by_parts.as_ref().map_or(0.0, |variances| variances[unknown] / drawn(unknown));
+        if ratio > NO_CHANCE { widened.max(of_parts * ratio.sqrt()) } else { widened }
+    });
+    let draws = changes.into_iter().map(|change| {
+        draw(&problem, fitted, &change.component_mul(&widened), [normal(&mut random), normal(&mut random)])
+    });
     let draws = draws.collect();
     let curvature = curvature(&normal_matrix, count);
     Ok(Uncertainty { autocorrelation, frames_in_one, block, shown, curvature, draws })
@@ -125,6 +139,28 @@ fn bounded(fitted: &Fitted) -> Vec<DMatrix<f64>> {
         DMatrix::from_iterator(coordinates, residuals.len() / coordinates, bounded)
     };
     fitted.residuals.iter().map(of_video).collect()
+}
+
+/// Residuals of all videos in a row.
+fn stacked(residuals: &[DMatrix<f64>]) -> DVector<f64> {
+    DVector::from_iterator(residuals.iter().map(DMatrix::len).sum(), residuals.iter().flat_map(|of| of.iter().copied()))
+}
+
+/// Variances of the unknowns by their changes, to first order, when one part of the residuals after the other is left out; none
+/// where a part alone says what an unknown is. `share` of the residuals count by their squares.
+fn jackknife(jacobian: &DMatrix<f64>, residuals: &DVector<f64>, share: f64) -> Option<DVector<f64>> {
+    let rows = jacobian.nrows();
+    let normal = jacobian.transpose() * jacobian;
+    let change = |part: usize| {
+        let (from, to) = (part * rows / PARTS, (part + 1) * rows / PARTS);
+        let (own, left) = (jacobian.rows(from, to - from), residuals.rows(from, to - from));
+        let equations = NormalEquations::new(&((&normal - own.transpose() * own) * share))?;
+        Some(equations.inverse() * own.transpose() * left)
+    };
+    let changes: Vec<DVector<f64>> = (0..PARTS).map(change).collect::<Option<_>>()?;
+    let mean = changes.iter().sum::<DVector<f64>>() / PARTS as f64;
+    let squares = changes.iter().map(|change| (change - &mean).map(|it| it * it)).sum::<DVector<f64>>();
+    Some(squares * ((PARTS - 1) as f64 / PARTS as f64))
 }
 
 fn draw(problem: &Problem, fitted: &Fitted, change: &DVector<f64>, [scale, time]: [f64; 2]) -> Draw {
@@ -242,5 +278,24 @@ mod tests {
             let expected = if parameter.name == "g" { Shown::ByItself } else { Shown::Not };
             assert_eq!(shown, expected, "{}", parameter.name);
         }
+    }
+
+    /// Of the mean of n numbers, that without a part has the difference of means, to all orders.
+    #[test]
+    fn a_mean_changes_as_its_parts_say() {
+        let values: Vec<f64> = (0..60).map(|k| (k as f64 * 0.7).sin() + f64::from(k >= 50)).collect();
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        let all = mean(&values);
+        let without = |part: usize| {
+            let kept: Vec<f64> = (0..60).filter(|k| k / 10 != part).map(|k| values[k]).collect();
+            mean(&kept)
+        };
+        let means: Vec<f64> = (0..PARTS).map(without).collect();
+        let middle = mean(&means);
+        let expected = means.iter().map(|it| (it - middle).powi(2)).sum::<f64>() * 5.0 / 6.0;
+        let residuals = DVector::from_iterator(60, values.iter().map(|value| value - all));
+        let variance = jackknife(&DMatrix::from_element(60, 1, 1.0), &residuals, 1.0).unwrap()[0];
+        // The ridge of the normal equations is 1e-11 of them.
+        assert!((variance / expected - 1.0).abs() < 1e-9, "{variance} {expected}");
     }
 }

@@ -22,9 +22,9 @@ const DOES_NOT_EXPLAIN: f64 = 15.0;
 /// What the fit leaves over the whole recording over what it leaves in short pieces, from which on something is missing in the
 /// equation, where it is also this many per cent of the amplitude.
 const PIECEWISE: f64 = 8.0;
-const NOTICEABLE: f64 = 1.0;
+const NOTICEABLE: f64 = 2.0;
 /// Half the width of an interval over the value, up to which a value is known, and beyond which nothing is.
-const NARROW: f64 = 0.1;
+const NARROW: f64 = 0.15;
 const WIDE: f64 = 0.5;
 /// By how many intervals' half-widths, and by which part of the value, two observations, or two equations, may differ.
 const AGREE: f64 = 3.0;

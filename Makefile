@@ -33,6 +33,9 @@ PYTHON ?= python3
 DEMO ?= runs/demo
 DATA := data/datasets
 
+# The profile of lints. Those of `make test` have that of its tests, and share the build scripts.
+PROFILE ?= release
+
 SEED ?= 0
 JOBS ?= 2
 # Stands where the references' Python environment is complete.
@@ -57,10 +60,10 @@ format:
 	$(CARGO) fmt --check
 
 clippy: libtorch
-	$(CARGO) clippy --release --workspace --all-targets -- -D warnings
+	$(CARGO) clippy --profile $(PROFILE) --workspace --all-targets -- -D warnings
 
 documentation: libtorch
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --workspace --no-deps --document-private-items
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --profile $(PROFILE) --workspace --no-deps --document-private-items
 
 build: libtorch
 	$(CARGO) build --release --workspace

@@ -2,11 +2,15 @@
 # Tests and lints, none skipped because another failed. The last line counts tests; after a failure the lines before it name what
 # failed and what its results depend on: processor, vector path, libtorch's CPU capability.
 #
-#   setup/test.sh all        every test, the short tests of the other vector paths, lints
+#   setup/test.sh all        every test on the widest vector path, the short tests of the others, lints
 #   setup/test.sh paths      the short tests of the other vector paths alone
 set -uo pipefail
 cd "$(dirname "$0")/.."
 cargo=${CARGO:-cargo}
+profile=ci
+# Tests run beside each other. libtorch's threads that wait leave the processor to them: a third of the time on two cores.
+export OMP_WAIT_POLICY=passive
+program=${CARGO_TARGET_DIR:-target}/$profile/paig
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 broken=()
@@ -19,10 +23,12 @@ step() {
     "$@" 2>&1 | tee -a "$log" || broken+=("$name")
 }
 
-# What computes differently on each path: kernels, the model against libtorch and the goldens, whole trainings.
+# What computes differently on each path: kernels, the model against libtorch and the goldens, whole trainings. Not those of the
+# path in `$1`, which all tests have run on.
 paths() {
     local path
     for path in portable avx2; do
+        [ "$path" = "${1:-}" ] && continue
         if [ "$path" = avx2 ] && ! grep -qw avx2 /proc/cpuinfo; then
             echo "== vector path avx2: this processor lacks it"
             continue
@@ -31,7 +37,7 @@ paths() {
             local what=$1
             shift
             step "vector path $path, $what" env PAIG_INSTRUCTIONS="$path" \
-                "$cargo" test --release --workspace --no-fail-fast "$@"
+                "$cargo" test --profile "$profile" --workspace --no-fail-fast "$@"
         }
         short kernels --test kernels
         short model --test library -- kernel_extremes:: cells:: refinement::
@@ -41,9 +47,9 @@ paths() {
 
 case ${1:-all} in
     all)
-        step tests "$cargo" test --release --workspace --no-fail-fast
-        paths
-        step lints "${MAKE:-make}" --keep-going lint
+        step tests "$cargo" test --profile "$profile" --workspace --no-fail-fast
+        paths "$("$program" --version | sed -n 's/.*vector path //p')"
+        step lints "${MAKE:-make}" --keep-going lint PROFILE="$profile"
         ;;
     paths) paths ;;
     *)
@@ -58,7 +64,7 @@ sum() {
 if [ ${#broken[@]} -gt 0 ]; then
     echo
     grep -E '^test .* FAILED$' "$log" | sort -u
-    target/release/paig --version || true
+    "$program" --version || true
     printf 'failed: %s\n' "${broken[@]}"
 fi
 echo "$(sum passed) passed, $(sum failed) failed"

@@ -124,7 +124,9 @@ fn cases() -> Vec<Case> {
         ("mjpeg in avi", "-c:v mjpeg -q:v 5 -pix_fmt yuvj422p", "avi"),
         ("mjpeg in mp4", "-c:v mjpeg -q:v 5 -pix_fmt yuvj420p", "mp4"),
     ] {
-        cases.push(case(name, options, extension));
+        let is_refused = name == "av1" && !cfg!(feature = "av1");
+        let expected = if is_refused { Expected::Refused } else { Expected::Same };
+        cases.push(Case { expected, ..case(name, options, extension) });
     }
     for (name, options) in [("h264", X264), ("hevc", X265)] {
         cases.push(case(format!("{name} transport stream"), format!("{options} -bf 2 -g 8"), "ts"));

@@ -5,6 +5,7 @@
 # make build     build paig and the runners, into target/release
 # make wheel     build the Python wheel (module and program) into dist
 # make test-wheel  build it, install it into a fresh environment, run the demonstration, the Python tests and a notebook
+# make test-studio  the page of `paig studio` in Chromium (needs Node.js and Debian's chromium; some minutes)
 # make data      generate the spring data alone
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
@@ -41,7 +42,7 @@ JOBS ?= 2
 # Stands where the references' Python environment is complete.
 COMPARE_READY := compare/.venv/installed
 
-.PHONY: demo test test-vector-paths lint format clippy documentation libtorch build wheel test-wheel data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
+.PHONY: demo test test-vector-paths test-studio lint format clippy documentation libtorch build wheel test-wheel data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
 
 demo: libtorch
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -53,6 +54,9 @@ test: libtorch
 
 test-vector-paths: libtorch
 	@CARGO="$(CARGO)" setup/test.sh paths
+
+test-studio: build
+	cd tests/studio && npm ci --no-fund --no-audit && npm test
 
 lint: format clippy documentation
 

@@ -12,8 +12,14 @@ const LAYERS: [(&str, &[&str]); 3] = [
     ("crates/experiments/src", &["sweep", "stress", "baselines", "control", "comparison"]),
 ];
 /// Libraries that never print, and programs' code, which does.
-const SILENT: [&str; 5] =
-    ["src", "crates/kernels/src", "crates/report/src", "crates/video/src", "crates/experiments/src"];
+const SILENT: [&str; 6] = [
+    "src",
+    "crates/kernels/src",
+    "crates/report/src",
+    "crates/video/src",
+    "crates/experiments/src",
+    "crates/studio/src",
+];
 const PRINTING: [&str; 2] = ["crates/terminal/src", "crates/cli/src"];
 
 /// All source files by their module's path: `network::cells::spring` and its text without tests and comments.

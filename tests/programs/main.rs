@@ -34,5 +34,6 @@ mod places;
 mod report;
 mod signals;
 mod strange_files;
+mod studio;
 mod sweep;
 mod training;

@@ -1,7 +1,7 @@
 //! Makes a task from videos. See `paig import --help`.
 
 use std::cell::RefCell;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
@@ -16,6 +16,7 @@ use paig_video::import::time_base::Clock;
 use paig_video::import::{Imported, import};
 
 use super::camera_options::SpeedOption;
+use super::measure::equation;
 use super::scene_options::{SceneOptions, rectangle};
 
 /// Turns videos into a task: clips for training, validation and test, the task file, and a contact sheet that shows what
@@ -31,7 +32,7 @@ use super::scene_options::{SceneOptions, rectangle};
                   import drop.mp4 --out drop --frames 118..202 --fps 120 --crop 0,0,400,400 --grey\n  \
                   import swing.mov --out swing --step 3 --scale 12,40,12,300,0.5 --origin 120,300 --y-up\n  \
                   import a.mp4 b.mp4 --out both --tracker a.trk --equation spring\n  \
-                  import clip.mov --out swing --side 64 --equation configs/gallery/damped_pendulum.toml"
+                  import clip.mov --out swing --side 64 --equation damped_pendulum"
 )]
 pub struct Arguments {
     /// Videos of one scene, all of one size; clips are cut from each
@@ -66,8 +67,8 @@ pub struct Arguments {
     scene: SceneOptions,
     #[command(flatten)]
     speed: SpeedOption,
-    /// The equation that the objects obey: its name, or a file (.toml) whose [system.equation] is taken, such as one of
-    /// configs/gallery; it can be changed in the new task file
+    /// The equation that the objects obey: its name (built in, or of configs/gallery), or a file (.toml) whose
+    /// [system.equation] is taken; it can be changed in the new task file
     #[arg(long, default_value = "falling", help_heading = "Task")]
     equation: String,
     /// Things that move [default: 1, or as the equation has it]
@@ -107,18 +108,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
-/// An equation by its name or from a file, and how many objects that file speaks of.
-fn equation(named: String) -> Result<(EquationEntry, Option<usize>)> {
-    if !named.ends_with(".toml") {
-        return Ok((EquationEntry::Name(named), None));
-    }
-    let file = EquationFile::read(Path::new(&named))?;
-    Ok((file.equation, file.objects))
-}
-
 fn request(arguments: Arguments) -> Result<Request> {
     let scene = arguments.scene.read()?;
-    let (equation, of_file) = equation(arguments.equation)?;
+    let EquationFile { equation, objects: of_file, .. } = equation(&arguments.equation)?;
     let objects = arguments.objects.or(of_file);
     Ok(Request {
         videos: arguments.videos,

@@ -30,8 +30,8 @@ use crate::measure_display::print_measurement;
 #[command(
     allow_negative_numbers = true,
     after_help = "Examples:\n  paig measure throw.mp4\n  \
-                  paig measure swing.mov --equation configs/gallery/damped_pendulum.toml --scale 12,40,12,300,0.5\n  \
-                  paig measure bounce.mp4 --equation configs/gallery/bounce_on_a_floor.toml --frames 31..160 --at 40:210,95\n  \
+                  paig measure swing.mov --equation damped_pendulum --scale 12,40,12,300,0.5\n  \
+                  paig measure bounce.mp4 --equation bounce_on_a_floor --frames 31..160 --at 40:210,95\n  \
                   paig measure runs/my-scene/fast/seed=0 --against configs/gallery/free_pendulum.toml"
 )]
 pub struct Arguments {
@@ -142,7 +142,7 @@ fn given_equation(arguments: &Arguments) -> Result<Option<EquationFile>> {
 }
 
 /// An equation by its name or from a file.
-fn equation(named: &str) -> Result<EquationFile> {
+pub(super) fn equation(named: &str) -> Result<EquationFile> {
     if named.ends_with(".toml") {
         return EquationFile::read(Path::new(named));
     }

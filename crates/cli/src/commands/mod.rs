@@ -16,6 +16,7 @@ mod predict;
 mod report;
 mod scene_options;
 mod stress;
+mod studio;
 mod sweep;
 mod track;
 mod track_options;
@@ -42,6 +43,7 @@ pub enum Command {
     Measurements(measurements::Arguments),
     Batch(batch::Arguments),
     Track(track::Arguments),
+    Studio(studio::Arguments),
     Sweep(sweep::Arguments),
     Report(report::Arguments),
     Stress(stress::Arguments),
@@ -70,6 +72,7 @@ impl Command {
             Command::Measurements(arguments) => measurements::run(&arguments).map(done),
             Command::Batch(arguments) => batch::run(arguments),
             Command::Track(arguments) => track::run(&arguments).map(done),
+            Command::Studio(arguments) => studio::run(&arguments).map(done),
             Command::Sweep(arguments) => sweep::run(arguments),
             Command::Report(arguments) => report::run(&arguments),
             Command::Stress(arguments) => stress::run(&arguments),

@@ -1,0 +1,3 @@
+fn main() {
+    paig_link::libtorch();
+}

@@ -1,0 +1,74 @@
+//! Projects in a line each: picture, equation, value, verdict.
+
+use paig::support::significant::significant;
+use paig_video::measure::results::{Measurement, Outcome};
+use serde::Serialize;
+
+use crate::equations::equation;
+use crate::jobs::{Job, Progress};
+use crate::preview::Preview;
+use crate::project::Project;
+use crate::settings::Settings;
+
+/// Digits of a value.
+const DIGITS: i32 = 4;
+
+/// A project, for the list of all.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Card {
+    pub name: String,
+    pub title: String,
+    pub created: u64,
+    pub equation: Option<String>,
+    /// Frame whose small picture stands for the video.
+    pub picture: Option<usize>,
+    /// The first quantity of the latest measurement with its interval.
+    pub value: Option<String>,
+    pub outcome: Option<Outcome>,
+    pub running: bool,
+}
+
+impl Card {
+    /// None of a project that cannot be read.
+    pub fn of(project: &Project) -> Option<Self> {
+        let (record, settings) = (project.record().ok()?, project.settings().ok()?);
+        let preview = Preview::read(&project.preview_folder());
+        let picture = preview.facts.map(|facts| {
+            let made = preview.made.pictures.min(facts.shown).max(1) - 1;
+            made / 2 / facts.strip_step * facts.strip_step
+        });
+        let latest = project.measurements().last().map(|number| project.measurement_folder(*number));
+        let training = project.trainings().last().map(|number| project.training_folder(*number));
+        let measurement = latest.as_ref().and_then(|folder| Measurement::read(folder).ok());
+        let runs = |job: Job| job.progress() == Progress::Running;
+        Some(Card {
+            name: project.name(),
+            title: record.title,
+            created: record.created,
+            equation: title(&settings, measurement.as_ref()),
+            picture: picture.filter(|_| preview.made.pictures > 0),
+            value: measurement.as_ref().and_then(value),
+            outcome: measurement.and_then(|it| it.verdict).map(|verdict| verdict.outcome),
+            running: runs(project.preview_job())
+                || latest.into_iter().chain(training).any(|folder| runs(Job::new(folder))),
+        })
+    }
+}
+
+/// Title of the equation that was measured with, or else will be.
+fn title(settings: &Settings, measurement: Option<&Measurement>) -> Option<String> {
+    let measured = measurement.and_then(|measurement| equation(&measurement.equation).ok());
+    let title = measured.or_else(|| equation(&settings.equation).ok())?.title;
+    let missing = settings.extended.filter(|_| measured.is_none());
+    Some(missing.map_or_else(|| title.into(), |_| format!("{title}, extended")))
+}
+
+/// Name, value, half the interval's width and unit.
+fn value(measurement: &Measurement) -> Option<String> {
+    let quantity = measurement.quantities.first()?;
+    let name = quantity.name.replace('_', " ");
+    let value = significant(quantity.value, DIGITS);
+    let spread = quantity.low.zip(quantity.high).map(|(low, high)| significant(0.5 * (high - low), 2));
+    let spread = spread.map_or_else(String::new, |spread| format!(" ± {spread}"));
+    Some(format!("{name} = {value}{spread} {}", quantity.unit))
+}

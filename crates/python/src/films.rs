@@ -6,7 +6,7 @@ use anyhow::Result;
 use paig::network::system::EquationEntry;
 use paig::support::device;
 use paig::tasks::equation_file::EquationFile;
-use paig_track::{Hint, Options, Region};
+use paig_track::{HALF_PIXEL, Hint, Options, Region};
 use paig_video::import::crop::{CropChoice, Rectangle};
 use paig_video::import::request::Request;
 use paig_video::import::sources::Video;
@@ -135,12 +135,9 @@ struct Tracked {
     ignore: Vec<[usize; 4]>,
 }
 
-/// From the middle of a pixel, where the tracker counts from, to its corner, where videos are measured from.
-const HALF: f64 = 0.5;
-
 impl Tracked {
     fn options(&self, frames: usize) -> Options {
-        let hint = |&(frame, x, y): &(usize, f64, f64)| Hint { frame, position: [x - HALF, y - HALF] };
+        let hint = |&(frame, x, y): &(usize, f64, f64)| Hint { frame, position: [x - HALF_PIXEL, y - HALF_PIXEL] };
         let region = |&[x, y, width, height]: &[usize; 4]| Region {
             first: [x, y],
             last: [x + width.saturating_sub(1), y + height.saturating_sub(1)],
@@ -168,7 +165,7 @@ pub fn track(py: Python, request: &str) -> PyResult<String> {
             let points = value["points"].as_array_mut().into_iter().flatten();
             for (point, from) in points.zip(&track.points) {
                 if let Some(measurement) = from.measurement {
-                    point["measurement"]["position"] = json!(measurement.position.map(|place| place + HALF));
+                    point["measurement"]["position"] = json!(measurement.position.map(|place| place + HALF_PIXEL));
                 }
             }
             Ok(value)

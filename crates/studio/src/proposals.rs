@@ -1,11 +1,9 @@
 //! What the page proposes: the movers, the part in which one moves freely, and the equation that its path looks like.
 
-use paig_track::{Role, Segment, Track};
+use paig_track::{HALF_PIXEL, Role, Segment, Track};
 use paig_video::track::Followed;
 use serde::{Deserialize, Serialize};
 
-/// From the middle of a pixel, where the tracker counts from, to its corner.
-const HALF: f64 = 0.5;
 /// A coordinate turns where it goes back by this share of its whole extent.
 const TURN_SHARE: f64 = 0.15;
 /// Turns from which on a motion goes to and fro.
@@ -80,7 +78,8 @@ pub fn propose(followed: &Followed, size: (u32, u32)) -> Proposals {
 }
 
 fn mover(track: &Track, origin: [f64; 2]) -> Mover {
-    let place = |axis: usize, position: [f64; 2]| ((position[axis] - origin[axis] + HALF) * 100.0).round() / 100.0;
+    let place =
+        |axis: usize, position: [f64; 2]| ((position[axis] - origin[axis] + HALF_PIXEL) * 100.0).round() / 100.0;
     let seen = track.points.iter().filter_map(|point| Some((point.frame, point.measurement?.position)));
     Mover {
         path: seen.map(|(frame, position)| (frame, place(0, position), place(1, position))).collect(),

@@ -70,6 +70,8 @@ mod still;
 mod survey;
 pub mod synthetic;
 mod template;
+#[cfg(test)]
+mod test_videos;
 mod texture;
 mod thick_parts;
 mod time_base;
@@ -88,4 +90,4 @@ pub use similarity::Similarity;
 pub use time_base::{Clock, Finding, TimeBase, gravity_line};
 pub use track::{Measurement, Method, Point, Role, Track, Tracking, Visibility};
 pub use tracking::track;
-pub use video::{Clip, Size, Video, Visitor};
+pub use video::{Clip, HALF_PIXEL, Size, Video, Visitor};

@@ -57,33 +57,11 @@ fn interpolated(known: &[(f64, [f64; 2])], axis: usize, time: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::synthetic::{Mover, Scene};
-    use crate::time_base::Clock;
-    use crate::video::{Clip, Video, Visitor};
-    use crate::{Error, Options, track};
+    use crate::test_videos::Filmed;
+    use crate::{Options, track};
 
     const RATE: f64 = 30.0;
-
-    struct Timed(Clip);
-
-    impl Video for Timed {
-        fn size(&self) -> Size {
-            self.0.size()
-        }
-
-        fn frames(&self) -> usize {
-            self.0.frames()
-        }
-
-        fn clock(&self) -> Clock {
-            Clock { times: Some((0..self.frames()).map(|f| f as f64 / RATE).collect()), ..Clock::default() }
-        }
-
-        fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), Error> {
-            self.0.visit(wanted, visitor)
-        }
-    }
 
     /// Largest distance of a track from the true places at the middle rows' times, less its mean, for a ball that rises and
     /// falls through the whole frame.
@@ -99,7 +77,7 @@ mod tests {
             place
         };
         let scene = Scene { seed: 5, ..Scene::of(Mover::at((0..48).map(filmed).collect())) };
-        let clip = Timed(Clip::new(scene.render()).unwrap());
+        let clip = Filmed::new(&scene, RATE);
         let found = track(&clip, &Options { objects: 1, readout, ..Options::default() }).unwrap();
         let points = found.tracks[0].points.iter().filter_map(|point| Some((point.frame, point.measurement?.position)));
         let away: Vec<[f64; 2]> = points

@@ -284,34 +284,12 @@ fn impacts(tracking: &Tracking, track: &Track, frames: &Range<usize>) -> Vec<usi
 mod tests {
     use super::*;
     use crate::synthetic::{Mover, Scene};
-    use crate::time_base::Clock;
-    use crate::video::{Clip, Video, Visitor};
-    use crate::{Error, Options, track};
-
-    /// A clip at 60 frames a second.
-    struct Timed(Clip);
-
-    impl Video for Timed {
-        fn size(&self) -> Size {
-            self.0.size()
-        }
-
-        fn frames(&self) -> usize {
-            self.0.frames()
-        }
-
-        fn clock(&self) -> Clock {
-            Clock { times: Some((0..self.frames()).map(|f| f as f64 / 60.0).collect()), ..Clock::default() }
-        }
-
-        fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), Error> {
-            self.0.visit(wanted, visitor)
-        }
-    }
+    use crate::test_videos::Filmed;
+    use crate::{Options, track};
 
     fn of(positions: Vec<[f64; 2]>) -> Vec<Segment> {
         let scene = Scene { seed: 11, ..Scene::of(Mover::at(positions)) };
-        let clip = Timed(Clip::new(scene.render()).unwrap());
+        let clip = Filmed::new(&scene, 60.0);
         segments(&track(&clip, &Options { objects: 1, ..Options::default() }).unwrap())
     }
 

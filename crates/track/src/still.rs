@@ -53,7 +53,8 @@ pub(crate) fn poses(images: &[Plane]) -> Option<Vec<Similarity>> {
         .iter()
         .filter_map(|places| {
             let found = staying.iter().filter_map(|&(mark, usual)| Some((usual, places[mark]?)));
-            let pairs: Vec<_> = found.filter(|(usual, there)| distance(usual, there) < IN_PLACE).collect();
+            let pairs: Vec<_> =
+                found.filter(|(usual, there)| Similarity::IDENTITY.distance(usual, there) < IN_PLACE).collect();
             if pairs.len() < least { None } else { Similarity::IDENTITY.refined(&pairs, IN_PLACE) }
         })
         .collect();
@@ -108,20 +109,11 @@ fn all_over(marks: &[(usize, [f64; 2])], image: &Plane) -> bool {
         })
 }
 
-fn distance(one: &[f64; 2], other: &[f64; 2]) -> f64 {
-    (one[0] - other[0]).hypot(one[1] - other[1])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grey::reduced;
     use crate::synthetic::{Mover, Scene};
-
-    fn images(scene: &Scene) -> Vec<Plane> {
-        let frames = scene.render();
-        frames.outer_iter().map(|frame| reduced(frame.to_slice().unwrap(), scene.size, 1)).collect()
-    }
+    use crate::test_videos::reduced_images;
 
     /// An object over two thirds of the frame that swings and turns by some pixels, before a wall with marks.
     fn large() -> Scene {
@@ -136,7 +128,7 @@ mod tests {
 
     #[test]
     fn marks_around_an_object_that_fills_the_frame_show_that_the_camera_stands() {
-        let found = poses(&images(&large())).expect("marks in the corners of the frame");
+        let found = poses(&reduced_images(&large())).expect("marks in the corners of the frame");
         assert!(found.len() >= 39);
         assert!(found.iter().all(|pose| pose.displacement(320, 240) < 0.2), "{found:?}");
     }
@@ -146,6 +138,6 @@ mod tests {
         let positions: Vec<[f64; 2]> = (0..40).map(|f| [160.0 + 6.0 * f as f64, 120.0]).collect();
         let camera = positions.iter().map(|p| [160.0 - p[0], 0.0, 0.0]).collect();
         let scene = Scene { camera, ..Scene::of(Mover { axes: [60.0, 50.0], texture: 60.0, ..Mover::at(positions) }) };
-        assert_eq!(poses(&images(&scene)), None);
+        assert_eq!(poses(&reduced_images(&scene)), None);
     }
 }

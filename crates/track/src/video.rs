@@ -47,6 +47,9 @@ pub trait Video: Sync {
     fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), Error>;
 }
 
+/// From the middle of a pixel, where positions count from, to its corner, where users measure a video from.
+pub const HALF_PIXEL: f64 = 0.5;
+
 /// Frames in memory, `[frames, height, width, 3]`, RGB.
 #[derive(Debug, Clone)]
 pub struct Clip {

@@ -1,10 +1,8 @@
 //! From pixels of a video to metres on the plane of the motion, seen at an angle and through a lens.
 
 use anyhow::Result;
+use paig_track::HALF_PIXEL;
 use paig_track::calibration::{Lens, Plane};
-
-/// From the middle of a pixel, where the tracker counts from, to its corner, where videos are measured from.
-const HALF: f64 = 0.5;
 
 /// Plane of the motion by a rectangle of known size in it, and the lens.
 ///
@@ -27,7 +25,7 @@ impl Calibration {
     /// # Errors
     /// As [`Plane::of_rectangle`].
     pub fn new(corners: [[f64; 2]; 4], [width, height]: [f64; 2], lens: Option<Lens>) -> Result<Self> {
-        let centred = corners.map(|corner| corner.map(|place| place - HALF));
+        let centred = corners.map(|corner| corner.map(|place| place - HALF_PIXEL));
         let straight = centred.map(|corner| lens.map_or(corner, |lens| lens.straight(corner)));
         let plane = Plane::of_rectangle(straight, width, height)?;
         let middle = [0.5 * width, 0.5 * height];
@@ -69,7 +67,7 @@ mod tests {
         let corners = [[100.0, 300.0], [300.0, 270.0], [300.0, 110.0], [100.0, 80.0]];
         for lens in [None, Some(Lens::new(-0.1, 400, 400))] {
             let calibration = Calibration::new(corners, [0.4, 0.4], lens).unwrap();
-            let corner = |x: f64, y: f64| calibration.rectified([x - HALF, y - HALF]);
+            let corner = |x: f64, y: f64| calibration.rectified([x - HALF_PIXEL, y - HALF_PIXEL]);
             let [a, b, c] = [corner(100.0, 300.0), corner(300.0, 270.0), corner(300.0, 110.0)];
             assert!((a[1] - b[1]).abs() < 1e-9 && (b[0] - c[0]).abs() < 1e-9, "{a:?} {b:?} {c:?}");
             assert!((b[0] - a[0] - 0.4 * calibration.pixels_per_metre).abs() < 1e-9);

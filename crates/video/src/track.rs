@@ -8,15 +8,15 @@ use image::{Rgb, RgbImage};
 use paig::support::output::Kind;
 use paig::support::significant::significant;
 use paig::support::{atomic, picture_file};
-use paig_track::{Clock, Motion, Options, Point, Role, Segment, Size, Tracking, Visibility, Visitor, segments};
+use paig_track::{
+    Clock, HALF_PIXEL, Motion, Options, Point, Role, Segment, Size, Tracking, Visibility, Visitor, segments,
+};
 
 use crate::calibration::Calibration;
 use crate::import::sources::Video;
 
 /// Share of a frame's pixels in motion above which the camera, not an object, moves; before a background without marks.
 const MOVING_CAMERA: f64 = 0.2;
-/// From the middle of a pixel, where the tracker counts from, to its corner, where videos are measured from.
-const HALF: f64 = 0.5;
 /// Colours of the paths, one for each object.
 const COLOURS: [[u8; 3]; 4] = [[230, 60, 50], [40, 120, 220], [50, 170, 80], [240, 160, 30]];
 
@@ -114,7 +114,7 @@ pub fn write_table(path: &Path, tracking: &Tracking, calibration: Option<&Calibr
 /// Position, deviations and covariance of a point as five cells.
 fn numbers(point: &Point, origin: [f64; 2]) -> String {
     let Some(measurement) = point.measurement else { return ",,,,".into() };
-    let [x, y] = [0, 1].map(|axis| measurement.position[axis] - origin[axis] + HALF);
+    let [x, y] = [0, 1].map(|axis| measurement.position[axis] - origin[axis] + HALF_PIXEL);
     let [[xx, xy], [_, yy]] = measurement.covariance;
     let deviations = [xx.sqrt(), yy.sqrt(), xy].map(|number| significant(number, 4));
     format!("{x:.4},{y:.4},{}", deviations.join(","))
@@ -185,7 +185,7 @@ mod tests {
         for number in 0..30 {
             let (x, y) = (20.0 + 3.0 * f64::from(number), 30.0 + f64::from(number));
             let frame = RgbImage::from_fn(140, 90, |px, py| {
-                let away = (f64::from(px) + HALF - x).hypot(f64::from(py) + HALF - y);
+                let away = (f64::from(px) + HALF_PIXEL - x).hypot(f64::from(py) + HALF_PIXEL - y);
                 let level = (255.0 * (6.5 - away).clamp(0.0, 1.0)) as u8;
                 Rgb([level.max(40), 40, 40])
             });

@@ -24,8 +24,9 @@ const COMMAND: &str = "command.json";
 /// Measures many videos, each as `paig measure` does, and puts the results into one table: batch.csv, batch.json and batch.html.
 ///
 /// Videos are those of a folder, or those of a list in TOML: a table `[[video]]` for each with `file` and options of
-/// `paig measure` by their names (equation = "falling", frames = "30..62", y-up = true); `[measure]` holds what they share. A video that
-/// fails stops no other one; the exit code is 1 then. Given again, the same command measures only what is not measured yet.
+/// `paig measure` by their names (equation = "falling", frames = "30..62", y-up = true); `[measure]` holds what they share. A
+/// video that fails stops no other one; the exit code is 1 then. Given again, the same command measures only what is not
+/// measured yet.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  paig batch clips --jobs 2 -- --equation falling --scale 12,40,12,300,0.5 --y-up\n  \

@@ -19,8 +19,9 @@ use crate::measure_display::print_measurement;
 
 /// Measures the physical parameters of what moves in a video, with 95 % intervals and a verdict.
 ///
-/// Of videos: tracks the objects at the video's own resolution, takes the parts in which they move freely (or --frames), fits the equation to every frame as one long trajectory,
-/// predicts the last quarter to judge the fit, and quotes the parameters of the fit to all frames. Seconds, no training.
+/// Of videos: tracks the objects at the video's own resolution, takes the parts in which they move freely (or --frames),
+/// fits the equation to every frame as one long trajectory, predicts the last quarter to judge the fit, and quotes the
+/// parameters of the fit to all frames. Seconds, no training.
 ///
 /// Of a run folder: the same with what the run has learned, held against the model's own positions. `paig train` does this at
 /// the end of a run on a task that `paig import` made.

@@ -155,7 +155,8 @@ fn factors(before: &Explained, after: &Explained) -> BTreeMap<String, f64> {
         it.learned[place].then(|| parameter.bounds.value(it.fitted.raw[place]))
     };
     let parameters = before.dynamics.system.cell.parameters.iter();
-    let factor = |name: &str| Some(value(after, name)? / value(before, name)?);
+    // Of a parameter that is 0 there is none.
+    let factor = |name: &str| Some(value(after, name)? / value(before, name)?).filter(|factor| factor.is_finite());
     parameters.filter_map(|parameter| Some((parameter.name.to_string(), factor(&parameter.name)?))).collect()
 }
 

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use anyhow::{Result, bail};
-use paig_track::{Finding, Method, Motion, Options, Point, Role, Segment, Track, Tracking, Visibility};
+use paig_track::{Finding, HALF_PIXEL, Method, Motion, Options, Point, Role, Segment, Track, Tracking, Visibility};
 
 use super::proposals::{Proposal, proposals};
 use super::recording::Positions;
@@ -14,8 +14,6 @@ use paig::network::System;
 use paig::network::cells::Coordinates;
 use paig::support::statistics::upper_median;
 
-/// From the middle of a pixel, where the tracker counts from, to its corner, where videos are measured from.
-const HALF: f64 = 0.5;
 /// Least precision of a position relative to the median one.
 const LEAST_WEIGHT: f64 = 0.1;
 /// Displacement of a camera, as a share of the picture's shorter side, beyond which its registration needs a person's eye.
@@ -129,7 +127,9 @@ impl Tracked {
             };
             let place = |point: &Option<&Point>| {
                 let seen = point.and_then(|point| position(point, by));
-                seen.map_or([f64::NAN; 2], |[x, y]| scale.in_frame([x + offset[0] + HALF, y + offset[1] + HALF]))
+                seen.map_or([f64::NAN; 2], |[x, y]| {
+                    scale.in_frame([x + offset[0] + HALF_PIXEL, y + offset[1] + HALF_PIXEL])
+                })
             };
             let deviation = |point: &Option<&Point>| {
                 let measured = point.and_then(|point| point.measurement);

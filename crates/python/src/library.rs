@@ -40,7 +40,7 @@ pub fn task_file(py: Python, table: &str) -> PyResult<String> {
 
 /// An equation and how many objects it is for.
 #[derive(Deserialize)]
-struct Given {
+struct EquationForObjects {
     equation: EquationEntry,
     objects: usize,
 }
@@ -49,7 +49,7 @@ struct Given {
 #[pyfunction]
 pub fn check_equation(py: Python, given: &str) -> PyResult<Vec<String>> {
     let kind = || -> Result<Vec<String>> {
-        let Given { equation, objects } = serde_json::from_str(given)?;
+        let EquationForObjects { equation, objects } = serde_json::from_str(given)?;
         Ok(equation.kind(objects)?.parameters.iter().map(|parameter| parameter.name.into()).collect())
     };
     kind().map_err(|error| raised(py, error))

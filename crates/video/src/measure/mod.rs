@@ -1,7 +1,7 @@
 //! What a trained model measures in its own videos: parameters in the units of the scene, with intervals, from whole
 //! videos instead of clips; how well what was held out is predicted; and all of it for people to look at.
 //!
-//! The model says where the objects are in every frame ([`sight`]). The equation is fitted to that as one long trajectory
+//! The model says where the objects are in every frame ([`compared_positions`]). The equation is fitted to that as one long trajectory
 //! ([`mod@fit`]), in float64 and without images; a bootstrap over time says how far the result can be trusted ([`mod@bootstrap`]).
 //! The last quarter of each video is predicted from the rest and held against two baselines. Not in the original.
 

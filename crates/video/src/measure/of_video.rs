@@ -52,7 +52,7 @@ pub struct VideoRequest {
     pub origin: Option<[f64; 2]>,
     pub angle: f64,
     pub y_up: bool,
-    /// As in an [import](crate::import::request::Request).
+    /// As in an [import](crate::import::request::ImportRequest).
     pub scale_points: Option<[[f64; 2]; 2]>,
     pub tracker: Option<TrackerFile>,
     /// Chosen among those that come with the program where none is given.

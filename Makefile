@@ -7,6 +7,7 @@
 # make test-wheel  build it, install it into a fresh environment, run the demonstration, the Python tests and a notebook
 # make test-studio  the page of `paig studio` in Chromium (needs Node.js and Debian's chromium; some minutes)
 # make data      generate the spring data alone
+# make book      the manual as a searchable book, into target/book/html (`cargo install mdbook --version 0.5.4` first)
 # make libtorch  only fetch libtorch (CUDA=1: with GPU support)
 # make stress    scenes unlike the paper's: datasets, runs, reports/stress (hours; goes on where it stopped)
 # make baselines  other dynamics, decoders and models beside the physics: runs, reports/baselines (days; goes on)
@@ -42,7 +43,7 @@ JOBS ?= 2
 # Stands where the references' Python environment is complete.
 COMPARE_READY := compare/.venv/installed
 
-.PHONY: demo test test-vector-paths test-studio lint format clippy documentation libtorch build wheel test-wheel data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
+.PHONY: demo test test-vector-paths test-studio lint format clippy documentation book libtorch build wheel test-wheel data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
 
 demo: libtorch
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -68,6 +69,12 @@ clippy: libtorch
 
 documentation: libtorch
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --profile $(PROFILE) --workspace --no-deps --document-private-items
+
+# Not part of `make test`. Any warning of mdBook ends it.
+MDBOOK ?= mdbook
+book:
+	$(PYTHON) setup/book.py
+	@log=$$($(MDBOOK) build 2>&1); status=$$?; echo "$$log"; [ $$status -eq 0 ] && ! echo "$$log" | grep -qE 'WARN|ERROR'
 
 build: libtorch
 	$(CARGO) build --release --workspace

@@ -161,7 +161,7 @@ pub fn track(py: Python, request: &str) -> PyResult<String> {
     attended(py, None, |_| {
         let given: TrackKeywords = serde_json::from_str(request)?;
         let video = SourceVideo::open(&given.video)?;
-        let tracking = paig_video::track::track(&video, &given.options(video.frames))?;
+        let tracking = paig_video::track::track(&video, &given.options(video.frames))?.tracking;
         let track = |track: &paig_track::Track| -> Result<Value> {
             let mut value = serde_json::to_value(track)?;
             let points = value["points"].as_array_mut().into_iter().flatten();
@@ -199,7 +199,7 @@ struct LabelledEquation {
 
 impl From<LabelledEquation> for EquationFile {
     fn from(LabelledEquation { name, equation }: LabelledEquation) -> Self {
-        EquationFile { name, equation, objects: None }
+        EquationFile { name, summary: String::new(), equation, objects: None, side: None, dt: None }
     }
 }
 

@@ -14,9 +14,9 @@ use clap::Args;
 use paig::kernels::Kernels;
 use tch::Kind;
 
-use crate::harness::case::{Case, Noise, Run};
+use crate::harness::case::{Case, CaseRun, RoundingNoise};
 use crate::harness::golden::Golden;
-use crate::harness::row::{Row, Verdict};
+use crate::harness::row::{ParityRow, RowVerdict};
 use crate::harness::table::Table;
 use crate::harness::verdict;
 use crate::{cases, tolerances};
@@ -24,7 +24,7 @@ use crate::{cases, tolerances};
 /// Compares the port with golden tensors of the original TensorFlow code.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  paig compare --file-filter spring")]
-pub struct Arguments {
+pub struct ParityArguments {
     /// Folder of .npz files; every one of them is compared.
     #[arg(long, default_value = "compare/goldens")]
     goldens: PathBuf,
@@ -46,14 +46,14 @@ pub struct Arguments {
 ///
 /// # Errors
 /// Golden files that cannot be read.
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub fn run(arguments: &ParityArguments) -> Result<ExitCode> {
     // Sums in one order on every machine.
     tch::set_num_threads(1);
     Ok(if compare(arguments)? { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Whether every file has a case and no row fails.
-fn compare(arguments: &Arguments) -> Result<bool> {
+fn compare(arguments: &ParityArguments) -> Result<bool> {
     let kind = if arguments.f64 { Kind::Double } else { Kind::Float };
     let files = golden_files(&arguments.goldens, arguments.file_filter.as_deref().unwrap_or_default())?;
     let mut table = Table::new(&files);
@@ -90,15 +90,15 @@ fn golden_files(folder: &Path, filter: &str) -> Result<Vec<PathBuf>> {
 }
 
 /// The rows of one file; none if no case knows files of its name.
-fn compare_file(path: &Path, kind: Kind, weights: Option<&Path>) -> Result<Option<Vec<Row>>> {
+fn compare_file(path: &Path, kind: Kind, weights: Option<&Path>) -> Result<Option<Vec<ParityRow>>> {
     let golden = Golden::read(path)?;
-    let own = |kind, noise| Run { kind, kernels: Kernels::Own, noise };
+    let own = |kind, noise| CaseRun { kind, kernels: Kernels::Own, noise };
     let Some(mut rows) = run_case(&golden, own(kind, None), weights)? else { return Ok(None) };
     golden.ensure_all_looked_at()?;
     if rows.iter().any(|row| !row.within_tolerance()) {
         // Both precisions by libtorch: what is wrong with the port's own kernels is no rounding.
         let by_libtorch = |kind| {
-            let run = Run { kind, kernels: Kernels::Libtorch, noise: None };
+            let run = CaseRun { kind, kernels: Kernels::Libtorch, noise: None };
             Ok::<_, anyhow::Error>(run_case(&golden, run, weights)?.unwrap_or_default())
         };
         let (single, double) = (by_libtorch(Kind::Float)?, by_libtorch(Kind::Double)?);
@@ -106,10 +106,11 @@ fn compare_file(path: &Path, kind: Kind, weights: Option<&Path>) -> Result<Optio
         rows.iter_mut().zip(pairs).for_each(|(row, (single, double))| row.allow_between(single, double));
         // Then moved inputs in the precision of the golden tensors.
         for probe in 1..=tolerances::MOST_PROBES {
-            if probe > tolerances::PROBES && rows.iter().all(|row| row.verdict() != Verdict::Fail) {
+            if probe > tolerances::PROBES && rows.iter().all(|row| row.verdict() != RowVerdict::Fail) {
                 break;
             }
-            let probe = run_case(&golden, own(Kind::Float, Some(Noise::new(probe))), weights)?.unwrap_or_default();
+            let probe =
+                run_case(&golden, own(Kind::Float, Some(RoundingNoise::new(probe))), weights)?.unwrap_or_default();
             rows.iter_mut().zip(&probe).for_each(|(row, probe)| row.allow_for(probe));
         }
     }
@@ -117,7 +118,7 @@ fn compare_file(path: &Path, kind: Kind, weights: Option<&Path>) -> Result<Optio
 }
 
 /// Runs the case that knows files of this name.
-fn run_case(golden: &Golden, run: Run, weights: Option<&Path>) -> Result<Option<Vec<Row>>> {
+fn run_case(golden: &Golden, run: CaseRun, weights: Option<&Path>) -> Result<Option<Vec<ParityRow>>> {
     let mut case = Case::new(golden, run, weights);
     cases::compare(&mut case).map(|compared| compared.map(|()| case.rows)).transpose()
 }

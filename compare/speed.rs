@@ -19,7 +19,7 @@ use paig::support::device;
 use paig::tasks::{self, Task};
 use paig::training::config::Config;
 use paig::training::identify::Identify;
-use paig::training::identify::fit::{Start, Trust, fit};
+use paig::training::identify::fit::{FitStart, Trust, fit};
 use paig::training::layers::Overrides;
 use paig::training::optimizers::Optimizer;
 use paig_terminal::{environment, say};
@@ -35,7 +35,7 @@ const PREDICTED: usize = 26;
 
 /// What is timed.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum What {
+enum TimedOperation {
     /// A training step of the original's protocol on clips: all losses, gradients, RMSProp
     Step,
     /// A training step of the autoencoder on single frames
@@ -56,11 +56,11 @@ enum What {
 /// largest memory in MB.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  paig bench --task spring_color --what step --batch 100")]
-pub struct Arguments {
+pub struct SpeedArguments {
     #[arg(long, help = format!("One of {}, or a task file", tasks::names()))]
     task: String,
     #[arg(long, value_enum, default_value = "step")]
-    what: What,
+    what: TimedOperation,
     /// Clips, or frames of `discover`
     #[arg(long, default_value_t = 25)]
     batch: usize,
@@ -79,7 +79,7 @@ pub struct Arguments {
 
 /// # Errors
 /// A task or a device that is not there.
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub fn run(arguments: &SpeedArguments) -> Result<ExitCode> {
     environment::set();
     device::set_threads(arguments.threads)?;
     let device = device::parse(&arguments.device)?;
@@ -113,7 +113,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
 
 /// What is repeated. What the frames show costs nothing: they are noise.
 fn repetition<'a>(
-    arguments: &'a Arguments,
+    arguments: &'a SpeedArguments,
     config: &'a Config,
     model: &'a PhysicsNet,
 ) -> Result<Box<dyn FnMut() -> Result<()> + 'a>> {
@@ -128,7 +128,7 @@ fn repetition<'a>(
         Tensor::rand([batch, frames, channels, side, side], (Kind::Float, device))
     };
     Ok(match arguments.what {
-        What::Step => {
+        TimedOperation::Step => {
             let clips = clips(config.task.train_frames);
             Box::new(move || {
                 optimizer.begin_step(&rates);
@@ -140,7 +140,7 @@ fn repetition<'a>(
                 Ok(())
             })
         }
-        What::Discover => {
+        TimedOperation::Discover => {
             let frames = clips(1);
             Box::new(move || {
                 optimizer.begin_step(&rates);
@@ -154,7 +154,7 @@ fn repetition<'a>(
                 Ok(())
             })
         }
-        What::Refinement => {
+        TimedOperation::Refinement => {
             // In single precision, as in a training.
             let positions = trajectories(&config.task, arguments.batch, system.input_steps).to_kind(Kind::Float);
             let numbers: Vec<_> = true_numbers(&config.task).iter().map(|number| number.to_kind(Kind::Float)).collect();
@@ -167,23 +167,23 @@ fn repetition<'a>(
                 Ok(())
             })
         }
-        What::Identify => {
+        TimedOperation::Identify => {
             let frames = config.task.train_frames;
             let positions = trajectories(&config.task, arguments.batch, frames);
             let identify = Identify { clips: arguments.batch, ..Identify::usual(frames) };
             Box::new(move || {
-                let start = Start::of(model);
+                let start = FitStart::of(model);
                 fit(&identify, system, &positions, &Actions::none(), &start, &Trust::default()).map(drop)
             })
         }
-        What::Inference | What::Evaluation => {
+        TimedOperation::Inference | TimedOperation::Evaluation => {
             let clips = clips(system.input_steps + PREDICTED);
             Box::new(move || {
                 let _guard = tch::no_grad_guard();
                 repeated.call(slice::from_ref(&clips), |inputs| {
                     let pass = model.forward(&inputs[0], &Actions::none())?;
-                    let losses =
-                        matches!(arguments.what, What::Evaluation).then(|| Losses::new(&pass, &inputs[0], system));
+                    let losses = matches!(arguments.what, TimedOperation::Evaluation)
+                        .then(|| Losses::new(&pass, &inputs[0], system));
                     let losses = losses.map(|losses| [losses.reconstruction, losses.prediction]);
                     Ok([pass.reconstructions, pass.predictions]
                         .into_iter()
@@ -193,7 +193,7 @@ fn repetition<'a>(
                 Ok(())
             })
         }
-        What::Generation => {
+        TimedOperation::Generation => {
             let variant = Variant::new(&config.task, 0)?;
             let tenth = arguments.batch.div_ceil(10);
             let folder = tempfile::tempdir().context("a folder for the dataset")?;
@@ -215,10 +215,10 @@ fn repetition<'a>(
     })
 }
 
-/// The raw numbers of a task's true parameters.
+/// Unconstrained parameters of a task's true values.
 fn true_numbers(task: &Task) -> Vec<Tensor> {
     let parameters = task.system.cell.parameters.iter();
-    parameters.map(|kind| Tensor::from(kind.bounds.raw(task.truth_of(&kind.name).unwrap_or(1.0)))).collect()
+    parameters.map(|kind| Tensor::from(kind.bounds.unconstrained(task.truth_of(&kind.name).unwrap_or(1.0)))).collect()
 }
 
 /// Positions `[clips, frames, coordinates]`, pixels, float64, of objects that begin on a ring and obey the task's equation.

@@ -10,7 +10,7 @@ use ndarray::Array5;
 use paig::datasets::iterators::Clips;
 use paig::generators::render::Balls;
 use paig::network::System;
-use paig::network::cells::plain::{Euler, Law, PlainCell, columns, columns_mut};
+use paig::network::cells::plain::{AccelerationLaw, Euler, PlainCell, columns, columns_mut};
 use paig::network::cells::{Actions, Build, Cell, CellKind, Coordinates, PhysicalParameter, State, Walls, scalars};
 use paig::network::physics_models::PhysicsNet;
 use paig::support::random::named_generator;
@@ -67,7 +67,7 @@ struct DragLaw {
     c: f64,
 }
 
-impl Law for DragLaw {
+impl AccelerationLaw for DragLaw {
     fn accelerate(&self, _positions: &[f64], velocities: &[f64], _action: &[f64], into: &mut [f64]) {
         let [vx, vy] = columns(velocities);
         let [ax, ay] = columns_mut(into);

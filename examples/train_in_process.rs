@@ -13,20 +13,20 @@ use paig::network::physics_models::PhysicsNet;
 use paig::tasks;
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
-use paig::training::observer::{Event, Observer};
+use paig::training::observer::{TrainingEvent, TrainingObserver};
 use paig::training::trainer::Trainer;
 use tch::Device;
 
 /// Prints every validation and what the fit found.
 struct Printer;
 
-impl Observer for Printer {
-    fn observe(&mut self, event: &Event) -> Result<()> {
+impl TrainingObserver for Printer {
+    fn observe(&mut self, event: &TrainingEvent) -> Result<()> {
         match event {
-            Event::Recorded { record, .. } if record.score.is_some() => {
+            TrainingEvent::Recorded { record, .. } if record.score.is_some() => {
                 println!("step {:>4}: validation score {:.3}", record.step, record.score.unwrap_or(f64::NAN));
             }
-            Event::Note(line) => println!("{line}"),
+            TrainingEvent::Note(line) => println!("{line}"),
             _ => {}
         }
         Ok(())

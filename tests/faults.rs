@@ -32,7 +32,7 @@ use paig::runs::scores::ScoresFile;
 use paig::runs::weights;
 use paig::support::atomic;
 use paig::support::device::set_threads;
-use paig::training::base::Outcome;
+use paig::training::base::TrainingOutcome;
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
 use paig::training::recorder::Recorder;
@@ -41,10 +41,10 @@ use paig::training::trainer::Trainer;
 use paig::{tasks, viz};
 use paig_experiments::sweep::{self, SweepPlan};
 use paig_report as report;
-use paig_report::Pictures;
+use paig_report::WithPictures;
 use paig_video::import::crop::CropChoice;
 use paig_video::import::import;
-use paig_video::import::request::Request;
+use paig_video::import::request::ImportRequest;
 use tch::{Device, Tensor};
 use tempfile::TempDir;
 
@@ -177,7 +177,7 @@ fn in_memory(config: &Config, stops: bool) -> (Vec<(String, Tensor)>, usize) {
     let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, config.seed).unwrap();
     let mut trainer = Trainer::new(config, &model, &train, &valid).unwrap().stop_when(|| stops);
     let stopped =
-        std::iter::repeat_with(|| trainer.run().unwrap()).take_while(|it| *it == Outcome::Interrupted).count();
+        std::iter::repeat_with(|| trainer.run().unwrap()).take_while(|it| *it == TrainingOutcome::Interrupted).count();
     (model.named_variables().into_iter().map(|(name, variable)| (name, variable.detach().copy())).collect(), stopped)
 }
 
@@ -322,10 +322,10 @@ fn a_report_is_the_old_or_the_new_at_the_latest_after_the_next() {
         stride(5),
         || {
             let folder = temporary();
-            report::write(&runs, &folder.path().join("report"), Pictures::Shown).unwrap();
+            report::write(&runs, &folder.path().join("report"), WithPictures::Shown).unwrap();
             folder
         },
-        |folder| Ok(report::write(&runs, &folder.path().join("report"), Pictures::Shown).map(drop)?),
+        |folder| Ok(report::write(&runs, &folder.path().join("report"), WithPictures::Shown).map(drop)?),
         |folder, fault, at| {
             let out = folder.path().join("report");
             // A run that could not be read is said to be so. Otherwise its records, from which a report is made again when
@@ -333,7 +333,8 @@ fn a_report_is_the_old_or_the_new_at_the_latest_after_the_next() {
             let records = ["records", ".new/records"].map(|name| out.join(name).join("spring_color"));
             let said = || fs::read_to_string(out.join("report.md")).unwrap().contains("cannot be read");
             assert!(records.iter().any(|place| place.exists()) || said(), "{fault:?} at {at}: the records are gone");
-            report::write(&runs, &out, Pictures::Shown).unwrap_or_else(|error| panic!("{fault:?} at {at}: {error:#}"));
+            report::write(&runs, &out, WithPictures::Shown)
+                .unwrap_or_else(|error| panic!("{fault:?} at {at}: {error:#}"));
             for name in ["report.md", "report.html", "results.json", "records", "pictures"] {
                 assert!(out.join(name).exists(), "{fault:?} at {at}: {name} is missing");
             }
@@ -354,10 +355,10 @@ fn an_imported_task_is_whole_or_not_there() {
     });
     npz.add_array("frames", &frames).unwrap();
     npz.finish().unwrap();
-    let request = |folder: &Path| Request {
+    let request = |folder: &Path| ImportRequest {
         fps: Some(30.0),
         crop: CropChoice::Full,
-        ..Request::of(vec![video.clone()], folder.join("task"))
+        ..ImportRequest::of(vec![video.clone()], folder.join("task"))
     };
     let tried = at_every_operation(
         stride(5),
@@ -384,7 +385,7 @@ fn an_imported_task_is_whole_or_not_there() {
         fs::write(&task, text + "# my equation\n").unwrap();
         fs::write(folder.join("task/notes.txt"), "dear diary").unwrap();
     };
-    let again = |folder: &Path| Request { force: true, side: 24, ..request(folder) };
+    let again = |folder: &Path| ImportRequest { force: true, side: 24, ..request(folder) };
     let whole = |folder: &Path| {
         ["task.toml", "train.npz", "test.npz", "film.npz", "contact-sheet.png"]
             .map(|name| fs::read(folder.join("task").join(name)).unwrap())

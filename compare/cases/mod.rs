@@ -25,7 +25,7 @@ use crate::harness::part;
 
 /// How a case is told by the name of a golden file; text after the forms below is free (`cell_spring_seed7`).
 #[derive(Debug)]
-enum Entry {
+enum CaseEntry {
     /// The name begins with this.
     Submodule(&'static str, fn(&mut Case) -> Result<()>),
     /// The name begins with this and goes on with a task's, whose model the submodule is a part of.
@@ -35,22 +35,22 @@ enum Entry {
 }
 
 /// A file belongs to the first entry that its name fits. The files of `optimizers` are whole models.
-static CASES: [Entry; 15] = [
-    Entry::Submodule("black_box_", black_box::compare),
-    Entry::Submodule("conv_lstm", conv_lstm::compare),
-    Entry::Submodule("resize_bilinear", resize_bilinear::compare),
-    Entry::Submodule("shallow_unet", shallow_unet::compare),
-    Entry::Submodule("unet", unet::compare),
-    Entry::Submodule("stn", stn::compare),
-    Entry::Submodule("cell_bouncing", cell_bouncing::compare),
-    Entry::Submodule("cell_spring", cell_spring::compare),
-    Entry::Submodule("cell_gravity", cell_gravity::compare),
-    Entry::PartOfModel("variable_from_network_", variable_from_network::compare),
-    Entry::PartOfModel("init_vel_alt_", velocity_encoder::compare_alternative),
-    Entry::PartOfModel("init_vel_", velocity_encoder::compare),
-    Entry::PartOfModel("encoder_", encoder::compare),
-    Entry::PartOfModel("decoder_", decoder::compare),
-    Entry::WholeModel("_train", whole_model::compare),
+static CASES: [CaseEntry; 15] = [
+    CaseEntry::Submodule("black_box_", black_box::compare),
+    CaseEntry::Submodule("conv_lstm", conv_lstm::compare),
+    CaseEntry::Submodule("resize_bilinear", resize_bilinear::compare),
+    CaseEntry::Submodule("shallow_unet", shallow_unet::compare),
+    CaseEntry::Submodule("unet", unet::compare),
+    CaseEntry::Submodule("stn", stn::compare),
+    CaseEntry::Submodule("cell_bouncing", cell_bouncing::compare),
+    CaseEntry::Submodule("cell_spring", cell_spring::compare),
+    CaseEntry::Submodule("cell_gravity", cell_gravity::compare),
+    CaseEntry::PartOfModel("variable_from_network_", variable_from_network::compare),
+    CaseEntry::PartOfModel("init_vel_alt_", velocity_encoder::compare_alternative),
+    CaseEntry::PartOfModel("init_vel_", velocity_encoder::compare),
+    CaseEntry::PartOfModel("encoder_", encoder::compare),
+    CaseEntry::PartOfModel("decoder_", decoder::compare),
+    CaseEntry::WholeModel("_train", whole_model::compare),
 ];
 
 /// Compares a golden file by the case that its name tells; `None` where there is none.
@@ -58,16 +58,16 @@ pub fn compare(case: &mut Case) -> Option<Result<()>> {
     CASES.iter().find_map(|entry| entry.compare(case))
 }
 
-impl Entry {
+impl CaseEntry {
     fn compare(&self, case: &mut Case) -> Option<Result<()>> {
         let (golden, stem) = (case.golden, case.golden.stem.as_str());
         match self {
-            Entry::Submodule(start, compare) => stem.starts_with(start).then(|| compare(case)),
-            Entry::PartOfModel(start, compare) => {
+            CaseEntry::Submodule(start, compare) => stem.starts_with(start).then(|| compare(case)),
+            CaseEntry::PartOfModel(start, compare) => {
                 let task = part::task(stem.strip_prefix(start)?)?;
                 Some(compare(case, &task))
             }
-            Entry::WholeModel(end, compare) => (stem.ends_with(end) || golden.has("meta")).then(|| compare(case)),
+            CaseEntry::WholeModel(end, compare) => (stem.ends_with(end) || golden.has("meta")).then(|| compare(case)),
         }
     }
 }

@@ -11,16 +11,16 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
 
 use crate::harness::golden::Golden;
-use crate::harness::row::Row;
+use crate::harness::row::ParityRow;
 use crate::tolerances::{PROBE_STEP, Tolerance};
 
 /// Moves inputs and weights by some float32 roundings, to see what rounding alone does to the results.
 #[derive(Debug)]
-pub struct Noise(ChaCha8Rng);
+pub struct RoundingNoise(ChaCha8Rng);
 
-impl Noise {
+impl RoundingNoise {
     pub fn new(probe: u64) -> Self {
-        Noise(ChaCha8Rng::seed_from_u64(probe))
+        RoundingNoise(ChaCha8Rng::seed_from_u64(probe))
     }
 
     fn apply(&mut self, values: &Tensor) -> Tensor {
@@ -32,10 +32,10 @@ impl Noise {
 
 /// How a case is computed.
 #[derive(Debug)]
-pub struct Run {
+pub struct CaseRun {
     pub kind: Kind,
     pub kernels: Kernels,
-    pub noise: Option<Noise>,
+    pub noise: Option<RoundingNoise>,
 }
 
 /// A golden file while it is being compared.
@@ -48,14 +48,14 @@ pub struct Case<'a> {
     pub kernels: Kernels,
     /// A checkpoint's file that whole models take their weights from, instead of the formula.
     pub weights: Option<&'a Path>,
-    pub rows: Vec<Row>,
-    noise: Option<RefCell<Noise>>,
+    pub rows: Vec<ParityRow>,
+    noise: Option<RefCell<RoundingNoise>>,
 }
 
 impl<'a> Case<'a> {
     /// With `noise`, a probe.
-    pub fn new(golden: &'a Golden, run: Run, weights: Option<&'a Path>) -> Self {
-        let Run { kind, kernels, noise } = run;
+    pub fn new(golden: &'a Golden, run: CaseRun, weights: Option<&'a Path>) -> Self {
+        let CaseRun { kind, kernels, noise } = run;
         Case { golden, kind, kernels, weights, rows: Vec::new(), noise: noise.map(RefCell::new) }
     }
 
@@ -88,7 +88,7 @@ impl<'a> Case<'a> {
     /// A golden tensor that is missing, not finite, or of another shape.
     pub fn check(&mut self, name: &str, computed: &Tensor, tolerance: &'static Tolerance) -> Result<()> {
         let expected = self.golden.tensor(name, &computed.size())?;
-        self.rows.push(Row::new(name, &expected, computed, tolerance));
+        self.rows.push(ParityRow::new(name, &expected, computed, tolerance));
         Ok(())
     }
 
@@ -104,14 +104,14 @@ impl<'a> Case<'a> {
         tolerance: &'static Tolerance,
     ) -> Result<()> {
         let expected = self.golden.tensor(name, &computed.size())?;
-        self.rows.push(Row::new(&format!("{name}, {how}"), &expected, computed, tolerance));
+        self.rows.push(ParityRow::new(&format!("{name}, {how}"), &expected, computed, tolerance));
         Ok(())
     }
 
     /// Compares the golden tensor `name` one step at a time: `computed` starts from golden states, as `how` says, and
     /// holds the tensor where its own row is uninformative.
     pub fn check_single_step(&mut self, name: &str, how: &str, expected: &Tensor, computed: &Tensor) {
-        self.rows.push(Row::single_step(name, how, expected, computed));
+        self.rows.push(ParityRow::single_step(name, how, expected, computed));
     }
 }
 

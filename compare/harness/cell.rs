@@ -64,14 +64,14 @@ fn check_single_steps(case: &mut Case, task: &Task, logs: &[Tensor]) -> Result<(
 }
 
 /// The file's parameters.
-struct Parameters {
+struct CaseParameters {
     /// What the cell is built with.
     logs: Vec<Tensor>,
     /// What the file has gradients to.
     leaves: Vec<(String, Tensor)>,
 }
 
-fn parameters(case: &Case, kind: &CellKind) -> Result<Parameters> {
+fn parameters(case: &Case, kind: &CellKind) -> Result<CaseParameters> {
     let (mut logs, mut leaves) = (Vec::new(), Vec::new());
     for parameter in &*kind.parameters {
         let log = case.leaf(&format!("param/{}", parameter.variable), 0)?;
@@ -81,5 +81,5 @@ fn parameters(case: &Case, kind: &CellKind) -> Result<Parameters> {
         }
         logs.push(log);
     }
-    Ok(Parameters { logs, leaves })
+    Ok(CaseParameters { logs, leaves })
 }

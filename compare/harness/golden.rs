@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use tch::Tensor;
 
-use crate::harness::npz::{self, Array, Values};
+use crate::harness::npz::{self, ArrayValues, NpzArray};
 
 /// Stored gradients and variables of more elements keep every [`STRIDE`]th of them only.
 const STORED_WHOLE: i64 = 4096;
@@ -20,7 +20,7 @@ const SHARED: &str = "shared";
 pub struct Golden {
     /// File name without `.npz`.
     pub stem: String,
-    arrays: BTreeMap<String, Array>,
+    arrays: BTreeMap<String, NpzArray>,
     looked_at: RefCell<BTreeSet<String>>,
 }
 
@@ -39,8 +39,8 @@ impl Golden {
         Ok(golden)
     }
 
-    fn shared(&self, path: &Path) -> Result<BTreeMap<String, Array>> {
-        let mut files: BTreeMap<&str, BTreeMap<String, Array>> = BTreeMap::new();
+    fn shared(&self, path: &Path) -> Result<BTreeMap<String, NpzArray>> {
+        let mut files: BTreeMap<&str, BTreeMap<String, NpzArray>> = BTreeMap::new();
         let mut shared = BTreeMap::new();
         for text in self.texts(SHARED)? {
             let (name, stem) = text.split_once('=').with_context(|| format!("tensor {SHARED}: {text:?} has no ="))?;
@@ -64,7 +64,7 @@ impl Golden {
         self.arrays.keys().filter_map(|name| name.strip_prefix(prefix)).collect()
     }
 
-    fn array(&self, name: &str) -> Result<&Array> {
+    fn array(&self, name: &str) -> Result<&NpzArray> {
         self.looked_at.borrow_mut().insert(name.to_string());
         self.arrays.get(name).with_context(|| format!("tensor {name} is missing"))
     }
@@ -103,7 +103,7 @@ impl Golden {
 
     fn floats_or_nan(&self, name: &str) -> Result<Tensor> {
         let array = self.array(name)?;
-        let Values::Floats(values) = &array.values else { anyhow::bail!("tensor {name} does not hold floats") };
+        let ArrayValues::Floats(values) = &array.values else { anyhow::bail!("tensor {name} does not hold floats") };
         let shape: Vec<i64> = array.shape.iter().map(|&n| n as i64).collect();
         Ok(Tensor::from_slice(values).reshape(shape))
     }
@@ -111,7 +111,9 @@ impl Golden {
     /// A seed: a single integer that is not negative.
     pub fn seed(&self, name: &str) -> Result<u64> {
         let array = self.array(name)?;
-        let Values::Integers(values) = &array.values else { anyhow::bail!("tensor {name} does not hold integers") };
+        let ArrayValues::Integers(values) = &array.values else {
+            anyhow::bail!("tensor {name} does not hold integers")
+        };
         ensure!(array.shape.is_empty(), "tensor {name} has shape {:?}, expected a single number", array.shape);
         u64::try_from(values[0]).with_context(|| format!("tensor {name} is negative"))
     }
@@ -119,7 +121,7 @@ impl Golden {
     /// A list of texts.
     pub fn texts(&self, name: &str) -> Result<&[String]> {
         let array = self.array(name)?;
-        let Values::Texts(values) = &array.values else { anyhow::bail!("tensor {name} does not hold texts") };
+        let ArrayValues::Texts(values) = &array.values else { anyhow::bail!("tensor {name} does not hold texts") };
         ensure!(array.shape.len() == 1, "tensor {name} has shape {:?}, expected a list", array.shape);
         Ok(values)
     }

@@ -12,13 +12,13 @@ use anyhow::{Context, Result, bail, ensure};
 
 /// One array, in row-major order.
 #[derive(Debug)]
-pub struct Array {
+pub struct NpzArray {
     pub shape: Vec<usize>,
-    pub values: Values,
+    pub values: ArrayValues,
 }
 
 #[derive(Debug)]
-pub enum Values {
+pub enum ArrayValues {
     /// `<f4` or `<f8`; a float32 is exact as f64.
     Floats(Vec<f64>),
     /// `<i4` or `<i8`.
@@ -32,7 +32,7 @@ pub enum Values {
 /// # Errors
 /// A file that is not a whole archive, or an entry that is not a whole array of one of the types above. The message
 /// names the entry.
-pub fn read(path: &Path) -> Result<BTreeMap<String, Array>> {
+pub fn read(path: &Path) -> Result<BTreeMap<String, NpzArray>> {
     let file = File::open(path).context("cannot be opened")?;
     let mut archive = zip::ZipArchive::new(file).context("not a whole .npz archive (cut short?)")?;
     let mut arrays = BTreeMap::new();
@@ -49,7 +49,7 @@ pub fn read(path: &Path) -> Result<BTreeMap<String, Array>> {
 }
 
 /// Parses the bytes of one `.npy` file.
-fn parse(bytes: &[u8]) -> Result<Array> {
+fn parse(bytes: &[u8]) -> Result<NpzArray> {
     let (header, data) = split_header(bytes)?;
     let descr = dictionary_value(header, "descr")?;
     let descr = descr.trim().trim_matches('\'');
@@ -60,16 +60,16 @@ fn parse(bytes: &[u8]) -> Result<Array> {
         .try_fold(1usize, |count, &n| count.checked_mul(n))
         .with_context(|| format!("shape {shape:?} is too large"))?;
     let values = match descr {
-        "<f4" => Values::Floats(numbers(data, count, |b| f64::from(f32::from_le_bytes(b)))?),
-        "<f8" => Values::Floats(numbers(data, count, f64::from_le_bytes)?),
-        "<i4" => Values::Integers(numbers(data, count, |b| i64::from(i32::from_le_bytes(b)))?),
-        "<i8" => Values::Integers(numbers(data, count, i64::from_le_bytes)?),
+        "<f4" => ArrayValues::Floats(numbers(data, count, |b| f64::from(f32::from_le_bytes(b)))?),
+        "<f8" => ArrayValues::Floats(numbers(data, count, f64::from_le_bytes)?),
+        "<i4" => ArrayValues::Integers(numbers(data, count, |b| i64::from(i32::from_le_bytes(b)))?),
+        "<i8" => ArrayValues::Integers(numbers(data, count, i64::from_le_bytes)?),
         _ => match descr.strip_prefix("<U").and_then(|width| width.parse().ok()) {
-            Some(width) => Values::Texts(texts(data, count, width)?),
+            Some(width) => ArrayValues::Texts(texts(data, count, width)?),
             None => bail!("type {descr:?} is none of <f4, <f8, <i4, <i8, <U.."),
         },
     };
-    Ok(Array { shape, values })
+    Ok(NpzArray { shape, values })
 }
 
 /// Magic, version and header length off; gives the header's text and the data.
@@ -144,11 +144,11 @@ mod tests {
         let data: Vec<u8> = "abc".chars().chain("d\0\0".chars()).flat_map(|c| (c as u32).to_le_bytes()).collect();
         let array = parse(&npy("{'descr': '<U3', 'fortran_order': False, 'shape': (2,), }\n", &data)).unwrap();
         assert_eq!(array.shape, [2]);
-        assert!(matches!(array.values, Values::Texts(texts) if texts == ["abc", "d"]));
+        assert!(matches!(array.values, ArrayValues::Texts(texts) if texts == ["abc", "d"]));
         let array =
             parse(&npy("{'descr': '<i8', 'fortran_order': False, 'shape': (), }", &7i64.to_le_bytes())).unwrap();
         assert!(array.shape.is_empty());
-        assert!(matches!(array.values, Values::Integers(values) if values == [7]));
+        assert!(matches!(array.values, ArrayValues::Integers(values) if values == [7]));
     }
 
     #[test]

@@ -9,7 +9,7 @@ use tch::Device;
 
 use crate::harness::case::Case;
 use crate::harness::golden::as_stored;
-use crate::harness::variables::{Listing, Variable, fill};
+use crate::harness::variables::{Variable, VariableListing, fill};
 use crate::tolerances::Tolerance;
 
 /// The task of a file whose name goes on with `rest` after the case's prefix: the longest key that `rest` starts with.
@@ -22,7 +22,7 @@ pub fn model(case: &Case, task: &Task, alt_vel: bool) -> Result<(PhysicsNet, Vec
     let options = ModelOptions { alt_vel, ..case.options() };
     let mut model = PhysicsNet::new(&task.system, &options, Device::Cpu, 0)?;
     model.variables.set_kind(case.kind);
-    let listing = Listing {
+    let listing = VariableListing {
         names: "var_names_all",
         shapes: "var_shapes_all",
         prefix: "",

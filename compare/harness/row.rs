@@ -6,7 +6,7 @@ use crate::tolerances::{PROBE_MARGIN, SINGLE_STEP, Tolerance, UNINFORMATIVE};
 
 /// What a row says of the port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
+pub enum RowVerdict {
     Pass,
     Fail,
     /// Nothing: rounding alone moves the tensor by more than [`UNINFORMATIVE`] of its scale.
@@ -15,7 +15,7 @@ pub enum Verdict {
 
 /// One line of the table.
 #[derive(Debug)]
-pub struct Row {
+pub struct ParityRow {
     pub title: String,
     pub shape: Vec<i64>,
     /// Largest absolute error, NaN if anything computed is NaN.
@@ -32,7 +32,7 @@ pub struct Row {
     computed: Tensor,
 }
 
-impl Row {
+impl ParityRow {
     pub fn new(title: &str, expected: &Tensor, computed: &Tensor, tolerance: &'static Tolerance) -> Self {
         // A copy: variables are stepped after they were compared.
         let computed = computed.detach().to_kind(Kind::Double).copy();
@@ -43,7 +43,7 @@ impl Row {
             scale => scale,
         };
         let absolute = errors.max().double_value(&[]);
-        Row {
+        ParityRow {
             title: title.to_string(),
             shape: expected.size(),
             absolute,
@@ -59,18 +59,18 @@ impl Row {
 
     /// A row that compares `tensor` one step at a time, from golden states as `how` says.
     pub fn single_step(tensor: &str, how: &str, expected: &Tensor, computed: &Tensor) -> Self {
-        let row = Row::new(&format!("{tensor}, {how}"), expected, computed, &SINGLE_STEP);
-        Row { single_step_of: Some(tensor.to_string()), ..row }
+        let row = ParityRow::new(&format!("{tensor}, {how}"), expected, computed, &SINGLE_STEP);
+        ParityRow { single_step_of: Some(tensor.to_string()), ..row }
     }
 
     /// Takes in what rounding does to this tensor: `probe` is the same row of a run whose inputs were moved
-    /// (see [`Noise`](crate::harness::case::Noise)).
-    pub fn allow_for(&mut self, probe: &Row) {
+    /// (see [`RoundingNoise`](crate::harness::case::RoundingNoise)).
+    pub fn allow_for(&mut self, probe: &ParityRow) {
         self.allow(&probe.computed - &self.computed);
     }
 
     /// The same: how far the same computation is apart in two precisions.
-    pub fn allow_between(&mut self, single: &Row, double: &Row) {
+    pub fn allow_between(&mut self, single: &ParityRow, double: &ParityRow) {
         self.allow(&single.computed - &double.computed);
     }
 
@@ -86,15 +86,15 @@ impl Row {
 
     /// By this row alone. Within its tolerance it passes. Beyond it, what rounding does decides whether the row says
     /// anything, before its errors are held to a bound: how far it is off never makes it uninformative.
-    pub fn verdict(&self) -> Verdict {
+    pub fn verdict(&self) -> RowVerdict {
         if self.within_tolerance() {
-            Verdict::Pass
+            RowVerdict::Pass
         } else if self.may_be_uninformative() && self.movement() > UNINFORMATIVE {
-            Verdict::Uninformative
+            RowVerdict::Uninformative
         } else if self.within_rounding() {
-            Verdict::Pass
+            RowVerdict::Pass
         } else {
-            Verdict::Fail
+            RowVerdict::Fail
         }
     }
 
@@ -131,10 +131,11 @@ mod tests {
     const GOLDEN: [f64; 3] = [1.0, -0.5, 0.25];
 
     /// A row of errors `off`, whose computation rounding moves by `moved`, both for each element.
-    fn row(off: [f64; 3], moved: [f64; 3]) -> Row {
+    fn row(off: [f64; 3], moved: [f64; 3]) -> ParityRow {
         let sum = |a: [f64; 3], b: [f64; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-        let of =
-            |values: [f64; 3]| Row::new("out/y", &Tensor::from_slice(&GOLDEN), &Tensor::from_slice(&values), &FORWARD);
+        let of = |values: [f64; 3]| {
+            ParityRow::new("out/y", &Tensor::from_slice(&GOLDEN), &Tensor::from_slice(&values), &FORWARD)
+        };
         let computed = sum(GOLDEN, off);
         let mut row = of(computed);
         row.allow_for(&of(computed));
@@ -146,7 +147,7 @@ mod tests {
     fn rounding_beyond_a_tenth_of_the_scale_makes_a_row_uninformative() {
         // However far the row is off: within ten times what rounding does, and far beyond it.
         for off in [0.3, 4.5] {
-            assert_eq!(row([0.0, off, 0.0], [0.0, 0.11, 0.0]).verdict(), Verdict::Uninformative, "off by {off}");
+            assert_eq!(row([0.0, off, 0.0], [0.0, 0.11, 0.0]).verdict(), RowVerdict::Uninformative, "off by {off}");
         }
         assert_eq!(row([0.0, 0.3, 0.0], [0.0, 0.11, 0.0]).movement(), 0.11);
     }
@@ -154,31 +155,31 @@ mod tests {
     #[test]
     fn rounding_below_a_tenth_of_the_scale_leaves_a_row_to_its_bound() {
         // The element's bound is ten times 0.09.
-        assert_eq!(row([0.0, 0.89, 0.0], [0.0, 0.09, 0.0]).verdict(), Verdict::Pass);
-        assert_eq!(row([0.0, 0.91, 0.0], [0.0, 0.09, 0.0]).verdict(), Verdict::Fail);
+        assert_eq!(row([0.0, 0.89, 0.0], [0.0, 0.09, 0.0]).verdict(), RowVerdict::Pass);
+        assert_eq!(row([0.0, 0.91, 0.0], [0.0, 0.09, 0.0]).verdict(), RowVerdict::Fail);
     }
 
     #[test]
     fn being_off_does_not_make_a_row_uninformative() {
         for off in [2e-5, 0.3, 4.5, 1e9] {
-            assert_eq!(row([off; 3], [0.0; 3]).verdict(), Verdict::Fail, "off by {off}");
+            assert_eq!(row([off; 3], [0.0; 3]).verdict(), RowVerdict::Fail, "off by {off}");
         }
         for off in [f64::NAN, f64::INFINITY] {
-            assert_eq!(row([off, 0.0, 0.0], [0.0, 0.5, 0.5]).verdict(), Verdict::Fail, "off by {off}");
+            assert_eq!(row([off, 0.0, 0.0], [0.0, 0.5, 0.5]).verdict(), RowVerdict::Fail, "off by {off}");
         }
     }
 
     #[test]
     fn what_is_within_its_tolerance_passes_whatever_rounding_does() {
-        assert_eq!(row([9e-6; 3], [0.5; 3]).verdict(), Verdict::Pass);
+        assert_eq!(row([9e-6; 3], [0.5; 3]).verdict(), RowVerdict::Pass);
     }
 
     #[test]
     fn single_step_is_never_uninformative() {
-        let of = |value: f64| Row::single_step("out/y", "step by step", &Tensor::from(1.0), &Tensor::from(value));
+        let of = |value: f64| ParityRow::single_step("out/y", "step by step", &Tensor::from(1.0), &Tensor::from(value));
         let mut row = of(1.3);
         row.allow_for(&of(1.8));
         assert!(row.movement() > UNINFORMATIVE);
-        assert_eq!(row.verdict(), Verdict::Fail);
+        assert_eq!(row.verdict(), RowVerdict::Fail);
     }
 }

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::harness::row::Verdict;
-use crate::harness::verdict::{Held, Judged};
+use crate::harness::row::RowVerdict;
+use crate::harness::verdict::{JudgedRow, UninformativeCheck};
 
 /// Counts what has been printed.
 #[derive(Debug)]
@@ -32,7 +32,7 @@ impl Table {
     }
 
     /// Prints a file's rows; `None` is a file that no case knows.
-    pub fn add(&mut self, path: &Path, judged: Option<&[Judged]>) {
+    pub fn add(&mut self, path: &Path, judged: Option<&[JudgedRow]>) {
         let (file, file_width) = (name(path), self.file_width);
         self.files += 1;
         let Some(judged) = judged else {
@@ -54,14 +54,14 @@ impl Table {
         }
     }
 
-    fn count(&mut self, judged: &Judged) {
+    fn count(&mut self, judged: &JudgedRow) {
         self.tensors += 1;
         match judged.verdict {
-            Verdict::Pass => {}
-            Verdict::Fail => self.failed += 1,
-            Verdict::Uninformative => {
+            RowVerdict::Pass => {}
+            RowVerdict::Fail => self.failed += 1,
+            RowVerdict::Uninformative => {
                 self.uninformative += 1;
-                self.not_held += usize::from(judged.held == Some(Held::NotAtAll));
+                self.not_held += usize::from(judged.held == Some(UninformativeCheck::NotAtAll));
             }
         }
     }

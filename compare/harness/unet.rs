@@ -9,7 +9,7 @@ use tch::nn::VarStore;
 
 use crate::harness::case::{Case, channels_first, channels_last};
 use crate::harness::golden::as_stored;
-use crate::harness::variables::{Listing, fill};
+use crate::harness::variables::{VariableListing, fill};
 use crate::tolerances::{FORWARD, GRADIENT};
 
 /// More frames than these go through the network.
@@ -44,7 +44,7 @@ pub fn compare(case: &mut Case, deep: bool) -> Result<()> {
         UNet::for_side(&mut layers, side as usize, shape[3] as usize, logits[3] as usize, case.kernels)
     };
     store.set_kind(case.kind);
-    let listing = Listing {
+    let listing = VariableListing {
         names: "var_names",
         shapes: "var_shapes",
         prefix: "net/",

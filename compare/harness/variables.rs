@@ -35,7 +35,7 @@ impl Variable {
 
 /// What a file says about its variables.
 #[derive(Debug)]
-pub struct Listing<'a> {
+pub struct VariableListing<'a> {
     /// Arrays with the names and the shapes of all variables, in the order that numbers them.
     pub names: &'a str,
     pub shapes: &'a str,
@@ -52,7 +52,7 @@ pub struct Listing<'a> {
 ///
 /// # Errors
 /// Names or shapes that are not exactly the store's.
-pub fn fill(case: &Case, listing: &Listing, store: &VarStore) -> Result<Vec<Variable>> {
+pub fn fill(case: &Case, listing: &VariableListing, store: &VarStore) -> Result<Vec<Variable>> {
     let _guard = tch::no_grad_guard();
     let (names, shapes) = (case.golden.texts(listing.names)?, case.golden.texts(listing.shapes)?);
     ensure!(

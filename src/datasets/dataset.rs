@@ -6,10 +6,10 @@ use anyhow::Result;
 use ndarray::Array2;
 use tch::Device;
 
-use super::files::{ClipShape, DatasetFile, Frames, Split};
+use super::files::{ClipShape, DatasetFile, FrameIdentity, Split};
 use super::iterators::Clips;
 use super::reader::Reader;
-use super::shown::Shown;
+use super::split_content::SplitContent;
 use super::unpacked::UnpackedFrames;
 use crate::support::memory;
 use crate::support::random::fnv1a;
@@ -90,7 +90,7 @@ impl Dataset {
     pub fn check_motion(&self, path: &Path) -> Result<()> {
         [Split::Train, Split::Valid].into_iter().try_for_each(|split| {
             let shown = match self {
-                Dataset::InMemory(file) => Shown::by(file.split(split)),
+                Dataset::InMemory(file) => SplitContent::by(file.split(split)),
                 Dataset::OnDisk { frames, .. } => frames[split as usize].shown(),
             };
             shown.check(split, path)
@@ -98,7 +98,7 @@ impl Dataset {
     }
 }
 
-impl Frames for Dataset {
+impl FrameIdentity for Dataset {
     fn lengths(&self, split: Split) -> [usize; 2] {
         match self {
             Dataset::InMemory(file) => file.lengths(split),

@@ -171,7 +171,7 @@ impl DatasetFile {
     }
 }
 
-impl Frames for DatasetFile {
+impl FrameIdentity for DatasetFile {
     fn lengths(&self, split: Split) -> [usize; 2] {
         let (clips, frames, ..) = self.split(split).dim();
         [clips, frames]
@@ -183,7 +183,7 @@ impl Frames for DatasetFile {
 }
 
 /// What ties other files to the frames of a dataset.
-pub trait Frames {
+pub trait FrameIdentity {
     /// Clips of a split, and frames of each.
     fn lengths(&self, split: Split) -> [usize; 2];
 

@@ -17,7 +17,7 @@ use crate::support::random::named_generator;
 
 /// Where the frames are.
 #[derive(Debug)]
-enum Pixels {
+enum FrameStore {
     /// On the device, uint8 `[clips, time, S, S, channels]`.
     InMemory(Tensor),
     OnDisk(UnpackedFrames, Device),
@@ -26,7 +26,7 @@ enum Pixels {
 /// One split of a dataset.
 #[derive(Debug)]
 pub struct Clips {
-    pixels: Pixels,
+    pixels: FrameStore,
     /// float32 `[clips, time]`.
     actions: Option<Tensor>,
     /// What each frame is divided by, float32 `[clips * time]`, where the light flickers.
@@ -42,16 +42,16 @@ const MEASURED_FRAMES: i64 = 500;
 impl Clips {
     /// Moves frames `[clips, time, S, S, channels]` and what acts from outside, `[clips, time]`, to the device.
     pub fn new(pixels: &Array5<u8>, actions: Option<&Array2<f32>>, device: Device) -> Self {
-        Self::steadied(Pixels::InMemory(to_device(pixels, device)), actions, device)
+        Self::steadied(FrameStore::InMemory(to_device(pixels, device)), actions, device)
     }
 
     /// The same of frames on the disk, of which each batch is moved to the device.
     pub fn on_disk(frames: UnpackedFrames, actions: Option<&Array2<f32>>, device: Device) -> Self {
-        Self::steadied(Pixels::OnDisk(frames, device), actions, device)
+        Self::steadied(FrameStore::OnDisk(frames, device), actions, device)
     }
 
     /// In even light.
-    fn steadied(pixels: Pixels, actions: Option<&Array2<f32>>, device: Device) -> Self {
+    fn steadied(pixels: FrameStore, actions: Option<&Array2<f32>>, device: Device) -> Self {
         let actions = actions.map(|actions| to_device(actions, device));
         let clips = Clips { pixels, actions, light: None, halved: false };
         let light = clips.flickering_light();
@@ -61,8 +61,8 @@ impl Clips {
     /// The same clips, served at half their side: each pixel is the mean of four.
     pub fn halved(&self) -> Self {
         let pixels = match &self.pixels {
-            Pixels::InMemory(pixels) => Pixels::InMemory(pixels.shallow_clone()),
-            Pixels::OnDisk(stored, device) => Pixels::OnDisk(stored.clone(), *device),
+            FrameStore::InMemory(pixels) => FrameStore::InMemory(pixels.shallow_clone()),
+            FrameStore::OnDisk(stored, device) => FrameStore::OnDisk(stored.clone(), *device),
         };
         let [actions, light] = [&self.actions, &self.light].map(|kept| kept.as_ref().map(Tensor::shallow_clone));
         Clips { pixels, actions, light, halved: true }
@@ -111,16 +111,16 @@ impl Clips {
     /// Where batches are served.
     pub fn device(&self) -> Device {
         match &self.pixels {
-            Pixels::InMemory(pixels) => pixels.device(),
-            Pixels::OnDisk(_, device) => *device,
+            FrameStore::InMemory(pixels) => pixels.device(),
+            FrameStore::OnDisk(_, device) => *device,
         }
     }
 
     /// Number of clips.
     pub fn len(&self) -> usize {
         match &self.pixels {
-            Pixels::InMemory(pixels) => pixels.size()[0] as usize,
-            Pixels::OnDisk(frames, _) => frames.clips(),
+            FrameStore::InMemory(pixels) => pixels.size()[0] as usize,
+            FrameStore::OnDisk(frames, _) => frames.clips(),
         }
     }
 
@@ -131,19 +131,19 @@ impl Clips {
     /// Frames in a clip.
     pub fn time(&self) -> usize {
         match &self.pixels {
-            Pixels::InMemory(pixels) => pixels.size()[1] as usize,
-            Pixels::OnDisk(frames, _) => frames.time(),
+            FrameStore::InMemory(pixels) => pixels.size()[1] as usize,
+            FrameStore::OnDisk(frames, _) => frames.time(),
         }
     }
 
     /// The first `frames` frames of these clips, `[batch, frames, channels, S, S]` in \[0, 1\].
     pub fn batch(&self, clips: &[i64], frames: usize) -> Tensor {
         let pixels = match &self.pixels {
-            Pixels::InMemory(pixels) => {
+            FrameStore::InMemory(pixels) => {
                 let index = Tensor::from_slice(clips).to_device(pixels.device());
                 pixels.narrow(1, 0, frames as i64).index_select(0, &index)
             }
-            Pixels::OnDisk(stored, device) => {
+            FrameStore::OnDisk(stored, device) => {
                 let firsts: Vec<_> = clips.iter().map(|clip| clip * stored.time() as i64).collect();
                 read(stored, &firsts, frames, *device)
             }
@@ -164,11 +164,11 @@ impl Clips {
     /// Single frames by their place in the sequence of all frames, `[batch, channels, S, S]` in \[0, 1\].
     pub fn frames(&self, places: &[i64]) -> Tensor {
         let pixels = match &self.pixels {
-            Pixels::InMemory(pixels) => {
+            FrameStore::InMemory(pixels) => {
                 let index = Tensor::from_slice(places).to_device(pixels.device());
                 pixels.flatten(0, 1).index_select(0, &index)
             }
-            Pixels::OnDisk(stored, device) => read(stored, places, 1, *device).squeeze_dim(1),
+            FrameStore::OnDisk(stored, device) => read(stored, places, 1, *device).squeeze_dim(1),
         };
         self.sized(self.in_even_light(to_float(&pixels), || places.to_vec()).permute([0, 3, 1, 2]))
     }

@@ -8,6 +8,6 @@ mod light;
 pub mod npz;
 mod reader;
 pub mod settings;
-mod shown;
+mod split_content;
 pub mod states;
 pub(crate) mod unpacked;

@@ -9,11 +9,11 @@ use ndarray_npy::{NpzReader, NpzWriter, ReadNpyError, ReadNpzError, ReadableElem
 use zip::write::SimpleFileOptions;
 
 use crate::support::error::{Error, ErrorKind};
-use crate::support::storage::{self, Input, storage};
+use crate::support::storage::{self, StorageInput, storage};
 use crate::support::{atomic, memory};
 
 /// A compressed npz under construction, in memory.
-pub type Writer = NpzWriter<Cursor<Vec<u8>>>;
+pub type ArchiveWriter = NpzWriter<Cursor<Vec<u8>>>;
 
 /// Bytes that one byte of a deflated file can unpack to.
 const MOST_PACKED: u64 = 1032;
@@ -25,7 +25,7 @@ const MOST_HEADER: u64 = 4096;
 /// An npz file open for reading.
 pub struct Archive {
     path: PathBuf,
-    reader: NpzReader<BufReader<Box<dyn Input>>>,
+    reader: NpzReader<BufReader<Box<dyn StorageInput>>>,
     names: Vec<String>,
 }
 
@@ -76,12 +76,12 @@ impl Archive {
     }
 
     /// What the header of an array of bytes says, checked against the archive.
-    pub fn header(&self, name: &str) -> Result<Header> {
+    pub fn header(&self, name: &str) -> Result<NpyHeader> {
         self.entry(name, |header, _| Ok(header))
     }
 
     /// Reads an array of bytes in row-major order piece by piece: `read` gets its header and what follows it.
-    pub fn stream<T>(&self, name: &str, read: impl FnOnce(Header, &mut dyn Read) -> Result<T>) -> Result<T> {
+    pub fn stream<T>(&self, name: &str, read: impl FnOnce(NpyHeader, &mut dyn Read) -> Result<T>) -> Result<T> {
         self.entry(name, |header, file| {
             ensure!(header.kind == "|u1", "{}", self.wrong_dtype(name, &header.kind, "uint8"));
             ensure!(
@@ -96,7 +96,7 @@ impl Archive {
 
     /// Opens an array. More numbers than the archive holds, or than its bytes can be unpacked to,
     /// are damage.
-    fn entry<T>(&self, name: &str, read: impl FnOnce(Header, &mut dyn Read) -> Result<T>) -> Result<T> {
+    fn entry<T>(&self, name: &str, read: impl FnOnce(NpyHeader, &mut dyn Read) -> Result<T>) -> Result<T> {
         let mut archive = zip::ZipArchive::new(BufReader::new(storage::open(&self.path)?))?;
         let named = [format!("{name}.npy"), name.to_string()];
         let entry = named.iter().find_map(|name| archive.index_for_name(name));
@@ -107,7 +107,7 @@ impl Archive {
         if held > packed.saturating_mul(MOST_PACKED).saturating_add(MOST_HEADER) {
             return Err(damage(format!("it claims {held} bytes, which {packed} cannot be unpacked to")).into());
         }
-        let mut header = Header::read(&mut entry).with_context(damaged)?;
+        let mut header = NpyHeader::read(&mut entry).with_context(damaged)?;
         let claimed = header.shape.iter().try_fold(header.bytes_each(), |product, count| product.checked_mul(*count));
         let claimed = claimed.filter(|bytes| *bytes <= held);
         header.bytes = claimed.ok_or_else(|| damage("its header claims more numbers than it holds".into()))?;
@@ -134,7 +134,7 @@ impl Archive {
 
 /// What the header of an npy file says.
 #[derive(Debug)]
-pub struct Header {
+pub struct NpyHeader {
     /// As numpy writes it: `|u1` for uint8.
     pub kind: String,
     pub row_major: bool,
@@ -143,7 +143,7 @@ pub struct Header {
     pub bytes: u64,
 }
 
-impl Header {
+impl NpyHeader {
     /// Reads it, and no more: what follows may be damaged without being claimed.
     fn read(file: &mut impl Read) -> Result<Self> {
         let mut start = [0; 8];
@@ -164,7 +164,7 @@ impl Header {
         let kind = after("'descr'").and_then(|rest| rest.split('\'').nth(1)).unwrap_or_default().to_string();
         let row_major =
             !after("'fortran_order'").is_some_and(|rest| rest.trim_start_matches([':', ' ']).starts_with("True"));
-        Ok(Header { kind, row_major, shape, bytes: 0 })
+        Ok(NpyHeader { kind, row_major, shape, bytes: 0 })
     }
 
     /// Of a number: what stands last in numpy's name of a kind. Text has so many letters of four bytes.
@@ -175,22 +175,26 @@ impl Header {
 }
 
 /// Collects arrays into a compressed npz and puts it at `path` in one step.
-pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub(crate) fn write(path: &Path, fill: impl FnOnce(&mut ArchiveWriter) -> Result<()>) -> Result<()> {
     write_whole(path, &compressed(path, fill)?)
 }
 
 /// The same for floating-point numbers.
-pub(crate) fn write_floats(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub(crate) fn write_floats(path: &Path, fill: impl FnOnce(&mut ArchiveWriter) -> Result<()>) -> Result<()> {
     let options = SimpleFileOptions::default().compression_level(Some(FASTEST));
     write_whole(path, &collected(path, options, fill)?)
 }
 
 /// Collects arrays into a compressed npz that is to be written to `path`.
-pub(crate) fn compressed(path: &Path, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
+pub(crate) fn compressed(path: &Path, fill: impl FnOnce(&mut ArchiveWriter) -> Result<()>) -> Result<Vec<u8>> {
     collected(path, SimpleFileOptions::default(), fill)
 }
 
-fn collected(path: &Path, options: SimpleFileOptions, fill: impl FnOnce(&mut Writer) -> Result<()>) -> Result<Vec<u8>> {
+fn collected(
+    path: &Path,
+    options: SimpleFileOptions,
+    fill: impl FnOnce(&mut ArchiveWriter) -> Result<()>,
+) -> Result<Vec<u8>> {
     let mut npz = NpzWriter::new_with_options(Cursor::new(Vec::new()), options);
     let bytes = fill(&mut npz).and_then(|()| Ok(npz.finish()?.into_inner()));
     bytes.with_context(|| format!("cannot compress the arrays of {path:?}"))

@@ -22,7 +22,7 @@ pub struct Counts {
 
 /// The settings of a file that was generated here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Settings {
+pub struct GeneratorSettings {
     pub format: u32,
     pub generator: u32,
     /// Name of the task that it was made for.
@@ -87,11 +87,11 @@ pub struct Forecast {
     pub extrapolation: f64,
 }
 
-impl Settings {
+impl GeneratorSettings {
     /// All but what follows from the rest, in a line. Files of earlier versions hold this line instead of the settings, so
     /// it must not change.
     pub fn text(&self) -> String {
-        let Settings { generator, task, seed, frames, side, dt, substeps, scene, .. } = self;
+        let GeneratorSettings { generator, task, seed, frames, side, dt, substeps, scene, .. } = self;
         let Counts { train, valid, test } = self.clips;
         let mut text = format!(
             "generator {generator}, task {task}, seed {seed}, clips {train}+{valid}+{test} of {frames} frames, side \
@@ -118,7 +118,7 @@ impl Settings {
 /// What is known of how a file was made.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Provenance {
-    Settings(Box<Settings>),
+    Settings(Box<GeneratorSettings>),
     /// The line of an earlier version.
     Earlier(String),
 }
@@ -132,7 +132,7 @@ impl Provenance {
         if !text.starts_with('{') {
             return Ok(Provenance::Earlier(text.into()));
         }
-        let settings: Settings = serde_json::from_str(text).context("the settings are damaged")?;
+        let settings: GeneratorSettings = serde_json::from_str(text).context("the settings are damaged")?;
         if settings.format > FORMAT {
             bail!("the settings have form {}; this program knows forms up to {FORMAT}", settings.format);
         }
@@ -164,7 +164,7 @@ impl Provenance {
     }
 
     /// What differs from the clips that these settings would make, in lines; none if nothing does, as far as the file says.
-    pub fn difference(&self, asked: &Settings) -> Option<String> {
+    pub fn difference(&self, asked: &GeneratorSettings) -> Option<String> {
         let differ = |there: &str, asked: &str| Some(format!("there: {there}\n  asked: {asked}"));
         if self.text() != asked.text() {
             return differ(&self.text(), &asked.text());
@@ -243,10 +243,10 @@ mod tests {
     use super::*;
     use crate::tasks;
 
-    fn settings() -> Settings {
+    fn settings() -> GeneratorSettings {
         let task = tasks::builtin("bouncing_balls").unwrap();
         let scene = task.scene.unwrap();
-        Settings {
+        GeneratorSettings {
             format: FORMAT,
             generator: 1,
             task: task.name,
@@ -282,7 +282,7 @@ mod tests {
     #[test]
     fn clips_of_another_system_are_refused_with_the_way_out() {
         let system = tasks::builtin("bouncing_balls").unwrap().system;
-        let said = |change: fn(&mut Settings)| {
+        let said = |change: fn(&mut GeneratorSettings)| {
             let mut settings = settings();
             change(&mut settings);
             Provenance::Settings(Box::new(settings)).check(&system).unwrap_err().to_string()

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use ndarray::{Array1, Array3, Ix1, Ix3};
 
-use super::files::{Frames, Split};
+use super::files::{FrameIdentity, Split};
 use super::npz;
 use super::settings::Provenance;
 use crate::network::System;
@@ -91,7 +91,7 @@ impl States {
     ///
     /// # Errors
     /// A damaged file, or states of other frames (say, a dataset that was replaced and its states were not).
-    pub fn read(dataset: &Path, frames: &impl Frames) -> Result<Option<Self>> {
+    pub fn read(dataset: &Path, frames: &impl FrameIdentity) -> Result<Option<Self>> {
         let path = Self::path_beside(dataset);
         if !path.exists() {
             return Ok(None);
@@ -130,7 +130,7 @@ impl States {
     ///
     /// # Errors
     /// No space, no permission.
-    pub fn write(&self, dataset: &Path, frames: &impl Frames) -> Result<()> {
+    pub fn write(&self, dataset: &Path, frames: &impl FrameIdentity) -> Result<()> {
         npz::write(&Self::path_beside(dataset), |npz| {
             for split in Split::ALL {
                 let states = self.split(split);

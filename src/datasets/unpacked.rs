@@ -11,7 +11,7 @@ use anyhow::{Context, Result, ensure};
 
 use super::files::Split;
 use super::reader::Reader;
-use super::shown::Shown;
+use super::split_content::SplitContent;
 use crate::support::random::Fnv1a;
 use crate::support::storage;
 
@@ -23,7 +23,7 @@ pub struct UnpackedFrames {
     first: u64,
     shape: [usize; 5],
     checksum: u64,
-    shown: Shown,
+    shown: SplitContent,
 }
 
 impl UnpackedFrames {
@@ -50,7 +50,7 @@ impl UnpackedFrames {
             first,
             shape: reader.no_clips(),
             checksum: 0,
-            shown: Shown::default(),
+            shown: SplitContent::default(),
         };
         let mut checksum = Fnv1a::default();
         let Some(name) = reader.array_of(split) else {
@@ -97,7 +97,7 @@ impl UnpackedFrames {
         self.checksum
     }
 
-    pub(super) fn shown(&self) -> Shown {
+    pub(super) fn shown(&self) -> SplitContent {
         self.shown
     }
 

@@ -67,7 +67,7 @@ fn scores(model: &PhysicsNet, scored: &ScoredClips) -> Result<Scores> {
         Some(truth) => {
             let [encoded, positions, velocities] = seen.map(|parts| Tensor::cat(&parts, 0));
             let twins = model.decoder.twins().unwrap_or_else(|| (0..system.objects).collect());
-            let seen = states::Seen { encoded, positions, velocities, twins };
+            let seen = states::EstimatedStates { encoded, positions, velocities, twins };
             Some(states::errors(&seen, truth, system).context("true states")?)
         }
         None => None,

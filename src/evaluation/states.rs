@@ -17,7 +17,7 @@ use crate::runs::scores::StateErrors;
 use crate::support::assignment::best_assignment;
 
 /// What a model makes of clips, double, in pixels or radians.
-pub(super) struct Seen {
+pub(super) struct EstimatedStates {
     /// `[clips, L + T_pred, coordinates * objects]`.
     pub encoded: Tensor,
     /// From the last input frame on, `[clips, 1 + T - L, coordinates * objects]`.
@@ -27,7 +27,7 @@ pub(super) struct Seen {
     pub twins: Vec<usize>,
 }
 
-pub(super) fn errors(seen: &Seen, truth: &SplitStates, system: &System) -> Result<StateErrors> {
+pub(super) fn errors(seen: &EstimatedStates, truth: &SplitStates, system: &System) -> Result<StateErrors> {
     let objects = system.objects;
     truth.check(system)?;
     let tensor = |states: &ndarray::Array3<f32>| {
@@ -157,7 +157,7 @@ mod tests {
             swapped + Tensor::from_slice(&offset)
         };
         let offset = [-3.0, 4.0, 0.0, 0.0];
-        let seen = Seen {
+        let seen = EstimatedStates {
             encoded: seen(&states.positions, 0, 10, offset),
             positions: seen(&states.positions, 3, 27, offset),
             velocities: seen(&states.velocities, 3, 27, [0.5, 0.0, 0.0, 0.0]),

@@ -35,7 +35,7 @@ use self::variant::Variant;
 use crate::datasets::files::{ClipShape, DatasetFile, Split};
 use crate::datasets::npz;
 pub use crate::datasets::settings::Counts;
-use crate::datasets::settings::{self, GENERATOR_VERSION, Provenance, Settings};
+use crate::datasets::settings::{self, GENERATOR_VERSION, GeneratorSettings, Provenance};
 use crate::datasets::states::{SplitStates, States};
 use crate::support::error::Error;
 use crate::support::random::fnv1a;
@@ -160,7 +160,7 @@ fn check_replaceable(path: &Path) -> Result<()> {
 }
 
 /// Decides about a file that is in the way: the same settings, or not generated here (then it is the user's), are fine.
-fn keep(job: &DatasetJob, path: &Path, frames: usize, settings: &Settings, watcher: Watcher) -> Result<()> {
+fn keep(job: &DatasetJob, path: &Path, frames: usize, settings: &GeneratorSettings, watcher: Watcher) -> Result<()> {
     let training = ClipShape::training(&job.variant.task);
     let shape = ClipShape { frames, side: job.variant.side, needed: [false; 3], ..training };
     let advice = || format!("{path:?} is in the way; pass --force to replace it");
@@ -184,11 +184,11 @@ pub fn plain_test_settings(task: &Task, counts: Counts, seed: u64) -> Result<Opt
 }
 
 /// All that decides a file's content; what its noise floor is comes later.
-fn settings(variant: &Variant, images: &SourceImages, frames: usize, clips: Counts) -> Settings {
+fn settings(variant: &Variant, images: &SourceImages, frames: usize, clips: Counts) -> GeneratorSettings {
     let &Variant { ref task, ref scene, side, dt, substeps, background, seed } = variant;
     let SourceImages { digits: [a, b], pictures } = images;
     let checksum = || fnv1a(a.iter().chain(b).chain(pictures));
-    Settings {
+    GeneratorSettings {
         format: settings::FORMAT,
         generator: GENERATOR_VERSION,
         task: task.name.clone(),
@@ -203,7 +203,7 @@ fn settings(variant: &Variant, images: &SourceImages, frames: usize, clips: Coun
         scene: scene.clone(),
         background,
         equation: variant.equation_checksum(),
-        source_images: Settings::draws_pictures(scene.look, background).then(checksum),
+        source_images: GeneratorSettings::draws_pictures(scene.look, background).then(checksum),
         noise_floor: None,
     }
 }
@@ -229,7 +229,7 @@ pub fn generate_clips(
     let actions = variant.task.system.cell.actions.then_some([train.actions, valid.actions, test.actions]);
     let dataset = DatasetFile { train: train.frames, valid: valid.frames, test: test.frames, actions };
     let noise_floor = noise_floor(variant, images, frames)?;
-    let settings = Settings { noise_floor, ..settings(variant, images, frames, counts) };
+    let settings = GeneratorSettings { noise_floor, ..settings(variant, images, frames, counts) };
     let settings = Provenance::Settings(Box::new(settings));
     let truth = Some(variant.truth());
     Ok((dataset, States { train: train.states, valid: valid.states, test: test.states, truth, settings }))
@@ -253,7 +253,7 @@ fn check_counts(variant: &Variant, frames: usize, counts: Counts) -> Result<()> 
 }
 
 /// The clips of one split.
-struct Part {
+struct SplitClips {
     frames: Array5<u8>,
     states: SplitStates,
     /// `[clips, frames]`.
@@ -267,7 +267,7 @@ fn make_split(
     clips: usize,
     frames: usize,
     counter: &Counter,
-) -> Result<Part> {
+) -> Result<SplitClips> {
     let world = variant.world();
     let camera = &variant.scene.camera;
     let coordinates = variant.coordinates();
@@ -292,7 +292,7 @@ fn make_split(
         Array3::from_shape_vec(shape, states().flat_map(numbers).map(|&number| number as f32).collect())
     };
     let side = variant.side;
-    Ok(Part {
+    Ok(SplitClips {
         frames: Array5::from_shape_vec((clips, frames, side, side, variant.task.system.channels), pixels)?,
         states: SplitStates {
             positions: array(|state| &state.positions)?,

@@ -46,21 +46,26 @@ impl SceneState {
 
 /// An equation that moves the objects, and where they begin.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Law {
+pub struct InitialValueProblem {
     pub equation: Arc<CellKind>,
-    /// The raw number of each of its parameters.
-    pub raw: Vec<f64>,
+    /// Its unconstrained parameters.
+    pub unconstrained: Vec<f64>,
     /// How much acts from outside at most, to either side.
     pub push: f64,
     pub begin: Option<Begin>,
 }
 
-impl Law {
+impl InitialValueProblem {
     /// The state of objects between these walls a time `h` later.
     fn substep(&self, state: &mut SceneState, walls: Walls, h: f64) {
         match &self.equation.build {
             Build::Text(equation) | Build::Named(equation) => {
-                let values = self.equation.parameters.iter().zip(&self.raw).map(|(it, raw)| it.bounds.value(*raw));
+                let values = self
+                    .equation
+                    .parameters
+                    .iter()
+                    .zip(&self.unconstrained)
+                    .map(|(it, unconstrained)| it.bounds.value(*unconstrained));
                 let mut equation = SingleEquation::new(equation, &values.collect::<Vec<_>>(), walls);
                 equation.substep(&mut state.positions, &mut state.velocities, state.action, h);
             }
@@ -73,11 +78,12 @@ impl Law {
 
     fn substep_by_tensors(&self, state: &mut SceneState, walls: Walls, h: f64) {
         let _guard = tch::no_grad_guard();
-        let raw: Vec<_> = self.raw.iter().map(|raw| Tensor::from(*raw)).collect();
+        let unconstrained: Vec<_> =
+            self.unconstrained.iter().map(|unconstrained| Tensor::from(*unconstrained)).collect();
         let row = |numbers: &[f64]| Tensor::from_slice(numbers).unsqueeze(0);
         let now = State { pos: row(&state.positions), vel: row(&state.velocities) };
         let action = self.equation.actions.then(|| Tensor::from_slice(&[state.action]).unsqueeze(0));
-        let next = self.equation.cell(&raw, walls).substep(&now, action.as_ref(), h);
+        let next = self.equation.cell(&unconstrained, walls).substep(&now, action.as_ref(), h);
         let numbers = |x: Tensor| Vec::try_from(x.select(0, 0)).expect("a float64 vector");
         (state.positions, state.velocities) = (numbers(next.pos), numbers(next.vel));
     }
@@ -88,7 +94,7 @@ impl Law {
 pub struct World {
     pub motion: Motion,
     /// What [`Motion::Equation`] follows.
-    pub law: Option<Law>,
+    pub law: Option<InitialValueProblem>,
     /// Moving objects.
     pub objects: usize,
     /// Amplitudes of the initial velocity on each axis.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 
-use super::simulate::{Law, PENDULUM_MAX_SPEED, World};
+use super::simulate::{InitialValueProblem, PENDULUM_MAX_SPEED, World};
 use crate::network::System;
 use crate::network::cells::{Integrator, PhysicalParameter, Walls};
 use crate::support::random::fnv1a;
@@ -181,14 +181,14 @@ impl Variant {
 
     /// The task's equation with its true parameters, if the objects move by it. A text is integrated by Runge and Kutta's
     /// method, whatever the model takes.
-    fn law(&self) -> Option<Law> {
+    fn law(&self) -> Option<InitialValueProblem> {
         let Variant { task, scene, .. } = self;
-        let raw = |parameter: &PhysicalParameter| parameter.bounds.raw(self.value(parameter));
+        let unconstrained = |parameter: &PhysicalParameter| parameter.bounds.unconstrained(self.value(parameter));
         let cell = &task.system.cell;
         let precise = cell.integrated_by(Integrator::Rk4).ok().flatten();
-        (scene.motion == Motion::Equation {}).then(|| Law {
+        (scene.motion == Motion::Equation {}).then(|| InitialValueProblem {
             equation: precise.map_or_else(|| cell.clone(), Arc::new),
-            raw: cell.parameters.iter().map(raw).collect(),
+            unconstrained: cell.parameters.iter().map(unconstrained).collect(),
             push: scene.push,
             begin: scene.begin.clone(),
         })

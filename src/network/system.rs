@@ -88,9 +88,10 @@ impl System {
         self.objects * self.cell.coordinates.per_object()
     }
 
-    /// The equation with these raw parameters, one for each of the cell's: of those that are positive, the logarithms.
-    pub fn build_cell(&self, raw: &[Tensor]) -> Box<dyn Cell> {
-        self.cell.cell(raw, self.walls)
+    /// The equation with these unconstrained parameters, one for each of the cell's: of those that are positive, the
+    /// logarithms.
+    pub fn build_cell(&self, unconstrained: &[Tensor]) -> Box<dyn Cell> {
+        self.cell.cell(unconstrained, self.walls)
     }
 
     /// # Errors

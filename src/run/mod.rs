@@ -19,7 +19,7 @@ use crate::runs::folder::RunFolder;
 use crate::runs::summary::Summary;
 use crate::support::error::Error;
 use crate::support::{device, memory};
-use crate::training::base::Outcome;
+use crate::training::base::TrainingOutcome;
 use crate::training::config::Config;
 use crate::training::footprint::footprint;
 use crate::training::recorder::Recorder;
@@ -30,8 +30,8 @@ use crate::training::verdict::judge;
 use crate::viz;
 
 use self::data::TrainingData;
-use self::observer::Watch;
-use self::request::Place;
+use self::observer::TrainingRelay;
+use self::request::RunPlace;
 use self::scoring::{read_test, scored, summarize};
 
 pub use observer::{Event, Observer, Stage};
@@ -51,7 +51,7 @@ pub struct Program<'a> {
 #[derive(Debug)]
 pub struct Run {
     pub config: Config,
-    place: Place,
+    place: RunPlace,
     mode: Mode,
 }
 
@@ -105,8 +105,8 @@ impl Run {
         )?;
         // What can fail at once has been tried: a folder is taken only by a run that begins.
         let folder = match place {
-            Place::Earlier(folder) => folder,
-            Place::New(path) => {
+            RunPlace::Earlier(folder) => folder,
+            RunPlace::New(path) => {
                 data.iter().try_for_each(|data| data.check_start(&config, device))?;
                 RunFolder::create(&path, &config.to_toml())?
             }
@@ -158,7 +158,7 @@ impl Prepared {
         let model = PhysicsNet::new(&config.task.system, &config.model, *device, config.seed)?;
         let mut recorder = Recorder::new(folder)?;
         let mut events = config.output.tensorboard.then(|| EventFile::new(folder)).transpose()?;
-        let mut watch = Watch::new(config, &data.valid, observer);
+        let mut watch = TrainingRelay::new(config, &data.valid, observer);
         let mut trainer = Trainer::new(config, &model, &data.train, &data.valid)?
             .of_data(&data.checksums)
             .built_from(program.commit)
@@ -172,7 +172,7 @@ impl Prepared {
         let outcome = trainer.run()?;
         let state = trainer.state().clone();
         drop(trainer);
-        if outcome == Outcome::Interrupted {
+        if outcome == TrainingOutcome::Interrupted {
             return Ok(Ending::Interrupted { steps: state.steps });
         }
         observer.observe(&Event::Begun(Stage::Scoring))?;

@@ -12,7 +12,7 @@ use crate::runs::checkpoint::RunState;
 use crate::runs::metrics::Record;
 use crate::runs::summary::Summary;
 use crate::training::config::Config;
-use crate::training::observer::{self as training, Event as TrainingEvent};
+use crate::training::observer::{self as training, TrainingEvent};
 
 /// A part of a run after the training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,19 +82,19 @@ pub trait Observer {
 }
 
 /// Hands the events of a training on to a run's observer, with the time left and a preview.
-pub(super) struct Watch<'a> {
+pub(super) struct TrainingRelay<'a> {
     observer: &'a mut dyn Observer,
     valid: &'a Clips,
     pace: Pace,
 }
 
-impl<'a> Watch<'a> {
+impl<'a> TrainingRelay<'a> {
     pub fn new(config: &Config, valid: &'a Clips, observer: &'a mut dyn Observer) -> Self {
-        Watch { observer, valid, pace: Pace::new(config) }
+        TrainingRelay { observer, valid, pace: Pace::new(config) }
     }
 }
 
-impl training::Observer for Watch<'_> {
+impl training::TrainingObserver for TrainingRelay<'_> {
     fn observe(&mut self, event: &TrainingEvent) -> Result<()> {
         let event = match *event {
             TrainingEvent::Resumed { steps, checkpoint, damaged } => Event::Resumed { steps, checkpoint, damaged },

@@ -37,7 +37,7 @@ pub struct Request {
 
 /// Where a run goes.
 #[derive(Debug)]
-pub(super) enum Place {
+pub(super) enum RunPlace {
     /// A folder that is free.
     New(PathBuf),
     Earlier(RunFolder),
@@ -65,7 +65,7 @@ impl Request {
         if self.mode == Mode::Begin {
             let out = self.out.clone().map_or_else(|| self.config().map(own), Ok)?;
             RunFolder::ensure_free(&out)?;
-            return Ok(Run { config: self.config()?, place: Place::New(out), mode: self.mode });
+            return Ok(Run { config: self.config()?, place: RunPlace::New(out), mode: self.mode });
         }
         let which = "say which run with --out, or with the options that it was begun with";
         let out = self.out.clone().map_or_else(|| self.config().map(own).context(which), Ok)?;
@@ -75,7 +75,7 @@ impl Request {
             let (asked, name) = (tasks::find(task)?, &saved.task.name);
             ensure!(*name == asked.name, "{} holds a run of task {name}, not of {}", out.display(), asked.name);
         }
-        Ok(Run { config: self.resumed(&saved, &out)?, place: Place::Earlier(folder), mode: self.mode })
+        Ok(Run { config: self.resumed(&saved, &out)?, place: RunPlace::Earlier(folder), mode: self.mode })
     }
 
     /// The config of an earlier run with what may change: where it computes and where its data lie. Anything else that is

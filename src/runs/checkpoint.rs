@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
-use super::weights::{self, Named, first_not_finite};
+use super::weights::{self, NamedTensors, first_not_finite};
 use crate::datasets::dataset::are_the_same;
 use crate::support::atomic;
 use crate::support::error::{self, Error};
@@ -120,7 +120,7 @@ impl RunState {
 
 /// Which folder is the last checkpoint.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-struct Index {
+struct CheckpointIndex {
     format: u32,
     last: String,
 }
@@ -149,7 +149,7 @@ pub struct Loaded {
     pub name: String,
     pub state: RunState,
     /// The optimizer's values by variable and slot.
-    pub slots: Named,
+    pub slots: NamedTensors,
     /// Later checkpoints that are damaged, and how.
     pub damaged: Option<String>,
 }
@@ -174,10 +174,10 @@ const STEP: &str = "step_";
 const KEPT: usize = 2;
 
 /// The parts of one checkpoint.
-struct Parts {
+struct CheckpointParts {
     state: RunState,
-    weights: Named,
-    slots: Named,
+    weights: NamedTensors,
+    slots: NamedTensors,
 }
 
 impl Store {
@@ -241,7 +241,7 @@ impl Store {
             }
             atomic::write_file(&folder.join(STATE), |file| Ok(file.write_all(&text)?))
         })?;
-        let index = Index { format: FORMAT, last };
+        let index = CheckpointIndex { format: FORMAT, last };
         atomic::write_file(&folder.join(INDEX), |file| Ok(serde_json::to_writer_pretty(file, &index)?))?;
         remove_others(&folder, &index)
     }
@@ -261,7 +261,7 @@ impl Store {
     ///
     /// # Errors
     /// A file that is missing or damaged.
-    pub fn load_best(&self, variables: Named, of: BestOf) -> Result<()> {
+    pub fn load_best(&self, variables: NamedTensors, of: BestOf) -> Result<()> {
         let path = self.best(of);
         self.check_run(&path, &weights::run_of(&path)?)?;
         weights::load_into(&path, variables)
@@ -281,7 +281,7 @@ impl Store {
     /// # Errors
     /// Checkpoints that are all damaged; one of another task or of a config that was changed since, or whose variables
     /// differ from the model's in name, shape or type; files that cannot be read.
-    pub fn load(&self, variables: Named, task: &str) -> Result<Option<Loaded>> {
+    pub fn load(&self, variables: NamedTensors, task: &str) -> Result<Option<Loaded>> {
         let folder = self.folder();
         let names = names(&folder)?;
         if names.is_empty() {
@@ -293,7 +293,7 @@ impl Store {
         let mut damage = Vec::new();
         for name in names {
             let path = folder.join(&name);
-            let Parts { state, weights, slots } = match read_parts(&path)? {
+            let CheckpointParts { state, weights, slots } = match read_parts(&path)? {
                 Ok(parts) => parts,
                 Err(error) => {
                     damage.push(format!("checkpoint {}: {error:#}", path.display()));
@@ -409,7 +409,7 @@ fn names(folder: &Path) -> Result<Vec<String>> {
 ///
 /// # Errors
 /// A file that is there and cannot be read, too little memory.
-fn read_parts(path: &Path) -> Result<Result<Parts>> {
+fn read_parts(path: &Path) -> Result<Result<CheckpointParts>> {
     let mut files = Vec::new();
     for name in [STATE, WEIGHTS, SLOTS] {
         match storage::read(&path.join(name)) {
@@ -433,7 +433,7 @@ fn read_parts(path: &Path) -> Result<Result<Parts>> {
             let same = known.is_empty() || *known == checksum(bytes);
             ensure!(same, "{name}: it is not what was saved there, or damaged: its checksum does not fit");
         }
-        Ok(Parts { state, weights, slots })
+        Ok(CheckpointParts { state, weights, slots })
     };
     Ok(parts())
 }
@@ -537,7 +537,7 @@ pub fn find_weights(path: &Path, which: SavedWeights) -> Result<PathBuf> {
 }
 
 /// Removes all checkpoints but the last ones, and those that a run went back behind.
-fn remove_others(folder: &Path, index: &Index) -> Result<()> {
+fn remove_others(folder: &Path, index: &CheckpointIndex) -> Result<()> {
     let names = names(folder)?;
     let (later, kept): (Vec<_>, Vec<_>) = names.into_iter().partition(|name| *name > index.last);
     for name in later.iter().chain(kept.iter().skip(KEPT)) {

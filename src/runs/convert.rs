@@ -28,7 +28,7 @@ use crate::network::System;
 use crate::network::physics_models::{ModelOptions, PhysicsNet};
 use crate::network::variable_names::{from_tensorflow, layout_from_tensorflow, layout_to_tensorflow, to_tensorflow};
 use crate::support::atomic::{self, is_stream};
-use crate::support::output::Kind;
+use crate::support::output::FileKind;
 
 /// Form of a weights file, told by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,8 +93,8 @@ pub fn check_target(from: &Path, to: &Path, force: bool) -> Result<PathBuf> {
     kind.check(to, &[if of_run.exists() { &of_run } else { from }])
 }
 
-const SAFETENSORS: Kind = Kind { name: "weights of `paig`", recognizes: weights::is_written_here };
-const NPZ: Kind = Kind {
+const SAFETENSORS: FileKind = FileKind { name: "weights of `paig`", recognizes: weights::is_written_here };
+const NPZ: FileKind = FileKind {
     name: "weights of `paig convert`",
     recognizes: |bytes| {
         let archive = zip::ZipArchive::new(Cursor::new(bytes));

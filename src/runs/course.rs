@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Result;
 
-use super::metrics::{self, Kind, Record};
+use super::metrics::{self, Record, RecordKind};
 use super::names::METRICS;
 
 /// All records of a run, in their order.
@@ -26,7 +26,7 @@ impl Course {
     /// with.
     pub(crate) fn to_best(&self) -> Self {
         let phase = self.phase();
-        let valid = |record: &Record| record.kind == Kind::Valid && Some(record.phase.as_str()) == phase;
+        let valid = |record: &Record| record.kind == RecordKind::Valid && Some(record.phase.as_str()) == phase;
         let scores = self.records.iter().enumerate().filter(|(_, record)| valid(record));
         let best = scores.filter_map(|(place, record)| Some((place, record.score?))).min_by(|a, b| a.1.total_cmp(&b.1));
         let kept = best.map_or(self.records.len(), |(place, _)| place + 1);
@@ -69,11 +69,11 @@ impl Course {
 
     /// The last validation's value of this name.
     pub fn last_validation(&self, name: &str) -> Option<f64> {
-        self.points(Some(Kind::Valid), name).last().map(|(_, value)| *value)
+        self.points(Some(RecordKind::Valid), name).last().map(|(_, value)| *value)
     }
 
     /// (step, value) of the records of a kind (of any, if none is given) that hold a value.
-    pub fn points(&self, kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
+    pub fn points(&self, kind: Option<RecordKind>, name: &str) -> Vec<(f64, f64)> {
         metrics::points(&self.records, kind, name)
     }
 }
@@ -84,14 +84,14 @@ mod tests {
 
     #[test]
     fn what_the_last_phase_gave_up_is_left_out() {
-        let record = |(kind, phase, step, score): (Kind, &str, u64, Option<f64>)| Record {
+        let record = |(kind, phase, step, score): (RecordKind, &str, u64, Option<f64>)| Record {
             score,
             pred_loss: score,
             ..Record::new(kind, phase, step)
         };
-        let (valid, train) = (Kind::Valid, Kind::Train);
+        let (valid, train) = (RecordKind::Valid, RecordKind::Train);
         let before = [(valid, "discover", 5, Some(0.1)), (valid, "join", 5, Some(3.0)), (train, "join", 6, None)];
-        let course = |after: &[(Kind, &str, u64, Option<f64>)]| Course {
+        let course = |after: &[(RecordKind, &str, u64, Option<f64>)]| Course {
             records: before.iter().chain(after).copied().map(record).collect(),
         };
         let last = |course: &Course| (course.to_best().steps(), course.to_best().last_validation("pred_loss"));
@@ -111,7 +111,7 @@ mod tests {
         let record = |(seconds, k): (Option<f64>, f64)| Record {
             seconds,
             parameters: [("k".into(), k)].into(),
-            ..Record::new(Kind::Valid, "join", 0)
+            ..Record::new(RecordKind::Valid, "join", 0)
         };
         let values = [(Some(1.0), 4.0), (Some(2.0), 5.0), (Some(3.0), 4.07), (None, 9.0), (Some(5.0), 3.99)];
         let course = Course { records: values.map(record).into() };

@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use super::names::{CHECKPOINTS, CONFIG, LOCK, METRICS, SUMMARY};
-use super::run::Run;
+use super::run::StoredRun;
 
 /// All run folders that were found.
 #[derive(Debug, Default)]
 pub struct FoundRuns {
-    pub runs: Vec<Run>,
+    pub runs: Vec<StoredRun>,
     /// Folders that cannot be listed, or whose config or summary is missing or damaged, and how.
     pub unreadable: Vec<(PathBuf, anyhow::Error)>,
 }
@@ -35,7 +35,7 @@ pub fn find_runs(folders: &[PathBuf], skip: &dyn Fn(&Path) -> bool) -> Result<Fo
         search(folder, skip, &mut places, &mut found.unreadable)?;
     }
     for (folder, _) in places {
-        match Run::read(&folder) {
+        match StoredRun::read(&folder) {
             Ok(run) => found.runs.push(run),
             Err(error) => found.unreadable.push((folder, error)),
         }
@@ -79,9 +79,9 @@ fn search(
 
 /// Of runs that are one and the same the one that went furthest: a run and its record in an earlier report, which may
 /// have been made before the run went on. Their configs are equal, and the course of one begins with that of the other.
-fn without_copies(runs: Vec<Run>) -> Vec<Run> {
-    let mut kept: Vec<(Run, [Vec<u8>; 2])> = Vec::new();
-    let further = |run: &Run, course: &[u8]| (course.len(), run.summary.is_some());
+fn without_copies(runs: Vec<StoredRun>) -> Vec<StoredRun> {
+    let mut kept: Vec<(StoredRun, [Vec<u8>; 2])> = Vec::new();
+    let further = |run: &StoredRun, course: &[u8]| (course.len(), run.summary.is_some());
     for run in runs {
         let files = run.config_and_course();
         let [config, course] = &files;
@@ -100,9 +100,10 @@ fn without_copies(runs: Vec<Run>) -> Vec<Run> {
 }
 
 /// A run that has not finished learned from what other runs on the same files say.
-fn share_data(runs: &mut [Run]) {
+fn share_data(runs: &mut [StoredRun]) {
     for place in 0..runs.len() {
-        let files = |run: &Run| (run.config.task.name.clone(), run.config.data_files().map(Option::<&String>::cloned));
+        let files =
+            |run: &StoredRun| (run.config.task.name.clone(), run.config.data_files().map(Option::<&String>::cloned));
         let here = files(&runs[place]);
         let known = runs.iter().filter(|run| files(run) == here).find_map(|run| run.data.clone());
         runs[place].data = runs[place].data.take().or(known);

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use super::names::{CHECKPOINTS, CONFIG, DONE, LOCK, LOG, METRICS, OUTPUT, TENSORBOARD};
 use crate::support::atomic;
 use crate::support::error::{self, Error};
-use crate::support::storage::{Output, storage};
+use crate::support::storage::{StorageOutput, storage};
 
 /// What a folder may hold before a run begins in it: what `sweep` writes, and what a run that was killed at its start left.
 const BEFORE: [&str; 3] = [LOCK, OUTPUT, DONE];
@@ -109,7 +109,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// A file that cannot be opened.
-    pub fn log(&self) -> Result<Box<dyn Output>> {
+    pub fn log(&self) -> Result<Box<dyn StorageOutput>> {
         append(&self.path, LOG)
     }
 
@@ -117,7 +117,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// A file that cannot be opened.
-    pub fn metrics(&self) -> Result<Box<dyn Output>> {
+    pub fn metrics(&self) -> Result<Box<dyn StorageOutput>> {
         append(&self.path, METRICS)
     }
 
@@ -125,7 +125,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// A file that cannot be made.
-    pub fn tensorboard(&self) -> Result<Box<dyn Output>> {
+    pub fn tensorboard(&self) -> Result<Box<dyn StorageOutput>> {
         let path = self.path.join(TENSORBOARD);
         storage().create(&path).with_context(|| format!("cannot make {}", path.display()))
     }
@@ -157,7 +157,7 @@ pub fn lock(path: &Path) -> Result<File> {
 }
 
 /// A file of the folder, made if it is not there, to be appended to.
-fn append(folder: &Path, name: &str) -> Result<Box<dyn Output>> {
+fn append(folder: &Path, name: &str) -> Result<Box<dyn StorageOutput>> {
     let path = folder.join(name);
     ensure_own_file(&path)?;
     storage().append(&path).with_context(|| format!("cannot open {}", path.display()))

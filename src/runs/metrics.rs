@@ -18,7 +18,7 @@ const FORMAT: u32 = 1;
 /// What kind of record a line is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum RecordKind {
     /// The first line: the version of the file's form.
     Begin,
     /// A step's losses.
@@ -36,7 +36,7 @@ pub enum Kind {
 /// One line of the file. What a kind of record does not say is left out; null stands for what is not a number.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    pub kind: Kind,
+    pub kind: RecordKind,
     #[serde(default)]
     pub phase: String,
     /// Steps taken in all phases.
@@ -123,13 +123,13 @@ pub fn check_parameters(parameters: &[PhysicalParameter]) -> Result<()> {
 
 impl Record {
     /// A record that says only where it stands.
-    pub fn new(kind: Kind, phase: &str, step: u64) -> Self {
+    pub fn new(kind: RecordKind, phase: &str, step: u64) -> Self {
         Record { kind, phase: phase.into(), step, ..Record::default() }
     }
 
     /// The first record of a file.
     pub fn begin() -> Self {
-        Record { format: Some(FORMAT), ..Record::new(Kind::Begin, "", 0) }
+        Record { format: Some(FORMAT), ..Record::new(RecordKind::Begin, "", 0) }
     }
 
     /// A number of the record by its key, if it has it.
@@ -189,12 +189,12 @@ pub fn parse(bytes: &[u8]) -> Result<Vec<Record>> {
     }
     let format = records.first().and_then(|record| record.format).unwrap_or_default();
     ensure!(format <= FORMAT, "it has form {format}; this program knows forms up to {FORMAT}: use a newer one");
-    records.retain(|record| record.kind != Kind::Begin);
+    records.retain(|record| record.kind != RecordKind::Begin);
     Ok(records)
 }
 
 /// (step, value) of the records of a kind (of any, if none is given) that hold a value.
-pub fn points(records: &[Record], kind: Option<Kind>, name: &str) -> Vec<(f64, f64)> {
+pub fn points(records: &[Record], kind: Option<RecordKind>, name: &str) -> Vec<(f64, f64)> {
     let chosen = records.iter().filter(|record| kind.is_none_or(|kind| kind == record.kind));
     chosen.filter_map(|record| Some((record.step as f64, record.value(name)?))).collect()
 }
@@ -250,7 +250,7 @@ mod tests {
             residual: Some(1.0),
             velocity_residual: Some(1.0),
             seconds: Some(1.0),
-            ..Record::new(Kind::Train, "join", 1)
+            ..Record::new(RecordKind::Train, "join", 1)
         };
         let written = serde_json::to_value(full).unwrap();
         let mut keys: Vec<_> = written.as_object().unwrap().keys().map(String::as_str).collect();
@@ -272,7 +272,10 @@ mod tests {
         ];
         fs::write(&path, lines.join("\n")).unwrap();
         let records = read(&path).unwrap();
-        assert_eq!(records.iter().map(|record| record.kind).collect::<Vec<_>>(), [Kind::Train, Kind::Other]);
+        assert_eq!(
+            records.iter().map(|record| record.kind).collect::<Vec<_>>(),
+            [RecordKind::Train, RecordKind::Other]
+        );
         assert_eq!((records[0].value("k"), records[0].value("l"), records[0].train_loss), (Some(2.5), None, None));
         let newer = lines[0].replace("\"format\":1", "\"format\":2");
         fs::write(&path, newer).unwrap();

@@ -13,7 +13,7 @@ use crate::support::storage;
 
 /// One run folder.
 #[derive(Debug)]
-pub struct Run {
+pub struct StoredRun {
     pub folder: PathBuf,
     pub config: RunConfig,
     /// None for a run that has not finished.
@@ -57,7 +57,7 @@ fn seed(setting: &str) -> Option<u64> {
     setting.strip_prefix("seed ")?.parse().ok()
 }
 
-impl Run {
+impl StoredRun {
     /// Reads a run folder.
     ///
     /// # Errors
@@ -76,7 +76,7 @@ impl Run {
             let clips = [summary.training_clips?, summary.validation_clips?, summary.test.scores.clips];
             Some(RunData { clips, made_with: summary.test.made_with.clone() })
         });
-        Ok(Run { folder: folder.into(), config, summary, course: Course::read(folder), data })
+        Ok(StoredRun { folder: folder.into(), config, summary, course: Course::read(folder), data })
     }
 
     /// The course, if it can be read.

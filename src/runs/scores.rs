@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::network::physics_models::losses::MeanLosses;
 use crate::support::atomic;
-use crate::support::output::{Kind, has_keys};
+use crate::support::output::{FileKind, has_keys};
 use crate::support::statistics::Spread;
 
 /// What a model makes of a set of clips.
@@ -111,7 +111,7 @@ pub struct ScoresFile {
 
 impl ScoresFile {
     /// The file as one that the program recognizes.
-    pub const KIND: Kind = Kind {
+    pub const KIND: FileKind = FileKind {
         name: "scores of `paig evaluate`",
         recognizes: |json| has_keys(json, &["task", "run", "split", "scores"]),
     };

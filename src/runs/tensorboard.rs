@@ -6,7 +6,7 @@
 use crc::{CRC_32_ISCSI, Crc};
 use prost::Message;
 
-use super::metrics::{Kind, Record};
+use super::metrics::{Record, RecordKind};
 
 const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 /// Added to a turned checksum, so that checksums of checksums are no special case.
@@ -16,7 +16,7 @@ const VERSION: &str = "brain.Event:2";
 
 /// `tensorflow.Event`, of which it has either a version or a summary.
 #[derive(Clone, PartialEq, Message)]
-struct Event {
+struct EventMessage {
     /// Seconds since 1970.
     #[prost(double, tag = "1")]
     wall_time: f64,
@@ -25,19 +25,19 @@ struct Event {
     #[prost(string, optional, tag = "3")]
     file_version: Option<String>,
     #[prost(message, optional, tag = "5")]
-    summary: Option<Summary>,
+    summary: Option<SummaryMessage>,
 }
 
 /// `tensorflow.Summary`.
 #[derive(Clone, PartialEq, Message)]
-struct Summary {
+struct SummaryMessage {
     #[prost(message, repeated, tag = "1")]
-    value: Vec<Value>,
+    value: Vec<ValueMessage>,
 }
 
 /// `tensorflow.Summary.Value`.
 #[derive(Clone, PartialEq, Message)]
-struct Value {
+struct ValueMessage {
     #[prost(string, tag = "1")]
     tag: String,
     #[prost(float, optional, tag = "2")]
@@ -46,29 +46,34 @@ struct Value {
 
 /// What a file begins with; `wall_time` is in seconds since 1970.
 pub(crate) fn beginning(wall_time: f64) -> Vec<u8> {
-    framed(&Event { wall_time, file_version: Some(VERSION.into()), ..Event::default() })
+    framed(&EventMessage { wall_time, file_version: Some(VERSION.into()), ..EventMessage::default() })
 }
 
 /// The numbers of a record that was made at `wall_time`; nothing where it has none.
 pub(crate) fn scalars(record: &Record, wall_time: f64) -> Vec<u8> {
     let group = match record.kind {
-        Kind::Train => "train",
-        Kind::Valid => "valid",
-        Kind::Identify => "identify",
-        Kind::Begin | Kind::Other => return Vec::new(),
+        RecordKind::Train => "train",
+        RecordKind::Valid => "valid",
+        RecordKind::Identify => "identify",
+        RecordKind::Begin | RecordKind::Other => return Vec::new(),
     };
     let losses = ["train_loss", "score", "recons_loss", "pred_loss", "extrap_loss", "residual", "velocity_residual"];
     let losses = losses.into_iter().filter_map(|name| Some((format!("{group}/{name}"), record.value(name)?)));
     let parameters = record.parameters.iter().map(|(name, value)| (format!("parameters/{name}"), *value));
-    let value = |(tag, value): (String, f64)| Value { tag, simple_value: Some(value as f32) };
+    let value = |(tag, value): (String, f64)| ValueMessage { tag, simple_value: Some(value as f32) };
     let value: Vec<_> = losses.chain(parameters).map(value).collect();
     if value.is_empty() {
         return Vec::new();
     }
-    framed(&Event { wall_time, step: record.step as i64, summary: Some(Summary { value }), file_version: None })
+    framed(&EventMessage {
+        wall_time,
+        step: record.step as i64,
+        summary: Some(SummaryMessage { value }),
+        file_version: None,
+    })
 }
 
-fn framed(event: &Event) -> Vec<u8> {
+fn framed(event: &EventMessage) -> Vec<u8> {
     let data = event.encode_to_vec();
     let length = (data.len() as u64).to_le_bytes();
     [&length[..], &checksum(&length), &data, &checksum(&data)].concat()
@@ -89,9 +94,9 @@ mod tests {
 
     #[test]
     fn bytes_are_those_of_tensorboard() {
-        let value = |tag: &str, value| Value { tag: tag.into(), simple_value: Some(value) };
-        let summary = Summary { value: vec![value("train/loss", 0.25), value("parameters/k", 4.0)] };
-        let event = Event { wall_time: 1002.5, step: 300, summary: Some(summary), file_version: None };
+        let value = |tag: &str, value| ValueMessage { tag: tag.into(), simple_value: Some(value) };
+        let summary = SummaryMessage { value: vec![value("train/loss", 0.25), value("parameters/k", 4.0)] };
+        let event = EventMessage { wall_time: 1002.5, step: 300, summary: Some(summary), file_version: None };
         let bytes = [beginning(1000.0), framed(&event)].concat();
         let text: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(text, WRITTEN);
@@ -99,10 +104,10 @@ mod tests {
 
     #[test]
     fn a_record_gives_its_losses_and_parameters() {
-        let mut record = Record { train_loss: Some(0.5), ..Record::new(Kind::Train, "join", 7) };
+        let mut record = Record { train_loss: Some(0.5), ..Record::new(RecordKind::Train, "join", 7) };
         record.parameters.insert("k".into(), 4.0);
         let bytes = scalars(&record, 1.0);
-        let event = Event::decode(&bytes[12..bytes.len() - 4]).unwrap();
+        let event = EventMessage::decode(&bytes[12..bytes.len() - 4]).unwrap();
         let tags: Vec<_> = event.summary.unwrap().value.into_iter().map(|value| value.tag).collect();
         assert_eq!((tags, event.step), (vec!["train/train_loss".to_string(), "parameters/k".into()], 7));
         assert!(scalars(&Record::begin(), 1.0).is_empty());

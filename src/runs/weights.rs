@@ -15,7 +15,7 @@ use crate::support::random::fnv1a;
 use crate::support::{atomic, storage};
 
 /// Tensors by name.
-pub type Named = Vec<(String, Tensor)>;
+pub type NamedTensors = Vec<(String, Tensor)>;
 
 /// The key of the checksum in the file's header.
 const CHECKSUM: &str = "checksum";
@@ -85,7 +85,7 @@ fn checksum<'a>(mut tensors: Vec<(&'a str, TensorView<'a>)>) -> String {
 #[derive(Debug)]
 pub struct Saved {
     /// In the order of their names.
-    pub tensors: Named,
+    pub tensors: NamedTensors,
     /// Whether it had a checksum, which fitted; files of PyTorch and of earlier versions have none.
     pub checked: bool,
 }
@@ -121,7 +121,7 @@ fn parsed(bytes: &[u8]) -> Result<Saved> {
         let shape: Vec<i64> = view.shape().iter().map(|&n| n as i64).collect();
         Ok((name.to_string(), Tensor::f_from_data_size(view.data(), &shape, *kind)?))
     };
-    let mut tensors: Named = file.iter().map(tensor).collect::<Result<_>>()?;
+    let mut tensors: NamedTensors = file.iter().map(tensor).collect::<Result<_>>()?;
     tensors.sort_by(|a, b| a.0.cmp(&b.0));
     Ok(Saved { tensors, checked })
 }
@@ -138,7 +138,7 @@ pub fn load(path: &Path, model: &PhysicsNet) -> Result<()> {
 ///
 /// # Errors
 /// As for [`load`].
-pub fn load_into(path: &Path, variables: Named) -> Result<()> {
+pub fn load_into(path: &Path, variables: NamedTensors) -> Result<()> {
     let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     parse(&bytes).and_then(|saved| fill(variables, &saved.tensors)).with_context(|| path.display().to_string())
 }
@@ -147,7 +147,7 @@ pub fn load_into(path: &Path, variables: Named) -> Result<()> {
 ///
 /// # Errors
 /// As for [`load`].
-pub fn fill(variables: Named, saved: &[(String, Tensor)]) -> Result<()> {
+pub fn fill(variables: NamedTensors, saved: &[(String, Tensor)]) -> Result<()> {
     let _guard = tch::no_grad_guard();
     for (name, _) in saved {
         ensure!(
@@ -171,7 +171,7 @@ pub(crate) fn load_vision(path: &Path, model: &PhysicsNet) -> Result<()> {
 }
 
 /// Sets variables to the saved values of their names, once all fit.
-fn set(saved: &[(String, Tensor)], variables: Named) -> Result<()> {
+fn set(saved: &[(String, Tensor)], variables: NamedTensors) -> Result<()> {
     let mut values = Vec::new();
     for (name, variable) in variables {
         let (_, value) = saved

@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use super::storage::{Output, storage};
+use super::storage::{StorageOutput, storage};
 
 /// What a file is filled through.
-pub type Writer = BufWriter<Box<dyn Output>>;
+pub type FileWriter = BufWriter<Box<dyn StorageOutput>>;
 
 /// Bytes that are written at a time.
 const CHUNK: usize = 1 << 18;
@@ -24,7 +24,7 @@ const PARTIAL: &str = "partial";
 ///
 /// # Errors
 /// A full disk, a missing folder, a folder in the file's place; nothing is left behind then.
-pub fn write_file(path: &Path, write: impl FnOnce(&mut Writer) -> Result<()>) -> Result<()> {
+pub fn write_file(path: &Path, write: impl FnOnce(&mut FileWriter) -> Result<()>) -> Result<()> {
     let write = |place: &Path| -> Result<()> {
         let mut file = BufWriter::with_capacity(CHUNK, storage().create(place)?);
         let written = write(&mut file).and_then(|()| Ok(file.flush()?));

@@ -13,13 +13,13 @@ use super::storage::{self, storage};
 
 /// A kind of file that the program recognizes as its own.
 #[derive(Debug, Clone, Copy)]
-pub struct Kind {
+pub struct FileKind {
     /// For messages, such as "scores of `paig evaluate`".
     pub name: &'static str,
     pub recognizes: fn(&[u8]) -> bool,
 }
 
-impl Kind {
+impl FileKind {
     /// Checks that a file may be written in this place, also by a trial. Returns the place that links lead to.
     ///
     /// # Errors
@@ -181,7 +181,7 @@ mod tests {
 
     use super::*;
 
-    const SCORES: Kind = Kind { name: "scores", recognizes: |bytes| has_keys(bytes, &["run", "scores"]) };
+    const SCORES: FileKind = FileKind { name: "scores", recognizes: |bytes| has_keys(bytes, &["run", "scores"]) };
     const SET: FileSet =
         FileSet { name: "a result", files: &["pictures", "page", "mark"], recognizes: |bytes| bytes == b"ours" };
 

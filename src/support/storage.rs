@@ -13,7 +13,7 @@ use std::rc::Rc;
 use nix::fcntl::{AT_FDCWD, RenameFlags, renameat2};
 
 /// A file that is being written.
-pub trait Output: Write + Seek + Debug + Send {
+pub trait StorageOutput: Write + Seek + Debug + Send {
     /// Length so far, bytes.
     ///
     /// # Errors
@@ -22,19 +22,19 @@ pub trait Output: Write + Seek + Debug + Send {
 }
 
 /// A file that is being read.
-pub trait Input: Read + Seek + Debug + Send {}
+pub trait StorageInput: Read + Seek + Debug + Send {}
 
 /// What is done to files and folders. Every error is the system's.
 #[expect(clippy::missing_errors_doc, reason = "they are the system's")]
 pub trait Storage: Debug {
     /// A new file, empty, in the place of what is there.
-    fn create(&self, path: &Path) -> io::Result<Box<dyn Output>>;
+    fn create(&self, path: &Path) -> io::Result<Box<dyn StorageOutput>>;
     /// A file that is written at its end; made if it is not there.
-    fn append(&self, path: &Path) -> io::Result<Box<dyn Output>>;
+    fn append(&self, path: &Path) -> io::Result<Box<dyn StorageOutput>>;
     /// A new file in a folder, to write and to read, without a name: it is gone when it is closed.
     fn nameless(&self, folder: &Path) -> io::Result<File>;
     /// A file to read.
-    fn open(&self, path: &Path) -> io::Result<Box<dyn Input>>;
+    fn open(&self, path: &Path) -> io::Result<Box<dyn StorageInput>>;
     /// Makes what a file or a folder holds last through a power cut.
     fn sync(&self, path: &Path) -> io::Result<()>;
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
@@ -62,20 +62,20 @@ pub trait Storage: Debug {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct FileSystem;
 
-impl Output for File {
+impl StorageOutput for File {
     fn length(&self) -> io::Result<u64> {
         Ok(self.metadata()?.len())
     }
 }
 
-impl Input for File {}
+impl StorageInput for File {}
 
 impl Storage for FileSystem {
-    fn create(&self, path: &Path) -> io::Result<Box<dyn Output>> {
+    fn create(&self, path: &Path) -> io::Result<Box<dyn StorageOutput>> {
         Ok(Box::new(File::create(path)?))
     }
 
-    fn append(&self, path: &Path) -> io::Result<Box<dyn Output>> {
+    fn append(&self, path: &Path) -> io::Result<Box<dyn StorageOutput>> {
         Ok(Box::new(OpenOptions::new().create(true).append(true).open(path)?))
     }
 
@@ -83,7 +83,7 @@ impl Storage for FileSystem {
         tempfile::tempfile_in(folder)
     }
 
-    fn open(&self, path: &Path) -> io::Result<Box<dyn Input>> {
+    fn open(&self, path: &Path) -> io::Result<Box<dyn StorageInput>> {
         Ok(Box::new(File::open(path)?))
     }
 
@@ -156,7 +156,7 @@ pub(crate) fn nameless(folder: &Path) -> io::Result<File> {
 ///
 /// # Errors
 /// No such file, a folder, a pipe, a device.
-pub fn open(path: &Path) -> io::Result<Box<dyn Input>> {
+pub fn open(path: &Path) -> io::Result<Box<dyn StorageInput>> {
     let kind = fs::metadata(path)?;
     if kind.is_dir() {
         return Err(ErrorKind::IsADirectory.into());

@@ -28,11 +28,11 @@ pub struct EquationFile {
 struct Contents {
     #[serde(default)]
     summary: String,
-    system: Part,
+    system: FilePart,
 }
 
 #[derive(Deserialize)]
-struct Part {
+struct FilePart {
     objects: Option<usize>,
     side: Option<usize>,
     dt: Option<f64>,
@@ -66,7 +66,7 @@ impl EquationFile {
     /// # Errors
     /// A text without such a table.
     pub fn from_text(name: &str, text: &str) -> Result<Self> {
-        let Contents { summary, system: Part { objects, side, dt, equation } } = toml::from_str(text)?;
+        let Contents { summary, system: FilePart { objects, side, dt, equation } } = toml::from_str(text)?;
         Ok(EquationFile { name: name.into(), summary, equation, objects, side, dt })
     }
 }

@@ -7,7 +7,7 @@ use crate::network::cells::Equations;
 
 /// A file of the gallery.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Entry {
+pub struct GalleryEntry {
     pub name: &'static str,
     /// A task file.
     pub text: &'static str,
@@ -15,12 +15,12 @@ pub struct Entry {
 
 macro_rules! entries {
     ($($name:literal),+ $(,)?) => {
-        &[$(Entry { name: $name, text: include_str!(concat!("../../configs/gallery/", $name, ".toml")) }),+]
+        &[$(GalleryEntry { name: $name, text: include_str!(concat!("../../configs/gallery/", $name, ".toml")) }),+]
     };
 }
 
 /// All of them, by name.
-pub const GALLERY: &[Entry] = entries![
+pub const GALLERY: &[GalleryEntry] = entries![
     "bounce_on_a_floor",
     "charge_in_a_field",
     "charges",

@@ -12,21 +12,21 @@ use anyhow::{Result, bail, ensure};
 use tch::{Device, Tensor};
 
 use super::objective::{Objective, StepLoss, Validated};
-use super::objects::motion::Motion;
-use super::observer::{Event, Observer};
+use super::objects::motion::MotionDetector;
+use super::observer::{TrainingEvent, TrainingObserver};
 use super::optimizers::{Optimizer, OptimizerKind};
 use super::schedule::Timetable;
-use super::trained::Trained;
+use super::trained::Trainable;
 use crate::datasets::iterators::{Clips, steps_per_epoch};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{BestOf, LearnedFrom, RunState, Store};
-use crate::runs::metrics::{Kind, Record};
-use crate::runs::weights::{self, Named, first_not_finite, is_finite};
+use crate::runs::metrics::{Record, RecordKind};
+use crate::runs::weights::{self, NamedTensors, first_not_finite, is_finite};
 use paig_kernels::Repeated;
 
 /// How a training or a phase ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
+pub enum TrainingOutcome {
     Finished,
     /// Asked to stop; saved, ready to resume.
     Interrupted,
@@ -51,7 +51,7 @@ pub struct Validation {
 }
 
 /// A model in training, and where the training stands.
-pub struct Session<'a, M: Trained = PhysicsNet> {
+pub struct Session<'a, M: Trainable = PhysicsNet> {
     pub model: &'a M,
     pub train: &'a Clips,
     pub valid: &'a Clips,
@@ -61,30 +61,30 @@ pub struct Session<'a, M: Trained = PhysicsNet> {
     pub(super) intervals: Intervals,
     /// The phase at hand is the last one: the weights of its best score are kept, as of those that end with them.
     pub(super) last_phase: bool,
-    /// The raw parameters that the training began with, in the order of the equation; none without one.
+    /// The unconstrained parameters that the training began with, in the order of the equation; none without one.
     pub(super) begun: Vec<f64>,
     /// The best weights, where no store holds them.
-    pub(super) best: Option<Named>,
+    pub(super) best: Option<NamedTensors>,
     /// What stands behind the objects of the training clips, once it was measured.
-    pub(super) motion: OnceCell<Rc<Motion>>,
+    pub(super) motion: OnceCell<Rc<MotionDetector>>,
     pub state: RunState,
     /// Where checkpoints go; without one nothing is saved.
     pub(super) store: Option<Store>,
-    pub(super) observers: Vec<&'a mut dyn Observer<M>>,
+    pub(super) observers: Vec<&'a mut dyn TrainingObserver<M>>,
     pub(super) stop: Box<dyn Fn() -> bool + 'a>,
     /// Of the optimizer where the training goes on: at the last checkpoint, without a store where it stopped.
-    pub(super) slots: Option<Named>,
+    pub(super) slots: Option<NamedTensors>,
     /// Start of the time that is not yet in `state.seconds`.
     pub(super) clock: Instant,
 }
 
-impl<M: Trained> Debug for Session<'_, M> {
+impl<M: Trainable> Debug for Session<'_, M> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.debug_struct("Session").field("state", &self.state).finish_non_exhaustive()
     }
 }
 
-impl<'a, M: Trained> Session<'a, M> {
+impl<'a, M: Trainable> Session<'a, M> {
     /// A training of `task` that has not begun, without checkpoints and observers.
     pub fn new(
         model: &'a M,
@@ -120,7 +120,7 @@ impl<'a, M: Trained> Session<'a, M> {
     }
 
     /// Tells this observer what happens, after those that were named before.
-    pub fn observed_by(&mut self, observer: &'a mut dyn Observer<M>) {
+    pub fn observed_by(&mut self, observer: &'a mut dyn TrainingObserver<M>) {
         self.observers.push(observer);
     }
 
@@ -163,16 +163,16 @@ impl<'a, M: Trained> Session<'a, M> {
         self.state = loaded.state;
         self.slots = (!loaded.slots.is_empty()).then_some(loaded.slots);
         let damaged = loaded.damaged.as_deref();
-        self.tell(&Event::Resumed { steps: self.state.steps, checkpoint: &loaded.name, damaged })
+        self.tell(&TrainingEvent::Resumed { steps: self.state.steps, checkpoint: &loaded.name, damaged })
     }
 
     /// What stands behind the objects of the training clips.
-    pub(super) fn motion(&self) -> Rc<Motion> {
-        Rc::clone(self.motion.get_or_init(|| Rc::new(Motion::measure(self.train, self.seed))))
+    pub(super) fn motion(&self) -> Rc<MotionDetector> {
+        Rc::clone(self.motion.get_or_init(|| Rc::new(MotionDetector::measure(self.train, self.seed))))
     }
 
     /// Tells all observers.
-    pub(super) fn tell(&mut self, event: &Event<M>) -> Result<()> {
+    pub(super) fn tell(&mut self, event: &TrainingEvent<M>) -> Result<()> {
         self.observers.iter_mut().try_for_each(|observer| observer.observe(event))
     }
 
@@ -190,7 +190,7 @@ impl<'a, M: Trained> Session<'a, M> {
             return Ok(());
         };
         store.save(&self.model.named_variables(), slots, &mut self.state)?;
-        self.tell(&Event::Checkpoint { steps: self.state.steps })
+        self.tell(&TrainingEvent::Checkpoint { steps: self.state.steps })
     }
 
     /// Descends a phase's loss to its end, by `rule` with gradients clipped as [`Optimizer::of_config`] says.
@@ -204,14 +204,14 @@ impl<'a, M: Trained> Session<'a, M> {
         objective: &mut dyn Objective<M>,
         rule: OptimizerKind,
         clip_gradients: f64,
-    ) -> Result<Outcome> {
+    ) -> Result<TrainingOutcome> {
         let variables = self.model.named_variables();
         let optimizer = Optimizer::of_config(rule, clip_gradients, &variables);
         let mut optimizer = optimizer.with_kernels(self.model.kernels());
         if let Some(slots) = self.slots.take() {
             optimizer.restore(self.state.step, slots)?;
         }
-        self.tell(&Event::PhaseBegins { phase, done: self.state.step, of: objective.timetable().max_steps() })?;
+        self.tell(&TrainingEvent::PhaseBegins { phase, done: self.state.step, of: objective.timetable().max_steps() })?;
         // As in the original, a validation stands before the first step and after every so many.
         if self.state.step == 0
             && let Some(culprit) = self.validate(phase, objective)?
@@ -221,7 +221,7 @@ impl<'a, M: Trained> Session<'a, M> {
         let device = self.model.device();
         let on_gpu = device != Device::Cpu;
         let mut steps = Repeated::on(device);
-        let mut outcome = Outcome::Finished;
+        let mut outcome = TrainingOutcome::Finished;
         let mut diverged: Option<String> = None;
         while !objective.timetable().finished(self.state.step, &self.state.validations) {
             let step = self.state.step;
@@ -244,7 +244,7 @@ impl<'a, M: Trained> Session<'a, M> {
             }
             self.state.step += 1;
             self.state.steps += 1;
-            self.tell(&Event::Step { loss: value, model: self.model })?;
+            self.tell(&TrainingEvent::Step { loss: value, model: self.model })?;
             if self.state.step.is_multiple_of(self.intervals.print) {
                 self.record_step(phase, value, loss)?;
             }
@@ -261,7 +261,7 @@ impl<'a, M: Trained> Session<'a, M> {
                 self.save(&optimizer.slots())?;
             }
             if stop {
-                outcome = Outcome::Interrupted;
+                outcome = TrainingOutcome::Interrupted;
                 break;
             }
         }
@@ -269,15 +269,15 @@ impl<'a, M: Trained> Session<'a, M> {
         if let Some(culprit) = diverged.as_ref().filter(|_| !(self.last_phase && objective.ends_at_best())) {
             bail!("{phase}: {culprit}; begin again in another folder (--out) with a lower learning rate");
         }
-        if outcome == Outcome::Finished && objective.ends_at_best() {
+        if outcome == TrainingOutcome::Finished && objective.ends_at_best() {
             self.return_to_best(phase, objective, diverged)?;
         }
         if let Some(why) = steps.refused() {
-            self.tell(&Event::Note(&format!(
+            self.tell(&TrainingEvent::Note(&format!(
                 "{phase} - its steps were not recorded on the GPU, which is slower: {why}"
             )))?;
         }
-        self.tell(&Event::PhaseEnds { phase })?;
+        self.tell(&TrainingEvent::PhaseEnds { phase })?;
         Ok(outcome)
     }
 
@@ -319,7 +319,7 @@ impl<'a, M: Trained> Session<'a, M> {
             (None, None) => bail!("{phase}: the best weights were not kept"),
         }
         let why = diverged.map_or_else(String::new, |culprit| format!("{culprit}: "));
-        self.tell(&Event::Note(&format!("{phase} - {why}back to its step {step}, the best by validation")))
+        self.tell(&TrainingEvent::Note(&format!("{phase} - {why}back to its step {step}, the best by validation")))
     }
 
     /// The phase's best validation among those that count: its step, and its score.
@@ -337,7 +337,7 @@ impl<'a, M: Trained> Session<'a, M> {
     }
 
     /// A record of this moment with the physical parameters.
-    pub(super) fn record(&self, kind: Kind, phase: &str) -> Record {
+    pub(super) fn record(&self, kind: RecordKind, phase: &str) -> Record {
         let parameters = self.model.parameter_values().into_iter().map(|(name, value)| (name.to_string(), value));
         Record {
             seconds: Some(self.elapsed()),
@@ -348,8 +348,8 @@ impl<'a, M: Trained> Session<'a, M> {
 
     /// Tells of an early fit: a line on it, and the parameters that it gave the model.
     pub(super) fn tell_fit(&mut self, phase: &str, line: &str) -> Result<()> {
-        self.tell(&Event::Note(line))?;
-        self.tell(&Event::Recorded { record: &self.record(Kind::Identify, phase), model: self.model })
+        self.tell(&TrainingEvent::Note(line))?;
+        self.tell(&TrainingEvent::Recorded { record: &self.record(RecordKind::Identify, phase), model: self.model })
     }
 
     fn record_step(&mut self, phase: &str, value: f64, loss: &StepLoss) -> Result<()> {
@@ -357,9 +357,9 @@ impl<'a, M: Trained> Session<'a, M> {
             train_loss: Some(value),
             recons_loss: loss.reconstruction.as_ref().map(|loss| loss.double_value(&[])),
             pred_loss: loss.prediction.as_ref().map(|loss| loss.double_value(&[])),
-            ..self.record(Kind::Train, phase)
+            ..self.record(RecordKind::Train, phase)
         };
-        self.tell(&Event::Recorded { record: &record, model: self.model })
+        self.tell(&TrainingEvent::Recorded { record: &record, model: self.model })
     }
 
     /// Scores the model on the validation split; keeps the weights of the last phase's best score. Where the score is not a
@@ -377,9 +377,9 @@ impl<'a, M: Trained> Session<'a, M> {
             recons_loss,
             pred_loss,
             extrap_loss,
-            ..self.record(Kind::Valid, phase)
+            ..self.record(RecordKind::Valid, phase)
         };
-        self.tell(&Event::Recorded { record: &record, model: self.model })?;
+        self.tell(&TrainingEvent::Recorded { record: &record, model: self.model })?;
         self.state.validations.push(score);
         // Before the weights are kept: a return to them is not to lose what was fitted to them.
         if let Some(fitted) = objective.after_validation(self.model, &self.state.validations)? {
@@ -437,7 +437,7 @@ mod tests {
 
     /// What a scripted step is like.
     #[derive(Debug, Clone, Copy, PartialEq)]
-    enum Wrong {
+    enum ScriptedFault {
         Loss,
         /// The loss is 0.
         Gradient,
@@ -449,13 +449,13 @@ mod tests {
         scores: &'static [f64],
         validated: Cell<usize>,
         /// The step that is not finite, and how.
-        wrong: Option<(u64, Wrong)>,
+        wrong: Option<(u64, ScriptedFault)>,
         step: u64,
         ends_at_best: bool,
     }
 
     impl Scripted {
-        fn new(scores: &'static [f64], wrong: Option<(u64, Wrong)>) -> Self {
+        fn new(scores: &'static [f64], wrong: Option<(u64, ScriptedFault)>) -> Self {
             let schedule = LrSchedule {
                 validate_every: VALIDATE_EVERY,
                 anneal_at: 1.0,
@@ -481,12 +481,16 @@ mod tests {
         }
 
         fn loss(&self, model: &PhysicsNet, _inputs: &[Tensor]) -> Result<StepLoss> {
-            let sum = model.learned().map(|it| it.raw.shallow_clone()).reduce(|sum, raw| sum + raw).unwrap();
+            let sum = model
+                .learned()
+                .map(|it| it.unconstrained.shallow_clone())
+                .reduce(|sum, unconstrained| sum + unconstrained)
+                .unwrap();
             let total = match self.wrong.filter(|(step, _)| *step == self.step) {
                 None => sum,
-                Some((_, Wrong::Loss)) => sum * f64::NAN,
+                Some((_, ScriptedFault::Loss)) => sum * f64::NAN,
                 // The square root has no derivative at 0.
-                Some((_, Wrong::Gradient)) => (&sum - sum.detach()).square().sqrt(),
+                Some((_, ScriptedFault::Gradient)) => (&sum - sum.detach()).square().sqrt(),
             };
             Ok(StepLoss { total, reconstruction: None, prediction: None })
         }
@@ -508,17 +512,17 @@ mod tests {
 
     /// Keeps notes and losses; fails at a step, as a process that is killed there.
     #[derive(Default)]
-    struct Watch {
+    struct NotingObserver {
         notes: Vec<String>,
         losses: Vec<f64>,
         killed_at: Option<u64>,
     }
 
-    impl Observer for Watch {
-        fn observe(&mut self, event: &Event) -> Result<()> {
+    impl TrainingObserver for NotingObserver {
+        fn observe(&mut self, event: &TrainingEvent) -> Result<()> {
             match event {
-                Event::Note(note) => self.notes.push((*note).to_string()),
-                Event::Step { loss, .. } => {
+                TrainingEvent::Note(note) => self.notes.push((*note).to_string()),
+                TrainingEvent::Step { loss, .. } => {
                     self.losses.push(*loss);
                     ensure!(self.killed_at != Some(self.losses.len() as u64), "killed");
                 }
@@ -534,12 +538,17 @@ mod tests {
     }
 
     /// Raw physical parameters.
-    fn raw(model: &PhysicsNet) -> Vec<f64> {
-        model.learned().map(|parameter| parameter.raw.double_value(&[])).collect()
+    fn unconstrained(model: &PhysicsNet) -> Vec<f64> {
+        model.learned().map(|parameter| parameter.unconstrained.double_value(&[])).collect()
     }
 
     /// Trains a model by a script, with a store in `folder` if there is one, from its last checkpoint on.
-    fn trained(model: &PhysicsNet, script: &mut Scripted, folder: Option<&Path>, watch: &mut Watch) -> Result<Outcome> {
+    fn trained(
+        model: &PhysicsNet,
+        script: &mut Scripted,
+        folder: Option<&Path>,
+        watch: &mut NotingObserver,
+    ) -> Result<TrainingOutcome> {
         let clips = Clips::new(&Array5::zeros([2, 12, 32, 32, 3]), None, Device::Cpu);
         let mut session = Session {
             model,
@@ -549,7 +558,7 @@ mod tests {
             validation: Validation { clips: 2, pass: 2, batch: 2 },
             intervals: Intervals { print: STEPS, checkpoint: 1 },
             last_phase: true,
-            begun: raw(model),
+            begun: unconstrained(model),
             best: None,
             motion: OnceCell::new(),
             state: RunState::new("spring_color"),
@@ -566,88 +575,90 @@ mod tests {
 
     /// Raw parameters after so many steps, exactly: the rate is a power of two, and the steps are few.
     fn after(begun: &[f64], steps: u64) -> Vec<f64> {
-        let step = |raw: &f64| (0..steps).fold(*raw as f32, |raw, _| raw - RATE as f32);
-        begun.iter().map(|raw| f64::from(step(raw))).collect()
+        let step = |unconstrained: &f64| {
+            (0..steps).fold(*unconstrained as f32, |unconstrained, _| unconstrained - RATE as f32)
+        };
+        begun.iter().map(|unconstrained| f64::from(step(unconstrained))).collect()
     }
 
     #[test]
     fn weights_of_the_best_validation_return_after_worse_ones() {
         let folder = tempfile::tempdir().unwrap();
         for folder in [None, Some(folder.path())] {
-            let (model, mut watch) = (model(), Watch::default());
-            let begun = raw(&model);
+            let (model, mut watch) = (model(), NotingObserver::default());
+            let begun = unconstrained(&model);
             let outcome = trained(&model, &mut Scripted::new(&WORSE, None), folder, &mut watch).unwrap();
-            assert_eq!((outcome, watch.losses.len()), (Outcome::Finished, STEPS as usize));
+            assert_eq!((outcome, watch.losses.len()), (TrainingOutcome::Finished, STEPS as usize));
             assert_eq!(watch.notes, ["join - back to its step 2, the best by validation"]);
-            assert_eq!(raw(&model), after(&begun, 2));
+            assert_eq!(unconstrained(&model), after(&begun, 2));
         }
     }
 
     #[test]
     fn the_last_weights_stay_where_they_are_the_best() {
-        let (model, mut watch) = (model(), Watch::default());
-        let begun = raw(&model);
+        let (model, mut watch) = (model(), NotingObserver::default());
+        let begun = unconstrained(&model);
         trained(&model, &mut Scripted::new(&[4.0, 2.0, 3.0, 1.0], None), None, &mut watch).unwrap();
-        assert_eq!((watch.notes, raw(&model)), (Vec::<String>::new(), after(&begun, STEPS)));
+        assert_eq!((watch.notes, unconstrained(&model)), (Vec::<String>::new(), after(&begun, STEPS)));
     }
 
     /// Killed after each of its steps in turn, and resumed.
     #[test]
     fn killed_runs_return_to_the_same_weights() {
-        for wrong in [None, Some((4, Wrong::Loss)), Some((4, Wrong::Gradient))] {
+        for wrong in [None, Some((4, ScriptedFault::Loss)), Some((4, ScriptedFault::Gradient))] {
             let whole = model();
-            let begun = raw(&whole);
-            let mut watch = Watch::default();
+            let begun = unconstrained(&whole);
+            let mut watch = NotingObserver::default();
             trained(&whole, &mut Scripted::new(&WORSE, wrong), None, &mut watch).unwrap();
             let steps = watch.losses.len() as u64;
             for killed_at in 1..=steps {
                 let folder = tempfile::tempdir().unwrap();
-                let mut killed = Watch { killed_at: Some(killed_at), ..Watch::default() };
+                let mut killed = NotingObserver { killed_at: Some(killed_at), ..NotingObserver::default() };
                 let error = trained(&model(), &mut Scripted::new(&WORSE, wrong), Some(folder.path()), &mut killed);
                 assert_eq!(error.unwrap_err().to_string(), "killed");
-                let (resumed, mut rest) = (model(), Watch::default());
+                let (resumed, mut rest) = (model(), NotingObserver::default());
                 trained(&resumed, &mut Scripted::new(&WORSE, wrong), Some(folder.path()), &mut rest).unwrap();
                 // The step in which it was killed is taken again.
                 assert_eq!(rest.losses.len() as u64, steps + 1 - killed_at, "{wrong:?}, killed at {killed_at}");
                 assert_eq!(rest.notes, watch.notes);
-                assert_eq!(raw(&resumed), raw(&whole));
+                assert_eq!(unconstrained(&resumed), unconstrained(&whole));
             }
-            assert_eq!(raw(&whole), after(&begun, 2), "{wrong:?}");
+            assert_eq!(unconstrained(&whole), after(&begun, 2), "{wrong:?}");
         }
     }
 
     #[test]
     fn a_loss_that_is_not_finite_ends_at_the_best_weights() {
-        let (model, mut watch) = (model(), Watch::default());
-        let begun = raw(&model);
-        let mut script = Scripted::new(&WORSE, Some((4, Wrong::Loss)));
+        let (model, mut watch) = (model(), NotingObserver::default());
+        let begun = unconstrained(&model);
+        let mut script = Scripted::new(&WORSE, Some((4, ScriptedFault::Loss)));
         trained(&model, &mut script, None, &mut watch).unwrap();
         let expected = "join - the total loss is not finite at step 5: back to its step 2, the best by validation";
         assert_eq!(watch.notes, [expected]);
-        assert_eq!((watch.losses.len(), raw(&model)), (4, after(&begun, 2)));
+        assert_eq!((watch.losses.len(), unconstrained(&model)), (4, after(&begun, 2)));
     }
 
     /// Before anything is saved or validated.
     #[test]
     fn a_gradient_that_is_not_finite_shows_in_the_weights() {
-        let (model, mut watch) = (model(), Watch::default());
-        let begun = raw(&model);
-        let mut script = Scripted::new(&WORSE, Some((4, Wrong::Gradient)));
+        let (model, mut watch) = (model(), NotingObserver::default());
+        let begun = unconstrained(&model);
+        let mut script = Scripted::new(&WORSE, Some((4, ScriptedFault::Gradient)));
         trained(&model, &mut script, None, &mut watch).unwrap();
         let [note] = &watch.notes[..] else { panic!("{:?}", watch.notes) };
         assert!(note.starts_with("join - variable spring_ode_cell.log_k is not finite after step 5: "), "{note}");
         assert!(note.ends_with("back to its step 2, the best by validation"), "{note}");
         // The loss of the step itself was 0.
-        assert_eq!((watch.losses[4], raw(&model)), (0.0, after(&begun, 2)));
+        assert_eq!((watch.losses[4], unconstrained(&model)), (0.0, after(&begun, 2)));
     }
 
     #[test]
     fn what_is_not_finite_is_an_error_where_the_last_weights_count() {
         for (wrong, words) in
-            [(Wrong::Loss, "is not finite at step 5"), (Wrong::Gradient, "is not finite after step 5")]
+            [(ScriptedFault::Loss, "is not finite at step 5"), (ScriptedFault::Gradient, "is not finite after step 5")]
         {
             let mut script = Scripted { ends_at_best: false, ..Scripted::new(&WORSE, Some((4, wrong))) };
-            let error = trained(&model(), &mut script, None, &mut Watch::default()).unwrap_err().to_string();
+            let error = trained(&model(), &mut script, None, &mut NotingObserver::default()).unwrap_err().to_string();
             assert!(error.starts_with("join: ") && error.contains(words), "{error}");
             assert!(error.contains("lower learning rate"), "{error}");
         }

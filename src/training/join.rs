@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 use tch::{Device, Tensor};
 
-use super::base::{Outcome, Session};
+use super::base::{Session, TrainingOutcome};
 use super::objective::{Objective, StepLoss, Validated};
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
@@ -18,7 +18,7 @@ use crate::datasets::iterators::{Clips, ShuffledBatches};
 use crate::network::System;
 use crate::network::cells::{Actions, State};
 use crate::network::physics_models::losses::{Losses, MeanLosses, latent_error};
-use crate::network::physics_models::{ForwardPass, Gradients, PhysicsNet, VariableGroup};
+use crate::network::physics_models::{ForwardPass, GradientPaths, PhysicsNet, VariableGroup};
 
 /// The phase's config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -34,7 +34,7 @@ pub struct Join {
     pub dynamics_learning_rate: Option<f64>,
     /// Which loss teaches which part.
     #[serde(default)]
-    pub gradients: Gradients,
+    pub gradients: GradientPaths,
     /// Limit of a gradient's elements; 0 is none.
     pub clip_gradients: f64,
     /// Weight of L_rec; the task's by default.
@@ -92,7 +92,7 @@ impl Phase for Join {
         self.max_steps.unwrap_or(0) as f64 * self.batch as f64 * (system.input_steps + system.pred_steps) as f64
     }
 
-    fn run(&self, session: &mut Session) -> Result<Outcome> {
+    fn run(&self, session: &mut Session) -> Result<TrainingOutcome> {
         let mut joint = Joint::new(self, session.train, session.seed)?;
         session.train_phase(self.name(), &mut joint, self.optimizer, self.clip_gradients)
     }

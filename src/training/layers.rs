@@ -44,7 +44,7 @@ pub struct ConfigLayers {
 /// # Errors
 /// An unreadable file, an unknown task or recipe, an assignment that is no TOML.
 pub(crate) fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
-    let Given { file: file_layer, command_line } = Given::read(file, overrides)?;
+    let GivenLayers { file: file_layer, command_line } = GivenLayers::read(file, overrides)?;
     check_task(&file_layer.task, || command_line.task.name())?;
     let changes = [file_layer.task.changes, command_line.task.changes];
     let source = command_line.task.named.or(file_layer.task.named);
@@ -58,7 +58,7 @@ pub(crate) fn load(file: Option<&Path>, overrides: &Overrides) -> Result<ConfigL
 /// # Errors
 /// As for [`load`]; a file that is for another task.
 pub(crate) fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) -> Result<ConfigLayers> {
-    let Given { file: file_layer, command_line } = Given::read(file, overrides)?;
+    let GivenLayers { file: file_layer, command_line } = GivenLayers::read(file, overrides)?;
     check_task(&file_layer.task, || Ok(Some(task.name.clone())))?;
     let changes = [file_layer.task.changes, command_line.task.changes];
     let task = if changes.iter().all(Table::is_empty) {
@@ -70,28 +70,28 @@ pub(crate) fn load_task(task: Task, file: Option<&Path>, overrides: &Overrides) 
 }
 
 /// What is given on top of recipe and task.
-struct Given {
-    file: Layer,
-    command_line: Layer,
+struct GivenLayers {
+    file: ConfigLayer,
+    command_line: ConfigLayer,
 }
 
-impl Given {
+impl GivenLayers {
     fn read(file: Option<&Path>, overrides: &Overrides) -> Result<Self> {
-        let mut command_line = Layer::of(command_line_values(overrides)?)?;
+        let mut command_line = ConfigLayer::of(command_line_values(overrides)?)?;
         if let Some(task) = &overrides.task {
             command_line.task.name_by_option(task)?;
         }
-        Ok(Given { file: Layer::of(file_values(file)?)?, command_line })
+        Ok(GivenLayers { file: ConfigLayer::of(file_values(file)?)?, command_line })
     }
 }
 
 /// A config file or the command line: what it says of the task, and the other values.
-struct Layer {
+struct ConfigLayer {
     task: TaskLayer,
     values: Table,
 }
 
-impl Layer {
+impl ConfigLayer {
     fn of(mut values: Table) -> Result<Self> {
         let task = match values.remove("task") {
             None => TaskLayer::default(),
@@ -99,7 +99,7 @@ impl Layer {
             Some(Value::Table(changes)) => TaskLayer { named: None, changes },
             Some(other) => bail!("config: task = {other}: expected the name of a task, its file, or a table"),
         };
-        Ok(Layer { task, values })
+        Ok(ConfigLayer { task, values })
     }
 }
 

@@ -4,7 +4,7 @@ use anyhow::Result;
 use tch::Tensor;
 
 use super::schedule::Timetable;
-use super::trained::Trained;
+use super::trained::Trainable;
 use crate::network::physics_models::PhysicsNet;
 use crate::network::physics_models::losses::MeanLosses;
 
@@ -26,7 +26,7 @@ impl StepLoss {
 }
 
 /// A loss that a phase descends. A step is a function of the model, the step's number and the scores so far.
-pub trait Objective<M: Trained = PhysicsNet> {
+pub trait Objective<M: Trainable = PhysicsNet> {
     /// When rates fall and the phase ends.
     fn timetable(&self) -> &Timetable;
 

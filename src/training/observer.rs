@@ -7,7 +7,7 @@ use crate::runs::metrics::Record;
 
 /// Something that happened in a training.
 #[derive(Debug)]
-pub enum Event<'a, M = PhysicsNet> {
+pub enum TrainingEvent<'a, M = PhysicsNet> {
     /// It goes on from a checkpoint after this many steps; later ones were damaged, as told.
     Resumed { steps: u64, checkpoint: &'a str, damaged: Option<&'a str> },
     /// A phase begins or goes on: the steps that it has taken, and those that it takes at most; 0 where it takes none.
@@ -25,8 +25,8 @@ pub enum Event<'a, M = PhysicsNet> {
 }
 
 /// Watches the training of a model.
-pub trait Observer<M = PhysicsNet> {
+pub trait TrainingObserver<M = PhysicsNet> {
     /// # Errors
     /// What the observer cannot do, such as writing to a full disk: the training ends with this error.
-    fn observe(&mut self, event: &Event<M>) -> Result<()>;
+    fn observe(&mut self, event: &TrainingEvent<M>) -> Result<()>;
 }

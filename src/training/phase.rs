@@ -7,7 +7,7 @@ use std::fmt::Debug;
 
 use anyhow::Result;
 
-use super::base::{Outcome, Session};
+use super::base::{Session, TrainingOutcome};
 use crate::network::System;
 
 /// One of the phases that a config lists; the config's section is the phase.
@@ -24,5 +24,5 @@ pub trait Phase: Debug {
     ///
     /// # Errors
     /// A loss that is not a number, data that do not suffice, an observer's error.
-    fn run(&self, session: &mut Session) -> Result<Outcome>;
+    fn run(&self, session: &mut Session) -> Result<TrainingOutcome>;
 }

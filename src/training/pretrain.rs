@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor};
 
-use super::base::{Outcome, Session};
+use super::base::{Session, TrainingOutcome};
 use super::objective::{Objective, StepLoss, Validated};
 use super::optimizers::OptimizerKind;
 use super::phase::Phase;
@@ -50,7 +50,7 @@ impl Phase for Pretrain {
         "pretrain"
     }
 
-    fn run(&self, session: &mut Session) -> Result<Outcome> {
+    fn run(&self, session: &mut Session) -> Result<TrainingOutcome> {
         let (model, batch) = (session.model, session.validation.pass);
         let train = Paths::encoded(model, session.train, session.train.len(), batch)?;
         let valid = Paths::encoded(model, session.valid, SCORED_CLIPS, batch)?;

@@ -2,17 +2,17 @@
 
 use anyhow::{Context, Result};
 
-use super::observer::{Event, Observer};
+use super::observer::{TrainingEvent, TrainingObserver};
 use crate::runs::folder::RunFolder;
-use crate::runs::metrics::{Kind, Record};
+use crate::runs::metrics::{Record, RecordKind};
 use crate::runs::names::LOG;
-use crate::support::storage::Output;
+use crate::support::storage::StorageOutput;
 
 /// The run folder's logs.
 #[derive(Debug)]
 pub struct Recorder {
-    log: Box<dyn Output>,
-    metrics: Box<dyn Output>,
+    log: Box<dyn StorageOutput>,
+    metrics: Box<dyn StorageOutput>,
 }
 
 impl Recorder {
@@ -30,33 +30,33 @@ impl Recorder {
 /// The original's line for a record, if it has one.
 pub fn line(record: &Record) -> Option<String> {
     match record.kind {
-        Kind::Train => {
+        RecordKind::Train => {
             let parameters = record.parameters_text();
             let loss = record.train_loss.unwrap_or(f64::NAN);
             let line = format!("train - iter={} train_loss={loss:.4} {parameters}", record.step);
             Some(line.trim_end().to_string())
         }
-        Kind::Valid => {
+        RecordKind::Valid => {
             // Of a phase that predicts nothing only the last.
             let losses = [("extrap", record.extrap_loss), ("pred", record.pred_loss), ("recons", record.recons_loss)];
             let losses = losses.into_iter().filter_map(|(name, loss)| Some(format!(" eval_{name}_loss={:.4}", loss?)));
             Some(format!("valid - epoch={}{}", record.epoch.unwrap_or_default(), losses.collect::<String>()))
         }
-        Kind::Begin | Kind::Identify | Kind::Other => None,
+        RecordKind::Begin | RecordKind::Identify | RecordKind::Other => None,
     }
 }
 
-impl<M> Observer<M> for Recorder {
-    fn observe(&mut self, event: &Event<M>) -> Result<()> {
+impl<M> TrainingObserver<M> for Recorder {
+    fn observe(&mut self, event: &TrainingEvent<M>) -> Result<()> {
         match event {
-            Event::Recorded { record, .. } => {
+            TrainingEvent::Recorded { record, .. } => {
                 if self.metrics.length()? == 0 {
                     Record::begin().write(&mut self.metrics)?;
                 }
                 line(record).map_or(Ok(()), |line| self.log(&line))?;
                 record.write(&mut self.metrics)
             }
-            Event::Note(line) => self.log(line),
+            TrainingEvent::Note(line) => self.log(line),
             _ => Ok(()),
         }
     }

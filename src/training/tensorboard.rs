@@ -5,17 +5,17 @@ use std::time::SystemTime;
 
 use anyhow::{Context, Result};
 
-use super::observer::{Event, Observer};
+use super::observer::{TrainingEvent, TrainingObserver};
 use crate::runs::folder::RunFolder;
 use crate::runs::metrics::{self, Record};
 use crate::runs::names::{METRICS, TENSORBOARD};
 use crate::runs::tensorboard::{beginning, scalars};
-use crate::support::storage::Output;
+use crate::support::storage::StorageOutput;
 
 /// The run folder's file for TensorBoard.
 #[derive(Debug)]
 pub struct EventFile {
-    file: Box<dyn Output>,
+    file: Box<dyn StorageOutput>,
     metrics: PathBuf,
 }
 
@@ -35,17 +35,17 @@ impl EventFile {
     }
 }
 
-impl Observer for EventFile {
-    fn observe(&mut self, event: &Event) -> Result<()> {
+impl TrainingObserver for EventFile {
+    fn observe(&mut self, event: &TrainingEvent) -> Result<()> {
         match event {
-            Event::Resumed { .. } => {
+            TrainingEvent::Resumed { .. } => {
                 let records = metrics::read(&self.metrics)?;
                 // As if the run had never paused.
                 let seconds = |record: &Record| record.seconds.unwrap_or_default();
                 let begun = now() - records.last().map_or(0.0, seconds);
                 records.iter().try_for_each(|record| self.write(&scalars(record, begun + seconds(record))))
             }
-            Event::Recorded { record, .. } => self.write(&scalars(record, now())),
+            TrainingEvent::Recorded { record, .. } => self.write(&scalars(record, now())),
             _ => Ok(()),
         }
     }

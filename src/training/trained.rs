@@ -7,16 +7,16 @@ use crate::datasets::iterators::Clips;
 use crate::evaluation;
 use crate::network::physics_models::losses::MeanLosses;
 use crate::network::physics_models::{PhysicsNet, VariableGroup};
-use crate::runs::weights::Named;
+use crate::runs::weights::NamedTensors;
 use paig_kernels::Kernels;
 
 /// A model that a [`Session`](super::base::Session) can train.
-pub trait Trained {
+pub trait Trainable {
     /// Parts of the model that may have learning rates of their own.
     type Group;
 
     /// All variables with their names, sorted by name.
-    fn named_variables(&self) -> Named;
+    fn named_variables(&self) -> NamedTensors;
 
     fn device(&self) -> Device;
 
@@ -38,10 +38,10 @@ pub trait Trained {
     fn mean_losses(&self, clips: &Clips, count: usize, pass: usize) -> Result<MeanLosses>;
 }
 
-impl Trained for PhysicsNet {
+impl Trainable for PhysicsNet {
     type Group = VariableGroup;
 
-    fn named_variables(&self) -> Named {
+    fn named_variables(&self) -> NamedTensors {
         PhysicsNet::named_variables(self)
     }
 

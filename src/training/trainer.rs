@@ -6,9 +6,9 @@ use anyhow::{Context, Result, ensure};
 use rand::Rng;
 use tch::{Device, Tensor};
 
-use super::base::{Intervals, Outcome, Session, Validation};
+use super::base::{Intervals, Session, TrainingOutcome, Validation};
 use super::config::Config;
-use super::observer::Observer;
+use super::observer::TrainingObserver;
 use crate::datasets::iterators::Clips;
 use crate::network::cells::{Actions, Coordinates, State};
 use crate::network::physics_models::PhysicsNet;
@@ -50,7 +50,7 @@ impl<'a> Trainer<'a> {
         let validation = Validation { clips: config.join.validation_clips, pass, batch };
         let intervals = Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every };
         let mut session = Session::new(model, &config.task.name, [train, valid], config.seed, validation, intervals);
-        session.begun = model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect();
+        session.begun = model.parameters.iter().map(|parameter| parameter.unconstrained.double_value(&[])).collect();
         Ok(Trainer { config, session, data: LearnedFrom::default(), commit: UNKNOWN_COMMIT.into() })
     }
 
@@ -73,7 +73,7 @@ impl<'a> Trainer<'a> {
     }
 
     /// Tells this observer what happens, after those that were named before.
-    pub fn observed_by(mut self, observer: &'a mut dyn Observer) -> Self {
+    pub fn observed_by(mut self, observer: &'a mut dyn TrainingObserver) -> Self {
         self.session.observed_by(observer);
         self
     }
@@ -127,7 +127,7 @@ impl<'a> Trainer<'a> {
     ///
     /// # Errors
     /// A loss that is not a number, a full disk, a damaged checkpoint, or one of a training on other clips.
-    pub fn run(&mut self) -> Result<Outcome> {
+    pub fn run(&mut self) -> Result<TrainingOutcome> {
         let _flushing = Flushing::begin();
         let model = self.session.model;
         own_stream(model.variables.device())?;
@@ -144,8 +144,8 @@ impl<'a> Trainer<'a> {
                 session.state.commits.push(self.commit.clone());
             }
             session.last_phase = session.state.phase + 1 == phases.len();
-            if phase.run(session)? == Outcome::Interrupted {
-                return Ok(Outcome::Interrupted);
+            if phase.run(session)? == TrainingOutcome::Interrupted {
+                return Ok(TrainingOutcome::Interrupted);
             }
             // What earlier phases took is known; the rest, stops and all, is this one's.
             let earlier: f64 = session.state.phase_seconds.iter().map(|(_, seconds)| seconds).sum();
@@ -155,7 +155,7 @@ impl<'a> Trainer<'a> {
             session.state.validations.clear();
             session.save(&[])?;
         }
-        Ok(Outcome::Finished)
+        Ok(TrainingOutcome::Finished)
     }
 }
 

@@ -10,11 +10,11 @@ use tch::{Kind, Tensor};
 
 use super::config::Config;
 use super::identify::Identify;
+use super::identify::encoded_positions::EncodedPositions;
 use super::identify::explain::{Explanation, explain};
-use super::identify::fit::Start;
-use super::identify::missing::Left;
-use super::identify::seen::Seen;
-use super::objects::motion::Motion;
+use super::identify::fit::FitStart;
+use super::identify::missing::PositionResiduals;
+use super::objects::motion::MotionDetector;
 use crate::datasets::iterators::Clips;
 use crate::evaluation::{self, each_pass};
 use crate::network::physics_models::losses::{Loss, LossAccumulator, Losses, MeanLosses};
@@ -46,11 +46,17 @@ const WIDTH: f64 = 5.0;
 /// Clips shorter than L + T_pred, positions that are not finite.
 pub fn judge(config: &Config, model: &PhysicsNet, train: &Clips, held_out: &Clips) -> Result<Verdict> {
     let _guard = tch::no_grad_guard();
-    let motion = Motion::measure(train, config.seed);
-    let seen = Seen::of(model, held_out, &motion, CLIPS, config.join.validation_clips.min(evaluation::batch(held_out)));
+    let motion = MotionDetector::measure(train, config.seed);
+    let seen = EncodedPositions::of(
+        model,
+        held_out,
+        &motion,
+        CLIPS,
+        config.join.validation_clips.min(evaluation::batch(held_out)),
+    );
     let filmed = config.task.video().is_some();
     // Later in a filmed video an object may be where nothing was before; the measurement finds it there by its mask.
-    let mut drawn = if filmed { Drawn::new(train, &motion) } else { Drawn::new(held_out, &motion) };
+    let mut drawn = if filmed { DrawnShare::new(train, &motion) } else { DrawnShare::new(held_out, &motion) };
     let mut losses = LossAccumulator::default();
     each_judged(model, held_out, |chosen, frames, pass| {
         losses.add(&Losses::new(pass, frames, &model.system), chosen.len());
@@ -72,11 +78,13 @@ pub fn judge(config: &Config, model: &PhysicsNet, train: &Clips, held_out: &Clip
         return Ok(Verdict::new(checks, BTreeMap::new()));
     }
     let settings = Identify::usual(held_out.time());
-    let explanation = explain(&settings, model, &seen, &Start::of(model))?;
+    let explanation = explain(&settings, model, &seen, &FitStart::of(model))?;
     checks.extend([names(&explanation), motion_explained(model, &explanation)]);
     // Of a filmed video the measurement compares the whole with its pieces.
     if !filmed {
-        checks.extend(Left::of(&settings, model, &seen, &explanation)?.map(|left| nothing_missing(model, left)));
+        checks.extend(
+            PositionResiduals::of(&settings, model, &seen, &explanation)?.map(|left| nothing_missing(model, left)),
+        );
     }
     let intervals = intervals(model, &explanation);
     checks.extend(parameters(config, model, &intervals));
@@ -91,7 +99,7 @@ fn check(name: &str, passed: bool, measured: String, look_at: &str) -> Check {
     Check { name: name.into(), passed, measured, look_at: look_at.into() }
 }
 
-fn objects(seen: &Seen, drawn: f64, filmed: bool) -> Check {
+fn objects(seen: &EncodedPositions, drawn: f64, filmed: bool) -> Check {
     let (count, well_drawn) = (seen.owned.len(), drawn >= WELL_DRAWN);
     let absent = |object: usize| seen.present[object] < PRESENT && !well_drawn;
     let missing: Vec<usize> =
@@ -114,17 +122,17 @@ fn each_judged(model: &PhysicsNet, clips: &Clips, mut see: impl FnMut(&[i64], &T
 }
 
 /// How much of what moves is drawn.
-struct Drawn<'a> {
+struct DrawnShare<'a> {
     clips: &'a Clips,
-    motion: &'a Motion,
+    motion: &'a MotionDetector,
     /// Squared differences where something moves, from the drawing and from what stands still.
     left: f64,
     all: f64,
 }
 
-impl<'a> Drawn<'a> {
-    fn new(clips: &'a Clips, motion: &'a Motion) -> Self {
-        Drawn { clips, motion, left: 0.0, all: 0.0 }
+impl<'a> DrawnShare<'a> {
+    fn new(clips: &'a Clips, motion: &'a MotionDetector) -> Self {
+        DrawnShare { clips, motion, left: 0.0, all: 0.0 }
     }
 
     /// Looks at the encoded frames of a pass; only where the masks of so many `objects` are, if that is given.
@@ -175,7 +183,7 @@ fn motion_explained(model: &PhysicsNet, explanation: &Explanation) -> Check {
     check("motion", explanation.explains(), measured, "parameters.png; is it the right equation?")
 }
 
-fn nothing_missing(model: &PhysicsNet, left: Left) -> Check {
+fn nothing_missing(model: &PhysicsNet, left: PositionResiduals) -> Check {
     let unit = model.system.cell.coordinates.unit();
     let measured =
         format!("the equation leaves {:.4} {unit} of whole clips and {:.4} of half ones", left.whole, left.half);
@@ -190,10 +198,15 @@ fn intervals(model: &PhysicsNet, explanation: &Explanation) -> BTreeMap<String, 
     learned
         .map(|(place, parameter)| {
             let deviation = explanation.fit.deviations[place];
-            let raw = explanation.estimates.iter().map(|raw| raw[place]).chain([parameter.raw.double_value(&[])]);
-            let (low, high) =
-                raw.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), raw| (low.min(raw), high.max(raw)));
-            let value = |raw: f64| model.true_value(&parameter.kind, raw);
+            let unconstrained = explanation
+                .estimates
+                .iter()
+                .map(|unconstrained| unconstrained[place])
+                .chain([parameter.unconstrained.double_value(&[])]);
+            let (low, high) = unconstrained.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), unconstrained| {
+                (low.min(unconstrained), high.max(unconstrained))
+            });
+            let value = |unconstrained: f64| model.true_value(&parameter.kind, unconstrained);
             let interval = Interval { low: value(low - 2.0 * deviation), high: value(high + 2.0 * deviation) };
             (parameter.kind.name.to_string(), interval)
         })
@@ -220,8 +233,8 @@ fn parameters(config: &Config, model: &PhysicsNet, intervals: &BTreeMap<String, 
 /// Whether the motion tells the learned parameters apart; nothing to judge where fewer than two are learned.
 fn told_apart(model: &PhysicsNet, explanation: &Explanation) -> Option<Check> {
     let several = model.learned().count() > 1;
-    several.then(|| match explanation.indistinct(model) {
-        Some(indistinct) => check("parameters", false, indistinct.text(), "model.fixed in the config"),
+    several.then(|| match explanation.unidentifiable(model) {
+        Some(unidentifiable) => check("parameters", false, unidentifiable.text(), "model.fixed in the config"),
         None => check("parameters", true, "each shows in the motion".into(), "model.fixed in the config"),
     })
 }
@@ -246,14 +259,14 @@ mod tests {
 
     use tch::{Device, Tensor};
 
-    use super::{Interval, PhysicsNet, Seen, objects, parameters};
+    use super::{EncodedPositions, Interval, PhysicsNet, objects, parameters};
     use crate::network::cells::Actions;
     use crate::training::config::Config;
     use crate::training::layers::Overrides;
 
     /// Two objects, of which the masks hold so much.
     fn passes(present: f64, owned: [f64; 2], drawn: f64, filmed: bool) -> bool {
-        let seen = Seen {
+        let seen = EncodedPositions {
             encoded: Tensor::new(),
             centroids: Tensor::new(),
             offsets: Vec::new(),

@@ -7,7 +7,7 @@ use plotters::chart::SeriesLabelPosition;
 use plotters::style::RGBColor;
 
 use super::chart::{self, BLUE, Chart, GREEN, GREY, Line, ORANGE, RED, Span, Stroke};
-use crate::runs::metrics::{self, Kind, Stretch, points};
+use crate::runs::metrics::{self, RecordKind, Stretch, points};
 use crate::runs::names::METRICS;
 use crate::support::error::Error;
 use crate::tasks::{Task, TrueParameter};
@@ -16,13 +16,13 @@ const LOSSES_HEIGHT: u32 = 900;
 const PARAMETER_HEIGHT: u32 = 560;
 
 /// What `losses.png` shows: label, kind of record, name in it, colour, stroke. What comes later lies on top.
-const LOSSES: [(&str, Kind, &str, RGBColor, Stroke); 6] = [
-    ("train loss", Kind::Train, "train_loss", GREY, Stroke::Pale),
-    ("train L_rec", Kind::Train, "recons_loss", GREEN, Stroke::Pale),
-    ("train L_pred", Kind::Train, "pred_loss", BLUE, Stroke::Pale),
-    ("valid L_extrap", Kind::Valid, "extrap_loss", ORANGE, Stroke::Dotted),
-    ("valid L_pred", Kind::Valid, "pred_loss", BLUE, Stroke::Dotted),
-    ("valid L_rec", Kind::Valid, "recons_loss", GREEN, Stroke::Dotted),
+const LOSSES: [(&str, RecordKind, &str, RGBColor, Stroke); 6] = [
+    ("train loss", RecordKind::Train, "train_loss", GREY, Stroke::Pale),
+    ("train L_rec", RecordKind::Train, "recons_loss", GREEN, Stroke::Pale),
+    ("train L_pred", RecordKind::Train, "pred_loss", BLUE, Stroke::Pale),
+    ("valid L_extrap", RecordKind::Valid, "extrap_loss", ORANGE, Stroke::Dotted),
+    ("valid L_pred", RecordKind::Valid, "pred_loss", BLUE, Stroke::Dotted),
+    ("valid L_rec", RecordKind::Valid, "recons_loss", GREEN, Stroke::Dotted),
 ];
 
 /// Plots a run folder's `metrics.jsonl`: `losses.png` (log axis), and `parameters.png` with the true values if the task

@@ -12,7 +12,7 @@ use super::chart::{self, BLUE, Chart, Line, ORANGE, Span, Stroke};
 use crate::network::System;
 use crate::runs::scores::FrameSpread;
 use crate::support::error::Error;
-use crate::support::output::Kind;
+use crate::support::output::FileKind;
 use crate::support::picture_file;
 use crate::support::statistics::Spread;
 use crate::tasks::Task;
@@ -23,8 +23,8 @@ pub const CHART_HEIGHT: u32 = 520;
 /// Title of the plot's file.
 const TITLE: &str = "paig: scores of predicted frames";
 /// The plot as a file that the program recognizes.
-pub const FRAME_SCORES: Kind =
-    Kind { name: "a plot of `paig evaluate`", recognizes: |png| picture_file::has_title(png, TITLE) };
+pub const FRAME_SCORES: FileKind =
+    FileKind { name: "a plot of `paig evaluate`", recognizes: |png| picture_file::has_title(png, TITLE) };
 
 /// Plots SSIM and squared error over the place of a frame in the clip. False and no file if there are no frames.
 ///

@@ -10,7 +10,7 @@ use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use paig::support::storage::{FileSystem, Input, Output, Storage};
+use paig::support::storage::{FileSystem, Storage, StorageInput, StorageOutput};
 
 /// What happens at the operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,10 +27,10 @@ pub const FAULTS: [Fault; 3] = [Fault::NoSpace, Fault::Tear, Fault::PowerCut];
 
 /// Counts operations and fails at one of them.
 #[derive(Debug, Clone)]
-pub struct Faulty(Arc<Mutex<State>>);
+pub struct FaultyStorage(Arc<Mutex<FaultState>>);
 
 #[derive(Debug)]
-struct State {
+struct FaultState {
     fault: Fault,
     /// The operation that fails, from 1 on; 0 for none.
     at: u64,
@@ -70,10 +70,10 @@ impl Move {
     }
 }
 
-impl Faulty {
+impl FaultyStorage {
     pub fn new(fault: Fault, at: u64) -> Self {
-        let state = State { fault, at, done: 0, stopped: false, unsynced: BTreeMap::new(), moves: Vec::new() };
-        Faulty(Arc::new(Mutex::new(state)))
+        let state = FaultState { fault, at, done: 0, stopped: false, unsynced: BTreeMap::new(), moves: Vec::new() };
+        FaultyStorage(Arc::new(Mutex::new(state)))
     }
 
     /// Whether the fault has come.
@@ -102,7 +102,7 @@ impl Faulty {
     }
 }
 
-impl State {
+impl FaultState {
     fn lose(&mut self) {
         for (path, synced) in &self.unsynced {
             if let Ok(file) = fs::OpenOptions::new().write(true).open(path) {
@@ -115,12 +115,12 @@ impl State {
 }
 
 #[derive(Debug)]
-struct File {
-    inner: Box<dyn Output>,
-    storage: Faulty,
+struct FaultyFile {
+    inner: Box<dyn StorageOutput>,
+    storage: FaultyStorage,
 }
 
-impl Write for File {
+impl Write for FaultyFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let storage = self.storage.clone();
         storage.before(|| drop(self.inner.write(&bytes[..bytes.len() / 2])))?;
@@ -132,48 +132,48 @@ impl Write for File {
     }
 }
 
-impl Seek for File {
+impl Seek for FaultyFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.inner.seek(to)
     }
 }
 
-impl Output for File {
+impl StorageOutput for FaultyFile {
     fn length(&self) -> io::Result<u64> {
         self.inner.length()
     }
 }
 
 #[derive(Debug)]
-struct Source(Box<dyn Input>);
+struct FaultySource(Box<dyn StorageInput>);
 
-impl Read for Source {
+impl Read for FaultySource {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         self.0.read(bytes)
     }
 }
 
-impl Seek for Source {
+impl Seek for FaultySource {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.0.seek(to)
     }
 }
 
-impl Input for Source {}
+impl StorageInput for FaultySource {}
 
-impl Storage for Faulty {
-    fn create(&self, path: &Path) -> io::Result<Box<dyn Output>> {
+impl Storage for FaultyStorage {
+    fn create(&self, path: &Path) -> io::Result<Box<dyn StorageOutput>> {
         self.before(|| ())?;
         self.0.lock().unwrap().unsynced.insert(path.into(), 0);
-        Ok(Box::new(File { inner: FileSystem.create(path)?, storage: self.clone() }))
+        Ok(Box::new(FaultyFile { inner: FileSystem.create(path)?, storage: self.clone() }))
     }
 
-    fn append(&self, path: &Path) -> io::Result<Box<dyn Output>> {
+    fn append(&self, path: &Path) -> io::Result<Box<dyn StorageOutput>> {
         self.before(|| ())?;
         let inner = FileSystem.append(path)?;
         let length = inner.length()?;
         self.0.lock().unwrap().unsynced.entry(path.into()).or_insert(length);
-        Ok(Box::new(File { inner, storage: self.clone() }))
+        Ok(Box::new(FaultyFile { inner, storage: self.clone() }))
     }
 
     fn nameless(&self, folder: &Path) -> io::Result<fs::File> {
@@ -181,9 +181,9 @@ impl Storage for Faulty {
         FileSystem.nameless(folder)
     }
 
-    fn open(&self, path: &Path) -> io::Result<Box<dyn Input>> {
+    fn open(&self, path: &Path) -> io::Result<Box<dyn StorageInput>> {
         self.before(|| ())?;
-        Ok(Box::new(Source(FileSystem.open(path)?)))
+        Ok(Box::new(FaultySource(FileSystem.open(path)?)))
     }
 
     fn sync(&self, path: &Path) -> io::Result<()> {
@@ -255,7 +255,7 @@ impl Storage for Faulty {
 
 /// What became of trying every operation.
 #[derive(Debug, Default)]
-pub struct Tried {
+pub struct FaultTrials {
     pub faults: u64,
 }
 
@@ -266,14 +266,14 @@ pub fn at_every_operation<T>(
     prepare: impl Fn() -> T,
     work: impl Fn(&T) -> anyhow::Result<()>,
     check: impl Fn(&T, Fault, u64),
-) -> Tried {
-    let tried = RefCell::new(Tried::default());
+) -> FaultTrials {
+    let tried = RefCell::new(FaultTrials::default());
     for fault in FAULTS {
         let before = tried.borrow().faults;
         let mut at = 1;
         loop {
             let place = prepare();
-            let storage = Faulty::new(fault, at);
+            let storage = FaultyStorage::new(fault, at);
             let done = paig::support::storage::with(std::rc::Rc::new(storage.clone()), || work(&place));
             if !storage.struck() {
                 done.unwrap_or_else(|error| panic!("without a fault it failed: {error:#}"));

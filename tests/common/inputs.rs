@@ -16,7 +16,7 @@ use paig::training::config::Config;
 use paig::training::layers::Overrides;
 use paig_cli::Paig;
 use paig_experiments::sweep::parse_seeds;
-use paig_video::import::sources::Video;
+use paig_video::import::sources::SourceVideo;
 use paig_video::import::tracker::TrackerFile;
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
@@ -53,7 +53,7 @@ const RECORD: &str = "reports/seeds/records/spring_color/fast/seed=0";
 
 fn video(bytes: &[u8], folder: &Path, name: &str) {
     let path = file(folder, name, bytes);
-    if let Ok(video) = Video::open(&path)
+    if let Ok(video) = SourceVideo::open(&path)
         && video.width * video.height <= 1 << 16
         && let Ok(mut frames) = video.decode()
     {
@@ -217,7 +217,7 @@ pub const TARGETS: &[Target] = &[
             let pictures = folder.join("pictures");
             fs::create_dir_all(&pictures).unwrap();
             file(&pictures, "0.png", bytes);
-            if let Ok(video) = Video::open(&pictures) {
+            if let Ok(video) = SourceVideo::open(&pictures) {
                 drop(video.decode().and_then(|mut frames| frames.frame(0)));
             }
         },

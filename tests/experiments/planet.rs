@@ -11,18 +11,18 @@ use paig::network::System;
 use paig::network::cells::Actions;
 use paig::support::random::normal;
 use paig::tasks::find;
-use paig::training::base::Outcome;
-use paig_experiments::baselines::whole_models::checkpoint::load_weights;
-use paig_experiments::baselines::whole_models::config::{WholeConfig, WholeModel};
-use paig_experiments::baselines::whole_models::frame_model::{Batch, FrameModel, named_variables};
-use paig_experiments::baselines::whole_models::gaussian::{Gaussian, normal_numbers};
-use paig_experiments::baselines::whole_models::planet::Planet;
-use paig_experiments::baselines::whole_models::scores::WholeScores;
-use paig_experiments::baselines::whole_models::training::{self, WholeData};
+use paig::training::base::TrainingOutcome;
+use paig_experiments::baselines::end_to_end::checkpoint::load_weights;
+use paig_experiments::baselines::end_to_end::config::{EndToEndConfig, EndToEndModel};
+use paig_experiments::baselines::end_to_end::frame_model::{Batch, FrameModel, named_variables};
+use paig_experiments::baselines::end_to_end::gaussian::{Gaussian, normal_numbers};
+use paig_experiments::baselines::end_to_end::planet::Planet;
+use paig_experiments::baselines::end_to_end::scores::EndToEndScores;
+use paig_experiments::baselines::end_to_end::training::{self, EndToEndData};
 use paig_experiments::control::latent::LatentModel;
-use paig_experiments::control::model::{Model, Outset};
+use paig_experiments::control::model::{PlanStart, PlanningModel};
 use paig_experiments::control::plans::{Plans, Trajectories};
-use paig_experiments::control::reward::{Goal, Reward};
+use paig_experiments::control::reward::{GoalPath, Reward};
 use paig_experiments::control::state::ControlState;
 use tch::{Device, Tensor};
 
@@ -73,9 +73,9 @@ fn spots(count: usize) -> (Clips, Tensor) {
     (Clips::new(&pixels, Some(&pushes), Device::Cpu), Tensor::from_slice(&worths).reshape([count as i64, TIME as i64]))
 }
 
-fn config(steps: u64) -> WholeConfig {
-    WholeConfig {
-        model: WholeModel::Planet,
+fn config(steps: u64) -> EndToEndConfig {
+    EndToEndConfig {
+        model: EndToEndModel::Planet,
         task: "pendulum".into(),
         data: "spots".into(),
         seed: 5,
@@ -88,9 +88,9 @@ fn config(steps: u64) -> WholeConfig {
 }
 
 /// Trains in a folder; stops after so many steps, if any are given. Tells after which steps it was validated, too.
-fn train(config: &WholeConfig, folder: &Path, until: Option<u64>) -> (Planet, Outcome, Vec<u64>) {
+fn train(config: &EndToEndConfig, folder: &Path, until: Option<u64>) -> (Planet, TrainingOutcome, Vec<u64>) {
     let (clips, rewards) = spots(16);
-    let data = WholeData { train: &clips, rewards: Some(&rewards), valid: &clips, test: &clips, checksums: "" };
+    let data = EndToEndData { train: &clips, rewards: Some(&rewards), valid: &clips, test: &clips, checksums: "" };
     let asked = Cell::new(0);
     let stop = || {
         asked.set(asked.get() + 1);
@@ -123,9 +123,9 @@ fn worth_of_pushes(planet: Planet) -> [f32; 2] {
     let pushes: Vec<f64> = (0..3).map(|frame| clips.actions(&[0]).at(frame).unwrap().double_value(&[0, 0])).collect();
     let mut model = LatentModel::new(planet);
     model.see(&seen, &pushes);
-    let reward = Reward::Goal(Goal::angle(0.0));
+    let reward = Reward::Goal(GoalPath::angle(0.0));
     let nowhere = ControlState::new(Vec::new(), Vec::new());
-    let outset = Outset { state: &nowhere, step: 0, reward: &reward };
+    let outset = PlanStart { state: &nowhere, step: 0, reward: &reward };
     let mut returns = [0.0; 2];
     let plans = Plans { actions: &[1.0, -1.0, 1.0, -1.0], candidates: 2, hold: 2 };
     model.returns(outset, &plans, &mut Trajectories::default(), &mut returns).unwrap();
@@ -142,16 +142,16 @@ fn a_small_training_learns_what_pushes_are_worth_and_can_be_cut_off() {
     let config = config(200);
     let before = loss(&Planet::new(&system(), config.seed, Device::Cpu));
     let (planet, outcome, validated) = train(&config, &whole, None);
-    assert_eq!(outcome, Outcome::Finished);
+    assert_eq!(outcome, TrainingOutcome::Finished);
     let after = loss(&planet);
     assert!(after < 0.3 * before, "{before} to {after}");
-    assert_eq!(train(&config, &cut, Some(70)).1, Outcome::Interrupted);
+    assert_eq!(train(&config, &cut, Some(70)).1, TrainingOutcome::Interrupted);
     let (gone_on, _, validated_again) = train(&config, &cut, None);
     assert_eq!((validated, validated_again), (vec![0, 50, 100, 150, 200], vec![100, 150, 200]));
     for ((name, one), (_, other)) in named_variables(&planet).iter().zip(&named_variables(&gone_on)) {
         assert_eq!(one, other, "{name}");
     }
-    assert_eq!(WholeScores::read(&cut).unwrap().unwrap().training_clips, 16);
+    assert_eq!(EndToEndScores::read(&cut).unwrap().unwrap().training_clips, 16);
     let [right, left] = worth_of_pushes(planet);
     assert!(right > left, "{right} and {left}");
 }

@@ -16,7 +16,7 @@ use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
 use paig::generators::{Counts, generate_clips};
 use paig::tasks::{self, Task};
-use paig_experiments::stress::{Scene, StressList};
+use paig_experiments::stress::{StressList, SuiteScene};
 
 const CLIPS: usize = 40;
 const FRAMES: usize = 10;
@@ -656,7 +656,7 @@ fn the_stress_suite_lists_its_files_and_keeps_the_limits_of_the_plain_tasks() {
     names.sort();
     assert_eq!(names, suite.scenes.iter().map(|scene| format!("{}.toml", scene.name)).collect::<Vec<_>>());
     assert!(names.len() >= 24 && suite.systems().len() >= 4);
-    for Scene { name, plain, file, clips, .. } in &suite.scenes {
+    for SuiteScene { name, plain, file, clips, .. } in &suite.scenes {
         let task = tasks::find(file.to_str().unwrap()).unwrap();
         assert_eq!(task.name, *name);
         // As a run saves it.
@@ -687,7 +687,7 @@ fn the_stress_suite_lists_its_files_and_keeps_the_limits_of_the_plain_tasks() {
 
 #[test]
 fn every_stress_scene_makes_clips() {
-    for Scene { name, file, .. } in &suite().scenes {
+    for SuiteScene { name, file, .. } in &suite().scenes {
         let variant = Variant::new(&tasks::find(file.to_str().unwrap()).unwrap(), 1).unwrap();
         let images = SourceImages::of(&variant).unwrap();
         let counts = Counts { train: 2, valid: 1, test: 1 };

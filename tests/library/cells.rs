@@ -360,8 +360,9 @@ fn roll_outs_in_plain_numbers_are_those_of_tensors() {
     for task in &tasks {
         let (system, kind) = (&task.system, &task.system.cell);
         let values = kind.parameters.iter().map(|it| task.truth_of(&it.name).or(it.fixed).unwrap_or(1.0));
-        let raw: Vec<_> = values.zip(&*kind.parameters).map(|(value, it)| scalar(it.bounds.raw(value))).collect();
-        let cell = system.build_cell(&raw);
+        let unconstrained: Vec<_> =
+            values.zip(&*kind.parameters).map(|(value, it)| scalar(it.bounds.unconstrained(value))).collect();
+        let cell = system.build_cell(&unconstrained);
         let mut in_plain = cell.plain_double().unwrap_or_else(|| panic!("{} has no plain form", task.name));
         let coordinates = kind.coordinates.per_object() * system.objects;
         let mut random = named_generator(3, &task.name);

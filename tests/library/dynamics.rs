@@ -4,7 +4,7 @@ use crate::random::numbers;
 use paig::network::cells::Actions;
 use paig::network::dynamics::DynamicsKind;
 use paig::network::physics_models::losses::{Losses, latent_error};
-use paig::network::physics_models::{DecoderKind, Gradients, ModelOptions, PhysicsNet, VariableGroup};
+use paig::network::physics_models::{DecoderKind, GradientPaths, ModelOptions, PhysicsNet, VariableGroup};
 use paig::tasks;
 use paig::training::optimizers::{Optimizer, OptimizerKind};
 use rand::Rng;
@@ -145,7 +145,7 @@ fn separate_gradients_keep_the_losses_apart() {
     ] {
         let model = model("spring_color", dynamics, decoder);
         let clips = noise(2, 10);
-        let reached = |gradients: Gradients, prediction: bool| {
+        let reached = |gradients: GradientPaths, prediction: bool| {
             let pass = model.forward_with(&clips, &Actions::none(), None, gradients).unwrap();
             let losses = Losses::new(&pass, &clips, &model.system);
             let loss = if prediction { losses.prediction } else { losses.reconstruction };
@@ -169,9 +169,13 @@ fn separate_gradients_keep_the_losses_apart() {
             .map(|group| groups.contains(&group))
         };
         let told = dynamics == DynamicsKind::Physics;
-        assert_eq!(reached(Gradients::Separate, false), [true, true, false, false, false]);
-        assert_eq!(reached(Gradients::Separate, true), [false, false, told, told, !told], "{dynamics:?} {decoder:?}");
-        assert_eq!(reached(Gradients::Joint, true), [true, true, told, told, !told]);
+        assert_eq!(reached(GradientPaths::Separate, false), [true, true, false, false, false]);
+        assert_eq!(
+            reached(GradientPaths::Separate, true),
+            [false, false, told, told, !told],
+            "{dynamics:?} {decoder:?}"
+        );
+        assert_eq!(reached(GradientPaths::Joint, true), [true, true, told, told, !told]);
     }
 }
 
@@ -180,7 +184,7 @@ fn separate_gradients_keep_the_losses_apart() {
 fn separate_gradients_predict_the_same() {
     let model = black_box("spring_color", DynamicsKind::Physics);
     let clips = noise(2, 12);
-    let [joint, separate] = [Gradients::Joint, Gradients::Separate]
+    let [joint, separate] = [GradientPaths::Joint, GradientPaths::Separate]
         .map(|gradients| model.forward_with(&clips, &Actions::none(), None, gradients).unwrap().predictions);
     assert!((joint - separate).abs().max().double_value(&[]) < 1e-5);
 }
@@ -200,7 +204,7 @@ fn a_step_follows_the_order_that_is_known_before() {
     let model = PhysicsNet::new(&system, &options, Device::Cpu, 4).unwrap();
     let clips = noise(6, 10);
     let pass = |order: Option<&Tensor>| {
-        let pass = model.forward_with(&clips, &Actions::none(), order, Gradients::Joint).unwrap();
+        let pass = model.forward_with(&clips, &Actions::none(), order, GradientPaths::Joint).unwrap();
         [pass.positions.detach(), pass.predictions.detach()]
     };
     let looked_up = model.order(&clips).unwrap();

@@ -344,9 +344,10 @@ fn lists_sums_and_parameters_of_each_object_agree() {
         pos: uniform("positions", &[8, 6], 0.0, 30.0, Kind::Double),
         vel: uniform("velocities", &[8, 6], -5.0, 5.0, Kind::Double),
     };
-    let raw = uniform("raw", &[5], -1.0, 1.0, Kind::Double);
-    let raw: Vec<_> = (0..5).map(|i| raw.get(i)).collect();
-    let [one, other] = [all, list].map(|kind| kind.cell(&raw, Walls::new(32, 2.0)).step(&first, None, 0.2).joined());
+    let unconstrained = uniform("raw", &[5], -1.0, 1.0, Kind::Double);
+    let unconstrained: Vec<_> = (0..5).map(|i| unconstrained.get(i)).collect();
+    let [one, other] =
+        [all, list].map(|kind| kind.cell(&unconstrained, Walls::new(32, 2.0)).step(&first, None, 0.2).joined());
     assert_close(&one, &other, 1e-14, "one text for all, and one for each");
 }
 
@@ -401,9 +402,13 @@ fn integrators_have_their_order() {
                 ),
                 1,
             );
-            let raw = [0.2f64.ln(), 3f64.ln()].map(Tensor::from);
+            let unconstrained = [0.2f64.ln(), 3f64.ln()].map(Tensor::from);
             let first = State::from_joined(&Tensor::from_slice(&[1.0, -0.5, 0.3, 0.8]).unsqueeze(0));
-            let end = kind.cell(&raw, Walls::new(32, 0.0)).roll_out(&first, &Actions::none(), 0.5, 4).pop().unwrap();
+            let end = kind
+                .cell(&unconstrained, Walls::new(32, 0.0))
+                .roll_out(&first, &Actions::none(), 0.5, 4)
+                .pop()
+                .unwrap();
             // A damped oscillation, of decay c / 4 and frequency sqrt(k - decay^2).
             let (decay, t) = (0.05f64, 2.0f64);
             let frequency = (3.0 - decay * decay).sqrt();
@@ -436,8 +441,8 @@ fn the_time_goes_on_within_a_frame_and_beyond_the_dataset() {
         assert!(kind.tells_time() && kind.actions && !kind.can_be_driven());
         // Two times of five are known.
         let times = begin.map(|begin| Tensor::from_slice(&[begin, begin + dt]).unsqueeze(0));
-        let raw = [3f64.ln(), 2f64.ln()].map(Tensor::from);
-        let states = kind.cell(&raw, Walls::new(32, 0.0)).roll_out(&start, &Actions::new(times), dt, 5);
+        let unconstrained = [3f64.ln(), 2f64.ln()].map(Tensor::from);
+        let states = kind.cell(&unconstrained, Walls::new(32, 0.0)).roll_out(&start, &Actions::new(times), dt, 5);
         Vec::<f64>::try_from(states[4].pos.flatten(0, 1)).unwrap()
     };
     // x'' = a cos(b t): x = x0 + (v0 - a / b sin(b t0)) T + a / b^2 (cos(b t0) - cos(b (t0 + T))).
@@ -471,8 +476,8 @@ fn restitution_is_what_a_wall_leaves_and_is_taken_back_in_reverse() {
     let fixed = read("acceleration = \"vec(0, 0)\"\nwalls = true\nrestitution = 0.75", 1);
     let first = State::from_joined(&Tensor::from_slice(&[29.0, 5.0, 8.0, 1.0]).unsqueeze(0));
     let both = [(learned, vec![Tensor::from(0.0), Tensor::from(3f64.ln())], vec![1.0, 0.75]), (fixed, vec![], vec![])];
-    for (kind, raw, values) in both {
-        let cell = kind.cell(&raw, Walls::new(32, 2.0));
+    for (kind, unconstrained, values) in both {
+        let cell = kind.cell(&unconstrained, Walls::new(32, 2.0));
         let next = cell.substep(&first, None, 0.5);
         // 33 would be 3 beyond the wall at 30.
         assert_close(&next.joined(), &Tensor::from_slice(&[27.75, 5.5, -6.0, 1.0]).unsqueeze(0), 1e-12, &kind.name);
@@ -502,30 +507,33 @@ fn a_wall_stands_where_the_equation_says() {
         let walls = "walls.bottom = \"floor\"\nrestitution = 0.75\nsubsteps = 1";
         read(&format!("acceleration = \"vec(0, {force})\"\n{walls}\n{parameters}"), 1)
     };
-    let raw = |kind: &CellKind, place: f64| {
-        kind.parameters.iter().map(|it| Tensor::from(it.bounds.raw(it.fixed.unwrap_or(place)))).collect::<Vec<_>>()
+    let unconstrained = |kind: &CellKind, place: f64| {
+        kind.parameters
+            .iter()
+            .map(|it| Tensor::from(it.bounds.unconstrained(it.fixed.unwrap_or(place))))
+            .collect::<Vec<_>>()
     };
     let first = State::from_joined(&Tensor::from_slice(&[29.0, 19.0, 8.0, 4.0]).unsqueeze(0));
     let coasts = floor("0 * g");
-    let next = coasts.cell(&raw(&coasts, 20.0), Walls::new(32, 2.0)).substep(&first, None, 0.5);
+    let next = coasts.cell(&unconstrained(&coasts, 20.0), Walls::new(32, 2.0)).substep(&first, None, 0.5);
     // To the right it leaves the frame; downwards it would be 1 beyond the floor.
     assert_close(&next.joined(), &Tensor::from_slice(&[33.0, 19.25, 8.0, -3.0]).unsqueeze(0), 1e-12, "next");
 
     let falls = floor("g");
-    let end = |raw: &[Tensor]| {
-        let states = falls.cell(raw, Walls::new(32, 2.0)).roll_out(&first, &Actions::none(), 0.1, 12);
+    let end = |unconstrained: &[Tensor]| {
+        let states = falls.cell(unconstrained, Walls::new(32, 2.0)).roll_out(&first, &Actions::none(), 0.1, 12);
         states.last().unwrap().joined().select(0, 0)
     };
-    let at = raw(&falls, 20.0);
+    let at = unconstrained(&falls, 20.0);
     let place = falls.parameters.iter().position(|it| it.name == "floor").unwrap();
-    let learned: Vec<_> = at.iter().map(|raw| raw.detach().set_requires_grad(true)).collect();
+    let learned: Vec<_> = at.iter().map(|unconstrained| unconstrained.detach().set_requires_grad(true)).collect();
     for number in [1, 3] {
         let by =
             Tensor::run_backward(&[end(&learned).get(number)], &[&learned[place]], true, false)[0].double_value(&[]);
         let moved = |step: f64| {
-            let mut raw: Vec<_> = at.iter().map(Tensor::shallow_clone).collect();
-            raw[place] = &raw[place] + step;
-            end(&raw).double_value(&[number])
+            let mut unconstrained: Vec<_> = at.iter().map(Tensor::shallow_clone).collect();
+            unconstrained[place] = &unconstrained[place] + step;
+            end(&unconstrained).double_value(&[number])
         };
         let quotient = (moved(1e-6) - moved(-1e-6)) / 2e-6;
         assert!((by - quotient).abs() < 1e-4 * quotient.abs().max(0.1), "number {number}: {by}, quotient {quotient}");
@@ -582,7 +590,7 @@ fn a_run_keeps_its_text_and_its_parameters_their_bounds() {
     let value =
         |model: &PhysicsNet, name: &str| model.parameter_values().into_iter().find(|(own, _)| *own == name).unwrap().1;
     let model = PhysicsNet::new(&task.system, &config.model, Device::Cpu, 1).unwrap();
-    // Where nothing is said the raw number is 0: one above the bound.
+    // Without a start the unconstrained parameter is 0: one above the bound.
     assert!((value(&model, "e") + 1.0).abs() < 1e-5 && (value(&model, "b") + 4.0).abs() < 1e-5);
     for parameter in model.learned() {
         model.set_value(parameter, -0.25).unwrap();

@@ -8,10 +8,10 @@ use paig::network::cells::{Actions, CellKind, State};
 use paig::network::physics_models::{ModelOptions, PhysicsNet};
 use paig::tasks::{Task, find};
 use paig::training::identify::Identify;
+use paig::training::identify::encoded_positions::EncodedPositions;
 use paig::training::identify::explain::explain;
-use paig::training::identify::fit::{Fit, Start, Trust, fit};
-use paig::training::identify::missing::Left;
-use paig::training::identify::seen::Seen;
+use paig::training::identify::fit::{Fit, FitStart, Trust, fit};
+use paig::training::identify::missing::PositionResiduals;
 use paig::training::identify::{rank, velocity_fit};
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
@@ -36,9 +36,9 @@ fn fitted(task: &Task, positions: &Tensor, actions: &Actions, start: &[f64], lea
     fit(&settings(), &task.system, positions, actions, &begin(start, learned), &Trust::default()).unwrap()
 }
 
-fn begin(start: &[f64], learned: &[bool]) -> Start {
-    Start {
-        raw: start.iter().map(|value| value.ln()).collect(),
+fn begin(start: &[f64], learned: &[bool]) -> FitStart {
+    FitStart {
+        unconstrained: start.iter().map(|value| value.ln()).collect(),
         learned: learned.into(),
         free_offsets: true,
         states: None,
@@ -83,7 +83,7 @@ fn spring_is_found_from_every_start_and_through_offsets() {
     let seen = scattered_springs(&task, &[4.0, 6.0], &offsets);
     for start in [[1.0f64, 1.0], [10.0, 1.0], [0.1, 3.0], [1.0, 12.0]] {
         let fit = fitted(&task, &seen, &Actions::none(), &start, &[true; 2]);
-        let (k, l) = (fit.raw[0].exp(), fit.raw[1].exp());
+        let (k, l) = (fit.unconstrained[0].exp(), fit.unconstrained[1].exp());
         // 200 clips of 12 frames at 0.1 px of noise leave some 0.1 % on either.
         assert!((k / 4.0 - 1.0).abs() < 0.01 && (l / 6.0 - 1.0).abs() < 0.01, "from {start:?}: k {k}, l {l}");
         // Only the relative offset shows in the motion.
@@ -103,7 +103,7 @@ fn a_fit_knows_how_far_it_may_be_off() {
     let seen = scattered_springs(&task, &[4.0, 6.0], &[0.0; 4]);
     let fit = fitted(&task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]);
     for (place, truth) in [4.0f64, 6.0].into_iter().enumerate() {
-        let (error, deviation) = ((fit.raw[place] - truth.ln()).abs(), fit.deviations[place]);
+        let (error, deviation) = ((fit.unconstrained[place] - truth.ln()).abs(), fit.deviations[place]);
         println!("error {error}, deviation {deviation}");
         assert!(error < 4.0 * deviation, "error {error} of a logarithm, deviation {deviation}");
         // 200 clips of 12 frames at 0.1 px: some tenths of a per cent.
@@ -119,7 +119,7 @@ fn fits_scatter_by_their_deviations() {
     let part = |part: i64| {
         let seen = seen.narrow(0, 25 * part, 25);
         let fit = fitted(&task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]);
-        (fit.raw[0], fit.deviations[0])
+        (fit.unconstrained[0], fit.deviations[0])
     };
     let (logs, deviations): (Vec<_>, Vec<_>) = (0..8).map(part).unzip();
     let mean = |numbers: &[f64]| numbers.iter().sum::<f64>() / 8.0;
@@ -147,7 +147,7 @@ fn a_mask_leaves_out_what_is_far_off() {
     mask = mask.reshape([CLIPS, -1]);
     let k = |trust: &Trust| {
         let start = begin(&[4.0, 6.0], &[true; 2]);
-        fit(&settings(), &task.system, &seen, &Actions::none(), &start, trust).unwrap().raw[0].exp()
+        fit(&settings(), &task.system, &seen, &Actions::none(), &start, trust).unwrap().unconstrained[0].exp()
     };
     let (all, some) = (k(&Trust::default()), k(&Trust { mask: Some(mask), ..Trust::default() }));
     assert!((some / 4.0 - 1.0).abs() < 0.01, "k {some}");
@@ -163,10 +163,11 @@ fn a_few_clips_that_move_otherwise_pull_little() {
     for clip in (0..CLIPS).step_by(8) {
         seen.get(clip).copy_(&stiffer.get(clip));
     }
-    let squared = fitted(&task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]).raw[0].exp();
+    let squared = fitted(&task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]).unconstrained[0].exp();
     let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
     let bounded =
-        explain(&settings(), &model, &seen_by_both(&seen), &begin(&[1.0; 2], &[true; 2])).unwrap().fit.raw[0].exp();
+        explain(&settings(), &model, &seen_by_both(&seen), &begin(&[1.0; 2], &[true; 2])).unwrap().fit.unconstrained[0]
+            .exp();
     // An eighth of the clips are 15 % stiffer: 2 % on average.
     assert!(squared > 4.04, "k {squared} by squares");
     // The others' residuals reach three times the noise: about half of the pull is left.
@@ -182,15 +183,15 @@ fn gravity_or_mass_is_found_from_far_starts() {
     let seen = observed(&task, &[60.0, 1.0], &Actions::none(), (&pos, 0.7), (&vel, 0.3), &[0.0; 6], NOISE);
     for start in [1.0f64, 10.0, 300.0] {
         let fit = fitted(&task, &seen, &Actions::none(), &[start, 1.0], &[true, false]);
-        let g = fit.raw[0].exp();
+        let g = fit.unconstrained[0].exp();
         assert!((g / 60.0 - 1.0).abs() < 0.02, "from {start}: g {g}");
-        assert_eq!(fit.raw[1], 0.0, "m is held");
+        assert_eq!(fit.unconstrained[1], 0.0, "m is held");
     }
     for start in [0.2f64, 4.0] {
         let fit = fitted(&task, &seen, &Actions::none(), &[60.0, start], &[false, true]);
-        let m = fit.raw[1].exp();
+        let m = fit.unconstrained[1].exp();
         assert!((m - 1.0).abs() < 0.01, "from {start}: m {m}");
-        assert_eq!(fit.raw[0], 60f64.ln(), "g is held");
+        assert_eq!(fit.unconstrained[0], 60f64.ln(), "g is held");
     }
 }
 
@@ -201,7 +202,7 @@ fn a_damped_spring_is_found() {
     let truth: Vec<f64> = task.truth.iter().map(|parameter| parameter.value).collect();
     let seen = scattered_springs(&task, &truth, &[0.0; 4]);
     let fit = fitted(&task, &seen, &Actions::none(), &[1.0; 3], &[true; 3]);
-    for ((log, parameter), tolerance) in fit.raw.iter().zip(&task.truth).zip([0.01, 0.01, 0.03]) {
+    for ((log, parameter), tolerance) in fit.unconstrained.iter().zip(&task.truth).zip([0.01, 0.01, 0.03]) {
         // Friction is a small force: ten times the spring's relative error.
         let found = log.exp();
         assert!((found / parameter.value - 1.0).abs() < tolerance, "{} {found}", parameter.name);
@@ -215,7 +216,7 @@ fn a_driven_pendulum_is_found_through_an_offset() {
     let seen = observed(&task, &[10.0, 1.0], &actions, (&[0.0], 0.9), (&[0.0], 1.2), &[0.05], 0.01);
     let fit = fitted(&task, &seen, &actions, &[1.0; 2], &[true; 2]);
     // 200 clips of half a second at 0.01 rad leave some 0.5 % on a, less on g.
-    let (g, a) = (fit.raw[0].exp(), fit.raw[1].exp());
+    let (g, a) = (fit.unconstrained[0].exp(), fit.unconstrained[1].exp());
     assert!((g / 10.0 - 1.0).abs() < 0.01 && (a - 1.0).abs() < 0.02, "g {g}, a {a}");
     assert!((fit.offsets[0] - 0.05).abs() < 0.01, "offset {}", fit.offsets[0]);
 }
@@ -246,7 +247,7 @@ fn true_trajectories_give_the_spring_up_to_the_integration_step() {
     let shape: Vec<i64> = positions.shape().iter().map(|&n| n as i64).collect();
     let seen = Tensor::from_slice(positions.as_slice().unwrap()).reshape(&shape);
     let fit = fitted(&task, &seen, &Actions::none(), &[1.0; 2], &[true; 2]);
-    let (k, l) = (fit.raw[0].exp(), fit.raw[1].exp());
+    let (k, l) = (fit.unconstrained[0].exp(), fit.unconstrained[1].exp());
     println!("k {k}, l {l}, residual {} px", fit.residual);
     assert!((k / 4.0 - 0.998).abs() < 0.001, "k {k}");
     assert!((l / 6.0 - 1.0).abs() < 0.001, "l {l}");
@@ -258,7 +259,7 @@ fn the_velocity_estimator_learns_free_motion() {
     let task = find("spring_color").unwrap();
     let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 3).unwrap();
     let stiffness = model.learned().find(|parameter| parameter.kind.name == "k").unwrap();
-    model.set_raw(stiffness, 1e-6f64.ln());
+    model.set_unconstrained(stiffness, 1e-6f64.ln());
     let start = Tensor::from_slice(&[21.0, 16.0, 9.0, 16.0]) + normal("positions", 4);
     let spread = 3.0;
     let first = Tensor::cat(&[start, normal("velocities", 4) * spread], 1);
@@ -278,13 +279,13 @@ fn a_fit_tells_which_parameters_do_not_show_apart() {
     let seen = observed(&task, &[60.0, 1.0], &Actions::none(), (&pos, 0.7), (&vel, 0.3), &[0.0; 6], NOISE);
     let parameters: Vec<_> = task.system.cell.parameters.iter().collect();
     let both = fitted(&task, &seen, &Actions::none(), &[40.0, 1.2], &[true; 2]);
-    let found = rank::indistinct(&both.curvature, &parameters).unwrap();
+    let found = rank::unidentifiable(&both.curvature, &parameters).unwrap();
     assert_eq!((found.names, found.shows), (["g", "m"].map(String::from).to_vec(), vec!["g m^2".to_string()]));
     let task = find("damped_spring").unwrap();
     let seen = scattered_springs(&task, &[4.0, 6.0, 0.3], &[0.0; 4]);
     let parameters: Vec<_> = task.system.cell.parameters.iter().collect();
     let fit = fitted(&task, &seen, &Actions::none(), &[1.0; 3], &[true; 3]);
-    assert_eq!(rank::indistinct(&fit.curvature, &parameters), None);
+    assert_eq!(rank::unidentifiable(&fit.curvature, &parameters), None);
 }
 
 /// A parameter that acts nowhere is not known at all, and is named.
@@ -299,7 +300,7 @@ fn a_parameter_that_never_shows_has_no_bounds() {
     let fit = fitted(&task, &seen, &Actions::none(), &[1.0], &[true]);
     assert_eq!(fit.deviations, [f64::INFINITY]);
     let parameters: Vec<_> = cell.parameters.iter().collect();
-    assert_eq!(rank::indistinct(&fit.curvature, &parameters).unwrap().names, ["k"]);
+    assert_eq!(rank::unidentifiable(&fit.curvature, &parameters).unwrap().names, ["k"]);
 }
 
 /// Of one clip the scatter says nothing: its residuals do, as those of many clips.
@@ -309,7 +310,7 @@ fn few_clips_make_no_fit_certain() {
     let seen = scattered_springs(&task, &[4.0, 6.0], &[0.0; 4]);
     let deviation = |clips: i64| {
         let seen = seen.narrow(0, 0, clips);
-        let start = Start { free_offsets: false, ..begin(&[4.0, 6.0], &[true; 2]) };
+        let start = FitStart { free_offsets: false, ..begin(&[4.0, 6.0], &[true; 2]) };
         fit(&settings(), &task.system, &seen, &Actions::none(), &start, &Trust::default()).unwrap().deviations[0]
     };
     let many = deviation(CLIPS);
@@ -321,10 +322,10 @@ fn few_clips_make_no_fit_certain() {
 }
 
 /// What two balls see.
-fn seen_by_both(positions: &Tensor) -> Seen {
+fn seen_by_both(positions: &Tensor) -> EncodedPositions {
     let coordinates = positions.size()[2] as usize;
     let objects = coordinates / 2;
-    Seen {
+    EncodedPositions {
         encoded: positions.shallow_clone(),
         centroids: positions.shallow_clone(),
         offsets: vec![0.0; coordinates],
@@ -348,7 +349,7 @@ fn a_wrong_force_is_no_shaking_camera() {
     let shake = normal("shake", FRAMES * 2).reshape([CLIPS, FRAMES as i64, 2]).repeat([1, 1, 2]);
     let shaken = explained(&task, &(&springs + shake), &[1.0; 2]);
     assert!(shaken.explains(), "a camera leaves {}", shaken.own_residual);
-    let (k, deviation) = (shaken.fit.raw[0].exp(), shaken.fit.deviations[0]);
+    let (k, deviation) = (shaken.fit.unconstrained[0].exp(), shaken.fit.deviations[0]);
     println!("shaken: k {k}, deviation {deviation}");
     // The noise leaves 0.1 %, and that is the deviation, too. Weights with rows and columns exchanged take more than 1 %
     // off k, and know it to 0.5 %.
@@ -377,13 +378,13 @@ fn a_missing_force_shows_in_whole_clips() {
         let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
         let seen = seen_by_both(positions);
         let explanation = explain(&settings(), &model, &seen, &begin(&[1.0], &[true])).unwrap();
-        let left = Left::of(&settings(), &model, &seen, &explanation).unwrap();
+        let left = PositionResiduals::of(&settings(), &model, &seen, &explanation).unwrap();
         (explanation, left.expect("half a clip is six frames"))
     };
     let (right, of_right) = explained(&falls(&task, &[1.5]));
     let (wrong, of_wrong) = explained(&falls(&resisting, &[0.1, 1.5]));
     assert!(right.explains() && !of_right.misses_a_force(), "{of_right:?}");
-    let g = wrong.fit.raw[0].exp();
+    let g = wrong.fit.unconstrained[0].exp();
     assert!(wrong.explains() && (g / 1.5 - 1.0).abs() > 0.02, "g {g}");
     assert!(of_wrong.misses_a_force(), "{of_wrong:?}");
 }
@@ -394,11 +395,12 @@ fn a_missing_force_shows_in_whole_clips() {
 fn a_wall_that_was_moved_away_is_looked_for_anew() {
     let task = Task::from_toml(include_str!("../../configs/gallery/bounce_on_a_floor.toml")).unwrap();
     let model = PhysicsNet::new(&task.system, &ModelOptions::original(), Device::Cpu, 1).unwrap();
-    let raw = |values: &[(&str, f64)]| -> Vec<f64> {
+    let unconstrained = |values: &[(&str, f64)]| -> Vec<f64> {
         let of = |name: &str| values.iter().find(|(symbol, _)| *symbol == name).unwrap().1;
-        task.system.cell.parameters.iter().map(|kind| kind.bounds.raw(of(&kind.name))).collect()
+        task.system.cell.parameters.iter().map(|kind| kind.bounds.unconstrained(of(&kind.name))).collect()
     };
-    let truth: Vec<_> = raw(&[("e", 0.8), ("floor", 25.0), ("g", 3.0)]).into_iter().map(Tensor::from).collect();
+    let truth: Vec<_> =
+        unconstrained(&[("e", 0.8), ("floor", 25.0), ("g", 3.0)]).into_iter().map(Tensor::from).collect();
     let first = State {
         pos: Tensor::from_slice(&[16.0, 13.0]) + normal("positions", 2) * 3.0,
         vel: normal("velocities", 2) * 2.0,
@@ -407,15 +409,21 @@ fn a_wall_that_was_moved_away_is_looked_for_anew() {
     let seen: Vec<_> = std::iter::once(&first).chain(&rolled).map(|state| &state.pos).collect();
     let noise = normal("noise", FRAMES * 2).reshape([CLIPS, FRAMES as i64, 2]) * 0.03;
     let positions = Tensor::stack(&seen, 1) + noise;
-    let start = Start {
-        raw: raw(&[("e", 1e-4), ("floor", 22.85), ("g", 3.0)]),
+    let start = FitStart {
+        unconstrained: unconstrained(&[("e", 1e-4), ("floor", 22.85), ("g", 3.0)]),
         learned: vec![true; 3],
         free_offsets: true,
         states: None,
     };
     let found = explain(&settings(), &model, &seen_by_both(&positions), &start).unwrap();
-    let values: Vec<_> =
-        task.system.cell.parameters.iter().zip(&found.fit.raw).map(|(kind, raw)| kind.bounds.value(*raw)).collect();
+    let values: Vec<_> = task
+        .system
+        .cell
+        .parameters
+        .iter()
+        .zip(&found.fit.unconstrained)
+        .map(|(kind, unconstrained)| kind.bounds.value(*unconstrained))
+        .collect();
     // In the order of their names. The noise leaves some 0.2 %.
     let [e, floor, g] = values[..] else { panic!("three parameters") };
     assert!(found.explained > 0.95, "{} explained by {values:?}", found.explained);

@@ -1,7 +1,7 @@
 //! The kernels against libtorch and its autograd at extreme finite inputs: saturated masks, sprites far outside the frame or of
 //! no extent, huge weights and gradients.
 
-use paig::kernels::{self, Instructions, Kernels, Rate, Rule, Scene, UNetOperation, Updated};
+use paig::kernels::{self, Instructions, Kernels, Rate, Rule, SceneSizes, UNetOperation, Updated};
 use paig::network::blocks::{Layers, UNet};
 use tch::nn::VarStore;
 use tch::{Device, Kind, Tensor};
@@ -70,7 +70,7 @@ fn weights(pixels: &Tensor, size: i64) -> Tensor {
 }
 
 /// What [`kernels::draw`] computes.
-fn drawn(scene: Scene, [sprites, background, rows, columns]: [&Tensor; 4]) -> Tensor {
+fn drawn(scene: SceneSizes, [sprites, background, rows, columns]: [&Tensor; 4]) -> Tensor {
     let (rows, columns) = (weights(rows, scene.window as i64), weights(columns, scene.window as i64));
     // [objects, frames, layers, side, side]
     let moved = rows.unsqueeze(2).matmul(&sprites.unsqueeze(1)).matmul(&columns.unsqueeze(2).transpose(3, 4));
@@ -85,7 +85,7 @@ fn drawn(scene: Scene, [sprites, background, rows, columns]: [&Tensor; 4]) -> Te
 
 #[test]
 fn sprites_far_outside_or_of_no_extent_are_those_of_libtorch() {
-    let scene = Scene { objects: 2, channels: 3, window: 8, side: 16, outside: 5.0, background: 1.0 };
+    let scene = SceneSizes { objects: 2, channels: 3, window: 8, side: 16, outside: 5.0, background: 1.0 };
     let (frames, side) = (3, scene.side as i64);
     let line = Tensor::linspace(-4.3, 11.7, side, FLOAT);
     let at = |values: &[f32]| (&line + pattern(&[2, frames, 1], values)).contiguous();

@@ -14,6 +14,7 @@ mod generators;
 mod identify;
 mod kernel_extremes;
 mod layers;
+mod names;
 mod objects;
 mod pendulum_data;
 mod recentre;

@@ -7,20 +7,20 @@ use paig::generators::{Counts, generate_clips};
 use paig::support::random::named_generator;
 use paig::tasks::Task;
 use paig::training::objects::blobs::{self, FrameBlobs};
-use paig::training::objects::motion::{Motion, Moving};
+use paig::training::objects::motion::{Foreground, MotionDetector};
 use paig::training::objects::names::Names;
 use paig::training::objects::pasting::pasted;
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
 
 /// Clips of a task with additions to its file, and their true positions `[frames, 2 * objects]`.
-struct Scene {
+struct TaskClips {
     clips: Clips,
     positions: Vec<Vec<f64>>,
     objects: usize,
 }
 
-fn scene(task: &str, additions: &str) -> Scene {
+fn scene(task: &str, additions: &str) -> TaskClips {
     let mut text = paig::tasks::builtin(task).unwrap().to_table();
     let additions: toml::Table = additions.parse().unwrap();
     let scene = text["scene"].as_table_mut().unwrap();
@@ -35,13 +35,13 @@ fn scene(task: &str, additions: &str) -> Scene {
     let clips = Clips::new(dataset.split(split), dataset.actions(split), Device::Cpu);
     let columns = states.train.positions.dim().2;
     let flat: Vec<f64> = states.train.positions.iter().map(|&x| f64::from(x)).collect();
-    Scene { clips, positions: flat.chunks(columns).map(<[f64]>::to_vec).collect(), objects: task.system.objects }
+    TaskClips { clips, positions: flat.chunks(columns).map(<[f64]>::to_vec).collect(), objects: task.system.objects }
 }
 
-impl Scene {
-    fn moving(&self) -> Moving {
+impl TaskClips {
+    fn moving(&self) -> Foreground {
         let places: Vec<i64> = (0..(self.clips.len() * self.clips.time()) as i64).collect();
-        Motion::measure(&self.clips, 0).of(&self.clips, &places, &self.clips.frames(&places))
+        MotionDetector::measure(&self.clips, 0).of(&self.clips, &places, &self.clips.frames(&places))
     }
 
     fn blobs(&self) -> Vec<FrameBlobs> {
@@ -68,7 +68,7 @@ impl Scene {
 }
 
 /// Mean share of moving within 1.5 px of a ball, and farther than 5 px from all.
-fn near_and_far(scene: &Scene) -> (f64, f64) {
+fn near_and_far(scene: &TaskClips) -> (f64, f64) {
     let share = scene.moving().share;
     let side = share.size()[1];
     let flat: Vec<f64> = share.to_kind(Kind::Double).flatten(0, 2).try_into().unwrap();
@@ -133,7 +133,7 @@ fn falling_dot() -> (Clips, Vec<[usize; 2]>) {
 fn a_dot_in_a_strip_between_black_bars_is_all_that_moves() {
     let (clips, places) = falling_dot();
     let all: Vec<i64> = (0..places.len() as i64).collect();
-    let share = Motion::measure(&clips, 0).of(&clips, &all, &clips.frames(&all)).share.to_kind(Kind::Double);
+    let share = MotionDetector::measure(&clips, 0).of(&clips, &all, &clips.frames(&all)).share.to_kind(Kind::Double);
     let (mut dot, mut elsewhere) = (0.0, 0.0);
     for (frame, &[left, top]) in (0..).zip(&places) {
         // Averaged over 3x3 pixels the dot covers 4 x 4.
@@ -210,7 +210,7 @@ fn pasted_frames_show_the_same_balls_elsewhere() {
     let scene = scene("spring_color", "background = { kind = \"plain\", brightness = 0.1 }");
     let places: Vec<i64> = (0..60).collect();
     let frames = scene.clips.frames(&places);
-    let moving = Motion::measure(&scene.clips, 0).of(&scene.clips, &places, &frames);
+    let moving = MotionDetector::measure(&scene.clips, 0).of(&scene.clips, &places, &frames);
     let made = pasted(&frames, &moving, &blobs::find(&moving, scene.objects), &mut named_generator(1, "a test"));
     assert_eq!(made.size(), frames.size());
     let channel = |of: &Tensor, frame: i64, channel: i64| (of.get(frame).get(channel) - 0.1).clamp_min(0.0);
@@ -230,7 +230,7 @@ fn pasted_frames_show_the_same_balls_elsewhere() {
 fn nothing_that_moves_has_no_names() {
     let still = Tensor::zeros([30, 3, 32, 32], (Kind::Float, Device::Cpu));
     let share = still.select(1, 0);
-    let moving = Moving {
+    let moving = Foreground {
         sharp: still.shallow_clone(),
         difference: still.shallow_clone(),
         excess: share.shallow_clone(),

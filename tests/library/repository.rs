@@ -21,12 +21,12 @@ const LARGER_FILES: [&str; 7] = [
     "compare/goldens/spring_color_train.npz",
 ];
 
-fn root() -> PathBuf {
+pub(super) fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
 /// The tracked files, relative to the root; `None` outside a git repository or without git.
-fn tracked_files() -> Option<Vec<String>> {
+pub(super) fn tracked_files() -> Option<Vec<String>> {
     if !root().join(".git").exists() {
         eprintln!("not checked: {} is no git repository", root().display());
         return None;

@@ -1,4 +1,4 @@
-//! The paper's comparison: the list, whole other models, and a small comparison from data to report.
+//! The paper's comparison: the list, end-to-end baselines, and a small comparison from data to report.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,27 +13,27 @@ use paig::kernels::{Instructions, Kernels};
 use paig::network::cells::Actions;
 use paig::runs::checkpoint::{SavedWeights, find_weights};
 use paig::tasks;
+use paig_experiments::baselines::end_to_end::config::EndToEndModel;
+use paig_experiments::baselines::end_to_end::frame_model::{Batch, FrameModel, named_variables, weights};
+use paig_experiments::baselines::end_to_end::gaussian::normal_numbers;
+use paig_experiments::baselines::end_to_end::scores::EndToEndScores;
 use paig_experiments::baselines::list::Comparison;
-use paig_experiments::baselines::whole_models::config::WholeModel;
-use paig_experiments::baselines::whole_models::frame_model::{Batch, FrameModel, named_variables, weights};
-use paig_experiments::baselines::whole_models::gaussian::normal_numbers;
-use paig_experiments::baselines::whole_models::scores::WholeScores;
 use rand::Rng;
 use serde_json::Value;
 use tch::{Device, Kind, Tensor};
 
-const WHOLE: [WholeModel; 2] = [WholeModel::VideoLstm, WholeModel::Ddpae];
+const WHOLE: [EndToEndModel; 2] = [EndToEndModel::VideoLstm, EndToEndModel::Ddpae];
 
 /// Standard output and error together.
 fn text(output: &Output) -> String {
     format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
-fn built(model: WholeModel) -> Box<dyn FrameModel> {
+fn built(model: EndToEndModel) -> Box<dyn FrameModel> {
     built_with(model, Kernels::Own)
 }
 
-fn built_with(model: WholeModel, kernels: Kernels) -> Box<dyn FrameModel> {
+fn built_with(model: EndToEndModel, kernels: Kernels) -> Box<dyn FrameModel> {
     model.build(&tasks::builtin("spring_color").unwrap().system, kernels, 3, Device::Cpu)
 }
 
@@ -43,13 +43,13 @@ fn clips(count: i64, time: i64) -> Tensor {
 
 /// The sizes that docs/baselines.md states.
 #[test]
-fn whole_models_have_the_sizes_that_are_stated() {
+fn end_to_end_baselines_have_the_sizes_that_are_stated() {
     assert_eq!(WHOLE.map(|model| weights(built(model).as_ref())), [1_113_136, 841_170]);
 }
 
 /// Whatever comes after the input changes no prediction, and a longer roll-out begins as a shorter one.
 #[test]
-fn whole_models_see_only_the_input() {
+fn end_to_end_baselines_see_only_the_input() {
     let _guard = tch::no_grad_guard();
     for model in WHOLE.map(built) {
         let input = clips(2, 4);
@@ -65,7 +65,7 @@ fn whole_models_see_only_the_input() {
 fn video_lstm_honours_the_kernels() {
     let widest = Kernels::With(Instructions::all()[0]);
     let [own, libtorch] = [widest, Kernels::Libtorch].map(|kernels| {
-        let model = built_with(WholeModel::VideoLstm, kernels);
+        let model = built_with(EndToEndModel::VideoLstm, kernels);
         let batch = Batch { frames: clips(2, 8), actions: Actions::none(), rewards: None, noise: None };
         let loss = model.loss(&batch);
         loss.backward();
@@ -106,8 +106,8 @@ fn the_list_is_sound_and_says_what_is_wrong() {
     for (change, complaint) in [
         (("name = \"gru\"", "name = \"lstm\""), "lstm stands there twice"),
         (("name = \"gru\"", "name = \"objects\""), "model objects: runs that find objects"),
-        (("name = \"gru\"", "name = \"gru\"\nlearning_rate = 1e-3"), "model gru: a whole other model"),
-        (("learning_rate = 1e-3 ", "#"), "model video_lstm: a whole other model has a learning_rate"),
+        (("name = \"gru\"", "name = \"gru\"\nlearning_rate = 1e-3"), "model gru: an end-to-end baseline"),
+        (("learning_rate = 1e-3 ", "#"), "model video_lstm: an end-to-end baseline has a learning_rate"),
         (("tasks = [\"spring_color\"", "tasks = [\"spring_color_half\""), "task spring_color_half stands there twice"),
         (("tasks = [\"spring_color\"", "tasks = [\"spring.toml\""), "only built-in tasks"),
         (("seeds = [0, 1, 2]", "seeds = [0, 1, 0]"), "seed 0 stands there twice"),
@@ -237,7 +237,7 @@ fn a_small_comparison_runs_to_its_report() {
         let read = |of: &Path| fs::read(of.join(file)).unwrap();
         assert!(read(&report) == read(&folder.path().join("drawn")), "{file}");
     }
-    // A row of a whole model with other steps than the list's is none of it, nor one of other clips.
+    // A row of an end-to-end baseline with other steps than the list's is none of it, nor one of other clips.
     let text_of_list = fs::read_to_string(&list).unwrap();
     fs::write(&list, text_of_list.replace("steps = { spring_color = 3 }", "steps = { spring_color = 2 }")).unwrap();
     let other = compare(&["--add", "kept", "--report-only", "--out", "other"]);
@@ -251,7 +251,7 @@ fn a_small_comparison_runs_to_its_report() {
     assert!(!missing.status.success() && text(&missing).contains("nowhere/results.json"), "{}", text(&missing));
 }
 
-/// All tensors of a whole model's last checkpoint, and of its best validation, by file and name.
+/// All tensors of an end-to-end baseline's last checkpoint, and of its best validation, by file and name.
 fn of_checkpoint(run: &Path) -> BTreeMap<String, Tensor> {
     let checkpoints = run.join("checkpoints");
     let last = find_weights(run, SavedWeights::Last).unwrap();
@@ -268,9 +268,9 @@ fn assert_same_bits(one: &BTreeMap<String, Tensor>, other: &BTreeMap<String, Ten
     one.iter().for_each(|(name, tensor)| assert!(tensor.equal(&other[name]), "{name}"));
 }
 
-/// As many whole models at a time as `--jobs` says: each ends with the bits that it has alone.
+/// As many end-to-end baselines at a time as `--jobs` says: each ends with the bits that it has alone.
 #[test]
-fn whole_models_side_by_side_end_as_alone() {
+fn end_to_end_baselines_side_by_side_end_as_alone() {
     let folder = tempfile::tempdir().unwrap();
     let list = small_list(folder.path());
     let weights = |jobs: &str| {
@@ -290,7 +290,7 @@ fn whole_models_side_by_side_end_as_alone() {
 
 /// Killed after some steps and begun again, a training ends with the same bits as one that was never stopped.
 #[test]
-fn a_whole_model_goes_on_to_the_same_bits() {
+fn an_end_to_end_baseline_goes_on_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
     let mut generate = paig("generate");
@@ -324,7 +324,7 @@ fn first_validation(output: &Output) -> Option<u64> {
 }
 
 #[test]
-fn a_killed_whole_model_resumes_to_the_same_bits() {
+fn a_killed_end_to_end_baseline_resumes_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
     let mut generate = paig("generate");
@@ -340,13 +340,13 @@ fn a_killed_whole_model_resumes_to_the_same_bits() {
     resumes_to_the_same_bits([&whole, &killed], &[SAVED], train, train, first_validation);
     assert_same_bits(&of_checkpoint(&whole), &of_checkpoint(&killed));
     let [whole, killed] =
-        [&whole, &killed].map(|run| WholeScores { seconds: 0.0, ..WholeScores::read(run).unwrap().unwrap() });
+        [&whole, &killed].map(|run| EndToEndScores { seconds: 0.0, ..EndToEndScores::read(run).unwrap().unwrap() });
     assert_eq!(serde_json::to_string(&whole).unwrap(), serde_json::to_string(&killed).unwrap());
 }
 
 /// A training that leaves the numbers ends in a line that says so, also where libtorch refuses what is none.
 #[test]
-fn a_whole_model_that_diverges_says_so() {
+fn an_end_to_end_baseline_that_diverges_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
     let mut generate = paig("generate");

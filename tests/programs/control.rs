@@ -19,24 +19,24 @@ use paig_experiments::control::controller::{Controller, Decision};
 use paig_experiments::control::cross_entropy::CrossEntropy;
 use paig_experiments::control::environment::{Environment, Rules};
 use paig_experiments::control::episode::{Episode, play};
-use paig_experiments::control::eyes::{Eyes, Sight};
-use paig_experiments::control::faults::{Faults, Faulty};
+use paig_experiments::control::eyes::{Eyes, StateSource};
+use paig_experiments::control::faults::{Faults, FaultyCamera};
 use paig_experiments::control::learned;
-use paig_experiments::control::model::{self, CellModel, Model, PlainModel};
+use paig_experiments::control::model::{self, CellModel, PlainModel, PlanningModel};
 use paig_experiments::control::mppi::PathIntegral;
 use paig_experiments::control::pendulum::{FORMAT, PendulumEnvironment, PendulumSettings};
 use paig_experiments::control::planner::{Planner, SearchSettings};
 use paig_experiments::control::plans::{Plans, Trajectories};
 use paig_experiments::control::relearning::Relearning;
 use paig_experiments::control::results::mean_and_interval;
-use paig_experiments::control::reward::{Goal, Reward};
+use paig_experiments::control::reward::{GoalPath, Reward};
 use paig_experiments::control::scene::SceneEnvironment;
-use paig_experiments::control::state::{ControlState, Moment, wrapped};
+use paig_experiments::control::state::{ControlState, PastFrame, wrapped};
 use paig_experiments::control::vision::Vision;
 use tch::{Device, Kind, Tensor};
 
 fn upright() -> Rules {
-    Rules::pendulum(Goal::angle(0.0))
+    Rules::pendulum(GoalPath::angle(0.0))
 }
 
 fn pendulum(settings: PendulumSettings, rules: Rules) -> PendulumEnvironment {
@@ -51,7 +51,7 @@ fn small() -> SearchSettings {
 #[test]
 fn a_step_is_the_closed_formula() {
     let settings = PendulumSettings { gravity: 9.0, length: 1.2, mass: 0.8, ..PendulumSettings::default() };
-    let mut environment = pendulum(settings, Rules::pendulum(Goal::angle(0.5)));
+    let mut environment = pendulum(settings, Rules::pendulum(GoalPath::angle(0.5)));
     for (angle, rate, torque) in [(0.3, -1.0, 1.5), (3.0, 7.9, 2.0), (-2.0, -7.9, -9.0)] {
         environment.place(angle, rate);
         let reward = environment.step(torque);
@@ -80,7 +80,7 @@ fn gymnasiums_cost_is_that_of_the_state_before_the_step() {
 
 #[test]
 fn a_moving_goal_is_where_its_swing_has_it() {
-    let goal = Goal::angle(0.2).swinging(0.5, 40.0);
+    let goal = GoalPath::angle(0.2).swinging(0.5, 40.0);
     assert_eq!((goal.at(0, 0), goal.at(0, 10)), (0.2, 0.7));
     let mut environment = pendulum(PendulumSettings::default(), Rules::pendulum(goal));
     environment.reset(0);
@@ -128,7 +128,7 @@ fn frames_are_those_of_the_dataset() {
 }
 
 /// Where plans lead on a model, by candidate.
-fn followed(model: &mut dyn Model, start: &ControlState, plans: &Plans) -> Vec<Vec<ControlState>> {
+fn followed(model: &mut dyn PlanningModel, start: &ControlState, plans: &Plans) -> Vec<Vec<ControlState>> {
     let mut trajectories = Trajectories::default();
     model.roll_out(start, plans, &mut trajectories).unwrap();
     (0..plans.candidates).map(|candidate| trajectories.of(candidate)).collect()
@@ -155,7 +155,7 @@ fn the_models_agree() {
         // Thirty Euler steps in float32.
         assert!(difference(plain, tensors) < 1e-4, "{plain:?} and {tensors:?}");
     }
-    for reward in [Reward::Goal(Goal::angle(0.0).swinging(0.4, 9.0)), Reward::Gymnasium] {
+    for reward in [Reward::Goal(GoalPath::angle(0.0).swinging(0.4, 9.0)), Reward::Gymnasium] {
         let rules = Rules { reward, ..upright() };
         let mut environment = pendulum(PendulumSettings::default(), rules.clone());
         let mut model = PendulumSettings::default().model();
@@ -186,8 +186,8 @@ fn black_boxes_roll_out_as_in_their_training() {
         let net = PhysicsNet::new(&find("pendulum").unwrap().system, &options, Device::Cpu, 2).unwrap();
         let (seen, acted) = ([0.5, 0.4, 0.2, -0.1], [1.0, -2.0, 0.5]);
         let rate = (seen[3] - seen[2]) / net.system.dt;
-        let moment = |(angle, action): (&f64, &f64)| Moment { positions: vec![*angle], action: *action };
-        let known: Vec<Moment> = seen.iter().zip(&acted).map(moment).collect();
+        let moment = |(angle, action): (&f64, &f64)| PastFrame { positions: vec![*angle], action: *action };
+        let known: Vec<PastFrame> = seen.iter().zip(&acted).map(moment).collect();
         let even: Vec<f64> = (0..4).map(|frame| seen[3] - rate * net.system.dt * f64::from(3 - frame)).collect();
         let plans = Plans { actions: &[0.5, 1.5, -1.0, 0.0, 2.0, -2.0], candidates: 2, hold: 2 };
         for (before, path, acted) in [(known, seen.to_vec(), acted), (Vec::new(), even, [0.0; 3])] {
@@ -230,10 +230,12 @@ fn equations_of_text_are_the_same_in_plain_numbers() {
     for file in files.into_iter().flatten().map(|entry| entry.unwrap().path()) {
         let Ok(task) = Task::from_toml(&fs::read_to_string(&file).unwrap()) else { continue };
         let (system, kind) = (&task.system, &task.system.cell);
-        let raw = kind.parameters.iter().map(|it| task.truth_of(&it.name).or(it.fixed).unwrap_or(1.0));
-        let raw: Vec<_> =
-            raw.zip(&*kind.parameters).map(|(value, it)| Tensor::from(it.bounds.raw(value) as f32)).collect();
-        let cell = system.build_cell(&raw);
+        let unconstrained = kind.parameters.iter().map(|it| task.truth_of(&it.name).or(it.fixed).unwrap_or(1.0));
+        let unconstrained: Vec<_> = unconstrained
+            .zip(&*kind.parameters)
+            .map(|(value, it)| Tensor::from(it.bounds.unconstrained(value) as f32))
+            .collect();
+        let cell = system.build_cell(&unconstrained);
         let Some(plain) = cell.plain() else {
             assert!(system.objects > 1 || kind.tells_time(), "{} has no plain form", task.name);
             continue;
@@ -276,7 +278,7 @@ fn planning_with_the_truth_is_much_better_than_no_planning() {
 
 #[test]
 fn a_moving_goal_is_tracked_by_looking_ahead() {
-    let rules = Rules { steps: 100, ..Rules::pendulum(Goal::angle(0.0).swinging(0.3, 50.0)) };
+    let rules = Rules { steps: 100, ..Rules::pendulum(GoalPath::angle(0.0).swinging(0.3, 50.0)) };
     let Reward::Goal(goal) = rules.reward.clone() else { unreachable!() };
     let near = PendulumSettings { largest_angle: 0.1, largest_rate: 0.2, ..PendulumSettings::default() };
     let mut world = pendulum(near, rules);
@@ -295,7 +297,7 @@ fn puck() -> Task {
 #[test]
 fn a_puck_is_pushed_to_its_goal() {
     let task = puck();
-    let goal = Goal::point([22.0, 16.0], 32.0);
+    let goal = GoalPath::point([22.0, 16.0], 32.0);
     let rules = Rules { steps: 50, hold: 2, largest_action: 1.0, reward: Reward::Goal(goal), frames_before: 3 };
     let mut world = SceneEnvironment::new(&task, rules).unwrap();
     let planner = Box::new(CrossEntropy::new(SearchSettings { largest: 1.0, ..small() }));
@@ -339,11 +341,13 @@ fn clips_of_the_puck_obey_their_pushes() {
         Tensor::from_slice(array.as_slice().unwrap()).reshape(shape)
     };
     let (pos, vel) = (tensor(&states.train.positions), tensor(&states.train.velocities));
-    let raw = task.system.cell.parameters.iter().zip(&task.truth);
-    let raw: Vec<_> = raw.map(|(it, truth)| Tensor::from(it.bounds.raw(truth.value) as f32)).collect();
+    let unconstrained = task.system.cell.parameters.iter().zip(&task.truth);
+    let unconstrained: Vec<_> =
+        unconstrained.map(|(it, truth)| Tensor::from(it.bounds.unconstrained(truth.value) as f32)).collect();
     let actions = Tensor::from_slice(pushes.as_slice().unwrap()).reshape([4, 14]);
     let first = State { pos: pos.select(1, 0), vel: vel.select(1, 0) };
-    let rolled = task.system.build_cell(&raw).roll_out(&first, &Actions::new(Some(actions)), task.system.dt, 13);
+    let rolled =
+        task.system.build_cell(&unconstrained).roll_out(&first, &Actions::new(Some(actions)), task.system.dt, 13);
     for (frame, state) in (1..).zip(rolled) {
         let error = (pos.select(1, frame) - state.pos).abs().max().double_value(&[]);
         // Five Euler steps a frame against Runge and Kutta's method.
@@ -354,7 +358,7 @@ fn clips_of_the_puck_obey_their_pushes() {
 /// What the camera saw before an episode leads to where it begins.
 #[test]
 fn going_back_and_on_again_is_where_it_was() {
-    let rules = Rules { largest_action: 1.0, ..Rules::pendulum(Goal::point([22.0, 16.0], 32.0)) };
+    let rules = Rules { largest_action: 1.0, ..Rules::pendulum(GoalPath::point([22.0, 16.0], 32.0)) };
     let worlds: [Box<dyn Environment>; 2] = [
         Box::new(pendulum(PendulumSettings::default(), upright())),
         Box::new(SceneEnvironment::new(&puck(), rules).unwrap()),
@@ -385,7 +389,7 @@ fn an_episode_by_sight_repeats_to_the_bit() {
     let model = untrained();
     let faults = Faults { dropped: 0.2, hidden: 0.0 };
     let rules = Rules { steps: 12, ..upright() };
-    let mut environment = Faulty::new(Box::new(pendulum(PendulumSettings::default(), rules)), faults);
+    let mut environment = FaultyCamera::new(Box::new(pendulum(PendulumSettings::default(), rules)), faults);
     let mut controller = seeing(&model).relearning(Relearning { names: vec!["g".into()], frames: 8 }).unwrap();
     let before = model.parameter_values();
     let mut episode = || -> Episode { play(&mut environment, &mut controller, 4, false) };
@@ -450,16 +454,16 @@ fn a_missing_frame_is_foretold() {
     let mut eyes = Eyes::new(Vision::new(&model, FORMAT).unwrap());
     let mut physics = model::of_cell(model.cell.as_ref(), 0.05);
     let mut actions = vec![0.5; 3];
-    let Sight::Seen(seen) = eyes.look(&frames, &actions, physics.as_mut()) else { panic!("not seen") };
+    let StateSource::Seen(seen) = eyes.look(&frames, &actions, physics.as_mut()) else { panic!("not seen") };
     for missing in 1..=12 {
         frames.push(None);
         actions.push(-0.25);
         let sight = eyes.look(&frames, &actions, physics.as_mut());
         if missing > 10 {
-            assert_eq!(sight, Sight::Lost, "{missing} frames without a sight");
+            assert_eq!(sight, StateSource::Lost, "{missing} frames without a sight");
             continue;
         }
-        let Sight::Foretold(state, ago) = sight else { panic!("{missing}: {sight:?}") };
+        let StateSource::Foretold(state, ago) = sight else { panic!("{missing}: {sight:?}") };
         let expected = physics.follow(&seen, &vec![-0.25; missing]).unwrap().pop().unwrap();
         assert_eq!(ago, missing);
         assert!(difference(&state, &expected) < 1e-4, "{state:?} and {expected:?}");
@@ -485,7 +489,7 @@ fn the_last_frames_are_seen_with_their_own_actions() {
     let places: Vec<_> = eyes.vision.places(&all).into_iter().map(|places| places.expect("seen")).collect();
     let last: Vec<_> = places[2..].iter().collect();
     let state = |actions: &[f64]| eyes.vision.state(&last, actions).unwrap();
-    assert_eq!(sight, Sight::Seen(state(&actions[2..])));
+    assert_eq!(sight, StateSource::Seen(state(&actions[2..])));
     assert!(difference(&state(&actions[2..]), &state(&actions[..3])) > 1e-3, "actions change nothing here");
 }
 
@@ -495,7 +499,7 @@ fn a_fast_start_and_a_faulty_camera_end_without_a_panic() {
     let settings = PendulumSettings { rate: Some(8.0), ..PendulumSettings::default() };
     for faults in [Faults { dropped: 0.5, hidden: 0.5 }, Faults { dropped: 1.0, hidden: 0.0 }] {
         let rules = Rules { steps: 10, ..upright() };
-        let mut world = Faulty::new(Box::new(pendulum(settings, rules)), faults);
+        let mut world = FaultyCamera::new(Box::new(pendulum(settings, rules)), faults);
         let episode = play(&mut world, &mut seeing(&model), 1, false);
         assert!(episode.states[0].velocities[0].abs() == 8.0 && episode.total.is_finite());
         if faults.dropped == 1.0 {
@@ -510,7 +514,7 @@ struct Broken {
     works_for: usize,
 }
 
-impl Model for Broken {
+impl PlanningModel for Broken {
     fn roll_out(&mut self, start: &ControlState, plans: &Plans, into: &mut Trajectories) -> Result<()> {
         if self.works_for > 0 {
             self.works_for -= 1;

@@ -42,9 +42,9 @@ fn weights(folder: &Path, task: &str, alt_vel: bool) -> (PhysicsNet, std::path::
     (model, path)
 }
 
-type Named = Vec<(String, ArrayD<f32>)>;
+type TensorBytes = Vec<(String, ArrayD<f32>)>;
 
-fn read_npz(path: &Path) -> Named {
+fn read_npz(path: &Path) -> TensorBytes {
     let mut archive = NpzReader::new(File::open(path).unwrap()).unwrap();
     let names = archive.names().unwrap();
     names.into_iter().map(|name| (name.clone(), archive.by_name(&name).unwrap())).collect()
@@ -127,7 +127,7 @@ fn wrong_variables_are_refused_by_name() {
     let npz = folder.path().join("good.npz");
     assert_converts("spring_color", &path, &npz, &[]);
     let (bad, out) = (folder.path().join("bad.npz"), folder.path().join("out.safetensors"));
-    let with = |change: &dyn Fn(&mut Named)| {
+    let with = |change: &dyn Fn(&mut TensorBytes)| {
         let mut arrays = read_npz(&npz);
         change(&mut arrays);
         write_npz(&bad, &arrays);

@@ -8,7 +8,7 @@ use crate::project::project;
 use ndarray::{Array, Array2, Array5, s};
 use ndarray_npy::{NpzWriter, WritableElement};
 use paig::datasets::dataset::Dataset;
-use paig::datasets::files::{ClipShape, DatasetFile, Frames, Origin, Split};
+use paig::datasets::files::{ClipShape, DatasetFile, FrameIdentity, Origin, Split};
 use paig::datasets::iterators::Clips;
 use paig::datasets::states::States;
 use paig::generators::source_images::SourceImages;

@@ -14,7 +14,7 @@ use paig::network::cells::{Actions, CellKind, Coordinates, PhysicalParameter, St
 use paig::tasks::Task;
 use paig::tasks::scene::Motion;
 use paig::training::identify::Identify;
-use paig::training::identify::fit::{Fit, Start, Trust, fit};
+use paig::training::identify::fit::{Fit, FitStart, Trust, fit};
 use rand::Rng;
 use tch::{Device, Kind, Tensor};
 
@@ -48,18 +48,19 @@ fn times(dt: f64) -> Tensor {
 }
 
 /// Raw numbers of all parameters at their truth or where they are fixed.
-fn true_raw(task: &Task) -> Vec<f64> {
-    let raw = |parameter: &PhysicalParameter| {
+fn true_unconstrained(task: &Task) -> Vec<f64> {
+    let unconstrained = |parameter: &PhysicalParameter| {
         let value = task.truth_of(&parameter.name).or(parameter.fixed).unwrap();
-        parameter.bounds.raw(value)
+        parameter.bounds.unconstrained(value)
     };
-    task.system.cell.parameters.iter().map(raw).collect()
+    task.system.cell.parameters.iter().map(unconstrained).collect()
 }
 
 /// States of a roll-out with the true parameters, the first one included.
 fn rolled_out(task: &Task, first: State, actions: &Actions, frames: usize) -> Vec<State> {
-    let raw: Vec<_> = true_raw(task).iter().map(|raw| Tensor::from(*raw)).collect();
-    let states = task.system.build_cell(&raw).roll_out(&first, actions, task.system.dt, frames - 1);
+    let unconstrained: Vec<_> =
+        true_unconstrained(task).iter().map(|unconstrained| Tensor::from(*unconstrained)).collect();
+    let states = task.system.build_cell(&unconstrained).roll_out(&first, actions, task.system.dt, frames - 1);
     std::iter::once(first).chain(states).collect()
 }
 
@@ -77,10 +78,11 @@ fn fitted(task: &Task, states: &[State], actions: &Actions) -> Fit {
     let noise = if task.system.cell.coordinates == Coordinates::Angle { ANGLE_NOISE } else { NOISE };
     let noise = normal("noise", FRAMES * coordinates).reshape([CLIPS, FRAMES as i64, coordinates as i64]) * noise;
     let parameters = &task.system.cell.parameters;
-    let raw = parameters.iter().map(|p| p.fixed.or(p.start).map_or(0.0, |value| p.bounds.raw(value)));
+    let unconstrained =
+        parameters.iter().map(|p| p.fixed.or(p.start).map_or(0.0, |value| p.bounds.unconstrained(value)));
     // Where a pendulum hangs and where its ball is seen beside its middle cannot be told apart.
-    let start = Start {
-        raw: raw.collect(),
+    let start = FitStart {
+        unconstrained: unconstrained.collect(),
         learned: parameters.iter().map(|parameter| parameter.fixed.is_none()).collect(),
         free_offsets: false,
         states: None,
@@ -90,7 +92,7 @@ fn fitted(task: &Task, states: &[State], actions: &Actions) -> Fit {
 }
 
 /// States around which the clips of a task begin: positions and velocities, each with its spread.
-type Around = (&'static [f64], f64, &'static [f64], f64);
+type FirstStates = (&'static [f64], f64, &'static [f64], f64);
 
 /// States of a ball on a rod: on a circle of radius 20 about the true pivot, moving along it.
 fn on_a_rod(x: f64, y: f64) -> State {
@@ -102,10 +104,10 @@ fn on_a_rod(x: f64, y: f64) -> State {
 
 #[test]
 fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
-    let pair: Around = (&[21.0, 16.0, 9.0, 16.0], 1.5, &[0.0; 4], 3.0);
-    let three: Around = (&[16.0, 7.0, 24.0, 21.0, 8.0, 21.0], 1.5, &[1.5, 0.0, -0.7, 1.2, -0.7, -1.2], 0.5);
-    let thrown: Around = (&[16.0, 16.0], 3.0, &[0.0; 2], 5.0);
-    let around: BTreeMap<&str, Around> = BTreeMap::from([
+    let pair: FirstStates = (&[21.0, 16.0, 9.0, 16.0], 1.5, &[0.0; 4], 3.0);
+    let three: FirstStates = (&[16.0, 7.0, 24.0, 21.0, 8.0, 21.0], 1.5, &[1.5, 0.0, -0.7, 1.2, -0.7, -1.2], 0.5);
+    let thrown: FirstStates = (&[16.0, 16.0], 3.0, &[0.0; 2], 5.0);
+    let around: BTreeMap<&str, FirstStates> = BTreeMap::from([
         ("text_spring", pair),
         ("text_damped_spring", pair),
         ("unequal_masses", pair),
@@ -151,8 +153,14 @@ fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
         let actions = Actions::new(task.system.cell.actions.then(|| held(&task.system.cell)));
         let states = rolled_out(&task, first, &actions, FRAMES);
         let fit = fitted(&task, &states, &actions);
-        let found: Vec<_> =
-            task.system.cell.parameters.iter().zip(&fit.raw).map(|(p, raw)| (p, p.bounds.value(*raw))).collect();
+        let found: Vec<_> = task
+            .system
+            .cell
+            .parameters
+            .iter()
+            .zip(&fit.unconstrained)
+            .map(|(p, unconstrained)| (p, p.bounds.value(*unconstrained)))
+            .collect();
         println!(
             "{name}: {:?}, residual {:.4}",
             found.iter().map(|(p, value)| (&p.name, value)).collect::<Vec<_>>(),
@@ -161,7 +169,7 @@ fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
         for (place, (parameter, value)) in found.iter().enumerate() {
             let truth = task.truth_of(&parameter.name).or(parameter.fixed).unwrap();
             // Within a few of its own standard deviations, and these are small.
-            let off = (fit.raw[place] - parameter.bounds.raw(truth)).abs();
+            let off = (fit.unconstrained[place] - parameter.bounds.unconstrained(truth)).abs();
             assert!(
                 off <= 5.0 * fit.deviations[place] + 1e-3,
                 "{name}: {} = {value}, true {truth}, {off} off",

@@ -16,10 +16,10 @@ use paig::network::cells::Equations;
 use paig::network::system::EquationEntry;
 use paig::tasks::equation_file::EquationFile;
 use paig::tasks::{self, Task};
-use paig_video::import::crop::{CropChoice, Rectangle};
-use paig_video::import::request::Request;
-use paig_video::import::sources::Video;
-use paig_video::import::time_base::{Clock, Part};
+use paig_video::import::crop::{CropChoice, CropRectangle};
+use paig_video::import::request::ImportRequest;
+use paig_video::import::sources::SourceVideo;
+use paig_video::import::time_base::{FrameSpacing, VideoPart};
 use paig_video::import::tracker::TrackerFile;
 use paig_video::import::{Imported, import};
 
@@ -38,18 +38,18 @@ fn number(frame: &RgbImage) -> usize {
     (0..6).fold(0, |number, place| 2 * number + usize::from(frame[(7 + 10 * place, 12)].0[1] > 128))
 }
 
-fn request(videos: &[&Path], out: &Path) -> Request {
+fn request(videos: &[&Path], out: &Path) -> ImportRequest {
     let videos = videos.iter().map(|path| path.to_path_buf()).collect();
-    Request { input_steps: 3, pred_steps: 3, ..Request::of(videos, out.into()) }
+    ImportRequest { input_steps: 3, pred_steps: 3, ..ImportRequest::of(videos, out.into()) }
 }
 
-fn imported(request: &Request) -> Imported {
+fn imported(request: &ImportRequest) -> Imported {
     import(request, &|_, _| {}).unwrap()
 }
 
 /// The message of an import that must fail.
 #[track_caller]
-fn refused(request: &Request) -> String {
+fn refused(request: &ImportRequest) -> String {
     let message = format!("{:#}", import(request, &|_, _| {}).unwrap_err());
     assert!(!request.out.join("task.toml").exists(), "a refused import left a task");
     message
@@ -97,7 +97,7 @@ fn gif(path: &Path, frames: &[(RgbImage, u64)]) {
 
 #[test]
 fn frames_of_an_mp4_come_in_display_order_with_their_times() {
-    let video = Video::open(&numbered()).unwrap();
+    let video = SourceVideo::open(&numbered()).unwrap();
     assert_eq!((video.width, video.height, video.frames), (64, 48, 60));
     let times = video.times.clone().unwrap();
     assert!(times.iter().enumerate().all(|(place, time)| (time - place as f64 / 25.0).abs() < 1e-9), "{times:?}");
@@ -124,7 +124,7 @@ fn what_an_edit_list_hides_is_not_there() {
     bytes[edit..edit + 8].copy_from_slice(&[800, 1024 + 20 * 512].map(u32::to_be_bytes).concat());
     let path = folder.path().join("cut.mp4");
     fs::write(&path, &bytes).unwrap();
-    let video = Video::open(&path).unwrap();
+    let video = SourceVideo::open(&path).unwrap();
     let times = video.times.clone().unwrap();
     assert_eq!((video.frames, times.len()), (20, 20));
     assert!(times.iter().enumerate().all(|(place, time)| (time - place as f64 / 25.0).abs() < 1e-9), "{times:?}");
@@ -134,7 +134,10 @@ fn what_an_edit_list_hides_is_not_there() {
     assert_eq!(number(&video.decode().unwrap().frame(15).unwrap()), 35);
     bytes[edit + 4..edit + 8].copy_from_slice(&(1_u32 << 20).to_be_bytes());
     fs::write(&path, &bytes).unwrap();
-    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["cut.mp4", "none of its 60 frames is shown"]);
+    assert_says(
+        &format!("{:#}", SourceVideo::open(&path).unwrap_err()),
+        &["cut.mp4", "none of its 60 frames is shown"],
+    );
 }
 
 #[test]
@@ -143,7 +146,7 @@ fn rotated_films_stand_upright() {
     let bytes = fs::read(numbered()).unwrap();
     // The matrix stands 40 bytes behind the name of the track header's box (version 0).
     let matrix = bytes.windows(4).position(|name| name == b"tkhd").unwrap() + 4 + 40;
-    let plain = Video::open(&numbered()).unwrap().decode().unwrap().frame(9).unwrap();
+    let plain = SourceVideo::open(&numbered()).unwrap().decode().unwrap().frame(9).unwrap();
     let one = 1_i32 << 16;
     for (degrees, [a, b, c, d]) in [(90, [0, one, -one, 0]), (180, [-one, 0, 0, -one]), (270, [0, -one, one, 0])] {
         let mut turned = bytes.clone();
@@ -152,7 +155,7 @@ fn rotated_films_stand_upright() {
         }
         let path = folder.path().join(format!("turned{degrees}.mp4"));
         fs::write(&path, turned).unwrap();
-        let video = Video::open(&path).unwrap();
+        let video = SourceVideo::open(&path).unwrap();
         assert_eq!((video.width, video.height), if degrees == 180 { (64, 48) } else { (48, 64) });
         let frame = video.decode().unwrap().frame(9).unwrap();
         // Where the pixel next to the top left corner of the coded frame is shown, clockwise.
@@ -166,7 +169,7 @@ fn rotated_films_stand_upright() {
 fn pictures_and_gifs_keep_their_order_and_times() {
     let folder = tempfile::tempdir().unwrap();
     let shade = |number: usize| RgbImage::from_pixel(8, 6, Rgb([10 * number as u8; 3]));
-    let video = Video::open(&pictures(folder.path(), (0..12).map(shade))).unwrap();
+    let video = SourceVideo::open(&pictures(folder.path(), (0..12).map(shade))).unwrap();
     assert_eq!((video.frames, &video.times), (12, &None));
     let mut frames = video.decode().unwrap();
     for place in 0..12 {
@@ -174,7 +177,7 @@ fn pictures_and_gifs_keep_their_order_and_times() {
     }
     let path = folder.path().join("clip.gif");
     gif(&path, &(0..12).map(|number| (shade(number), if number == 3 { 200 } else { 100 })).collect::<Vec<_>>());
-    let video = Video::open(&path).unwrap();
+    let video = SourceVideo::open(&path).unwrap();
     let times = video.times.clone().unwrap();
     for (place, time) in times.iter().enumerate() {
         let expected = 0.1 * place as f64 + if place > 3 { 0.1 } else { 0.0 };
@@ -195,13 +198,13 @@ fn arrays_are_read() {
     let grey = ndarray::Array3::from_shape_fn((5, 4, 6), |(frame, y, x)| (100 * y + 10 * x + frame) as u8);
     npz.add_array("frames", &grey).unwrap();
     npz.finish().unwrap();
-    let video = Video::open(&path).unwrap();
+    let video = SourceVideo::open(&path).unwrap();
     assert_eq!((video.width, video.height, video.frames), (6, 4, 5));
     assert_eq!(video.decode().unwrap().frame(3).unwrap()[(5, 2)], Rgb([(200 + 50 + 3) as u8; 3]));
     let mut npz = ndarray_npy::NpzWriter::new_compressed(File::create(&path).unwrap());
     npz.add_array("frames", &grey.mapv(f32::from)).unwrap();
     npz.finish().unwrap();
-    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["video.npz", "uint8"]);
+    assert_says(&format!("{:#}", SourceVideo::open(&path).unwrap_err()), &["video.npz", "uint8"]);
 }
 
 /// What a task made of a video looks like.
@@ -210,7 +213,7 @@ fn an_imported_video_is_a_task_that_trains_from_its_own_folder() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("My scene 1");
     let path = numbered();
-    let done = imported(&Request { pixels_per_metre: Some(80.0), y_up: true, ..request(&[&path], &out) });
+    let done = imported(&ImportRequest { pixels_per_metre: Some(80.0), y_up: true, ..request(&[&path], &out) });
     let task = tasks::find(out.join("task.toml").to_str().unwrap()).unwrap();
     assert_eq!((task.name.as_str(), task.system.side, task.system.channels), ("my-scene-1", 32, 3));
     assert!(
@@ -229,7 +232,7 @@ fn an_imported_video_is_a_task_that_trains_from_its_own_folder() {
     let config = paig("train").args(["--print-config", "--task"]).arg(out.join("task.toml")).output().unwrap();
     assert_says(&text(&config), &[&format!("folder = {:?}", out.to_str().unwrap()), "train_file = \"train.npz\""]);
     assert_says(&refused_again(&out), &["holds something already", "--force"]);
-    imported(&Request { force: true, grey: true, ..request(&[&path], &out) });
+    imported(&ImportRequest { force: true, grey: true, ..request(&[&path], &out) });
     assert_eq!(tasks::find(out.join("task.toml").to_str().unwrap()).unwrap().system.channels, 1);
 }
 
@@ -258,7 +261,7 @@ fn held_out_frames_are_later_than_all_training_frames() {
     let (first, second) = (folder.path().join("a"), folder.path().join("b"));
     let (a, b) = (pictures(&first, (0..100).map(levelled)), pictures(&second, (100..216).map(levelled)));
     let out = folder.path().join("out");
-    let full = Request { fps: Some(30.0), crop: CropChoice::Full, ..request(&[&a, &b], &out) };
+    let full = ImportRequest { fps: Some(30.0), crop: CropChoice::Full, ..request(&[&a, &b], &out) };
     let done = imported(&full);
     let task = Task::from_toml(&fs::read_to_string(out.join("task.toml")).unwrap()).unwrap();
     assert!((task.system.dt - 1.0 / 30.0).abs() < 1e-9);
@@ -288,9 +291,9 @@ fn short_throws_of_one_video_are_held_out_whole() {
     let folder = tempfile::tempdir().unwrap();
     let path = pictures(&folder.path().join("film"), (0..80).map(levelled));
     let throws = [(0, 14), (14, 30), (32, 46), (50, 64), (66, 80)];
-    let parts = throws.map(|(first, end)| Part::Frames(first, Some(end)));
-    let plain = Request { fps: Some(25.0), ..request(&[&path], &folder.path().join("out")) };
-    let done = imported(&Request { parts: parts.to_vec(), crop: CropChoice::Full, ..plain.clone() });
+    let parts = throws.map(|(first, end)| VideoPart::Frames(first, Some(end)));
+    let plain = ImportRequest { fps: Some(25.0), ..request(&[&path], &folder.path().join("out")) };
+    let done = imported(&ImportRequest { parts: parts.to_vec(), crop: CropChoice::Full, ..plain.clone() });
     let task = tasks::find(done.task_file.to_str().unwrap()).unwrap();
     let train = DatasetFile::read(&folder.path().join("out/train.npz"), &ClipShape::training(&task)).unwrap();
     let test = DatasetFile::read(&folder.path().join("out/test.npz"), &ClipShape::test(&task)).unwrap();
@@ -310,10 +313,16 @@ fn short_throws_of_one_video_are_held_out_whole() {
     assert_eq!(task.video().unwrap().source_names()[1].split_once(' ').unwrap().1, "14..30");
     // Neither may parts overlap, nor are three throws enough.
     let out = folder.path().join("refused");
-    let overlapping = vec![parts[1], Part::Frames(20, Some(40)), parts[3], parts[4]];
-    let again = Request { out, crop: CropChoice::Full, ..plain };
-    assert_says(&refused(&Request { parts: overlapping, ..again.clone() }), &["14..30 and 20..", "follow each other"]);
-    assert_says(&refused(&Request { parts: parts[..3].to_vec(), ..again }), &["16 frames are too few", "4 throws"]);
+    let overlapping = vec![parts[1], VideoPart::Frames(20, Some(40)), parts[3], parts[4]];
+    let again = ImportRequest { out, crop: CropChoice::Full, ..plain };
+    assert_says(
+        &refused(&ImportRequest { parts: overlapping, ..again.clone() }),
+        &["14..30 and 20..", "follow each other"],
+    );
+    assert_says(
+        &refused(&ImportRequest { parts: parts[..3].to_vec(), ..again }),
+        &["16 frames are too few", "4 throws"],
+    );
 }
 
 /// The last of five throws is shorter than a clip: of the four that are left the last two are held out. Where too few are left, the
@@ -323,14 +332,15 @@ fn a_short_last_throw_is_left_out() {
     let folder = tempfile::tempdir().unwrap();
     let path = pictures(&folder.path().join("film"), (0..164).map(levelled));
     let parts =
-        [(0, 24), (40, 64), (80, 104), (120, 144), (160, 164)].map(|(first, end)| Part::Frames(first, Some(end)));
-    let plain = Request { fps: Some(25.0), crop: CropChoice::Full, ..request(&[&path], &folder.path().join("out")) };
-    let done = imported(&Request { parts: parts.to_vec(), ..plain.clone() });
+        [(0, 24), (40, 64), (80, 104), (120, 144), (160, 164)].map(|(first, end)| VideoPart::Frames(first, Some(end)));
+    let plain =
+        ImportRequest { fps: Some(25.0), crop: CropChoice::Full, ..request(&[&path], &folder.path().join("out")) };
+    let done = imported(&ImportRequest { parts: parts.to_vec(), ..plain.clone() });
     assert!(done.warnings[0].contains("frames 160..164 are left out; they give 4"), "{:?}", done.warnings);
     let task = tasks::find(done.task_file.to_str().unwrap()).unwrap();
     let sources = &task.video().unwrap().sources;
     assert_eq!(sources.iter().map(|source| source.is_held_out()).collect::<Vec<_>>(), [false, false, true, true]);
-    let fewer = Request { parts: parts[2..].to_vec(), out: folder.path().join("fewer"), ..plain };
+    let fewer = ImportRequest { parts: parts[2..].to_vec(), out: folder.path().join("fewer"), ..plain };
     assert_says(&refused(&fewer), &["160..164 are left out", "24 frames are too few", "4 throws"]);
 }
 
@@ -339,15 +349,15 @@ fn a_short_last_throw_is_left_out() {
 fn a_part_that_is_too_short_is_left_out() {
     let folder = tempfile::tempdir().unwrap();
     let path = pictures(&folder.path().join("film"), (0..80).map(levelled));
-    let parts = vec![Part::Frames(3, Some(63)), Part::Frames(70, Some(74))];
+    let parts = vec![VideoPart::Frames(3, Some(63)), VideoPart::Frames(70, Some(74))];
     // Also a single frame, of a video that has times.
-    let one = Request {
-        parts: vec![Part::Frames(0, Some(58)), Part::Frames(58, Some(59))],
+    let one = ImportRequest {
+        parts: vec![VideoPart::Frames(0, Some(58)), VideoPart::Frames(58, Some(59))],
         ..request(&[&numbered()], &folder.path().join("one"))
     };
     assert!(imported(&one).warnings[0].contains("frames 58..59 are left out"));
     let plain = request(&[&path], &folder.path().join("out"));
-    let done = imported(&Request { parts: parts.clone(), fps: Some(25.0), crop: CropChoice::Full, ..plain });
+    let done = imported(&ImportRequest { parts: parts.clone(), fps: Some(25.0), crop: CropChoice::Full, ..plain });
     assert!(done.warnings[0].contains("frames 70..74 are left out"), "{:?}", done.warnings);
     let task = tasks::find(done.task_file.to_str().unwrap()).unwrap();
     assert_eq!((task.video().unwrap().sources.len(), task.video().unwrap().sources[0].frames), (1, [3, 63]));
@@ -358,7 +368,7 @@ fn a_part_that_is_too_short_is_left_out() {
     let shown = |number: usize| (levelled(number), if number == 30 { 50 } else { 40 });
     gif(&uneven, &(0..80).map(shown).collect::<Vec<_>>());
     let plain = request(&[&uneven], &folder.path().join("uneven"));
-    let done = imported(&Request { parts, crop: CropChoice::Full, ..plain });
+    let done = imported(&ImportRequest { parts, crop: CropChoice::Full, ..plain });
     // To the nanosecond, as it is written down.
     assert!((done.interval - (59.0 * 0.04 + 0.01) / 59.0).abs() < 1e-9, "{}", done.interval);
 }
@@ -376,15 +386,16 @@ fn the_proposed_crop_lies_around_the_ball() {
         frame
     };
     let path = pictures(folder.path(), (0..40).map(noisy));
-    let small = |name: &str| Request { input_steps: 2, pred_steps: 2, ..request(&[&path], &folder.path().join(name)) };
-    let done = imported(&Request { fps: Some(25.0), ..small("out") });
+    let small =
+        |name: &str| ImportRequest { input_steps: 2, pred_steps: 2, ..request(&[&path], &folder.path().join(name)) };
+    let done = imported(&ImportRequest { fps: Some(25.0), ..small("out") });
     // The ball is seen from (16, 46) to (102, 54).
     let square = done.square;
     let (left, right) = (square.x, square.x + i64::from(square.side));
     assert!(left <= 16 && right >= 102 && square.side <= 120 && square.y + i64::from(square.side) >= 54, "{square:?}");
     assert!(done.warnings.iter().all(|warning| !warning.contains('%')), "{done:?}");
-    let part = Request { parts: vec![Part::Frames(0, Some(20))], ..small("part") };
-    let fewer = Request { fps: Some(25.0), input_steps: 1, pred_steps: 1, ..part };
+    let part = ImportRequest { parts: vec![VideoPart::Frames(0, Some(20))], ..small("part") };
+    let fewer = ImportRequest { fps: Some(25.0), input_steps: 1, pred_steps: 1, ..part };
     let square = imported(&fewer).square;
     assert!(square.x <= 16 && square.x + i64::from(square.side) >= 62 && square.side <= 75, "{square:?}");
 }
@@ -394,11 +405,16 @@ fn a_given_rate_replaces_the_times_and_uneven_times_are_said() {
     let folder = tempfile::tempdir().unwrap();
     let path = numbered();
     let out = |name: &str| folder.path().join(name);
-    let slow = Request { fps: Some(100.0), ..request(&[&path], &out("slow")) };
+    let slow = ImportRequest { fps: Some(100.0), ..request(&[&path], &out("slow")) };
     let done = imported(&slow);
-    assert_eq!((done.takes[0].kept.clock, done.interval), (Clock::Given, 0.01));
-    let steps =
-        Request { step: 2, time_unit: "ms".into(), input_steps: 1, pred_steps: 1, ..request(&[&path], &out("ms")) };
+    assert_eq!((done.takes[0].kept.clock, done.interval), (FrameSpacing::Given, 0.01));
+    let steps = ImportRequest {
+        step: 2,
+        time_unit: "ms".into(),
+        input_steps: 1,
+        pred_steps: 1,
+        ..request(&[&path], &out("ms"))
+    };
     assert_eq!(imported(&steps).takes[0].kept.frames.len(), 30);
     let task = Task::from_toml(&fs::read_to_string(out("ms").join("task.toml")).unwrap()).unwrap();
     assert!((task.system.dt - 80.0).abs() < 1e-6);
@@ -406,7 +422,7 @@ fn a_given_rate_replaces_the_times_and_uneven_times_are_said() {
     let uneven = folder.path().join("uneven.gif");
     gif(&uneven, &(0..60).map(|it| (ball(it % 40), if it == 20 { 200 } else { 40 })).collect::<Vec<_>>());
     let done = imported(&request(&[&uneven], &out("uneven")));
-    assert_eq!(done.takes[0].kept.clock, Clock::Resampled { repeated: 4, left_out: 0 });
+    assert_eq!(done.takes[0].kept.clock, FrameSpacing::Resampled { repeated: 4, left_out: 0 });
     assert!(done.warnings.iter().any(|warning| warning.contains("frame rate varies")), "{:?}", done.warnings);
 }
 
@@ -422,8 +438,8 @@ fn what_moves_is_followed_ball_by_ball() {
         })
     };
     let (video, out) = (pictures(folder.path(), (0..56).map(two)), folder.path().join("out"));
-    let asked = Request { fps: Some(25.0), input_steps: 4, ..request(&[&video], &out) };
-    let seen = Request { crop: CropChoice::Full, objects: Some(2), ..asked };
+    let asked = ImportRequest { fps: Some(25.0), input_steps: 4, ..request(&[&video], &out) };
+    let seen = ImportRequest { crop: CropChoice::Full, objects: Some(2), ..asked };
     let made = imported(&seen);
     assert!(!made.warnings.iter().any(|warning| warning.contains("goes only")), "{:?}", made.warnings);
     assert!(!made.warnings.iter().any(|warning| warning.contains("wide as a model")), "{:?}", made.warnings);
@@ -438,11 +454,11 @@ fn what_moves_is_followed_ball_by_ball() {
         seen
     };
     let lamps = pictures(&folder.path().join("lamps"), (0..56).map(blinking));
-    let made = imported(&Request { out: folder.path().join("lamps-out"), videos: vec![lamps], ..seen.clone() });
+    let made = imported(&ImportRequest { out: folder.path().join("lamps-out"), videos: vec![lamps], ..seen.clone() });
     assert!(!made.warnings.iter().any(|warning| warning.contains("goes only")), "{:?}", made.warnings);
     // As large, but so slow that a frame of 32 pixels hardly shows it; and a dot.
     let slow = pictures(&folder.path().join("slow"), (0..56).map(|frame| two(frame / 8)));
-    let made = imported(&Request { out: folder.path().join("slow-out"), videos: vec![slow], ..seen.clone() });
+    let made = imported(&ImportRequest { out: folder.path().join("slow-out"), videos: vec![slow], ..seen.clone() });
     assert!(made.warnings.iter().any(|warning| warning.contains("goes only")), "{:?}", made.warnings);
     let dot = |frame: usize| {
         RgbImage::from_fn(120, 80, |x, y| {
@@ -450,7 +466,7 @@ fn what_moves_is_followed_ball_by_ball() {
         })
     };
     let dots = pictures(&folder.path().join("dots"), (0..56).map(dot));
-    let made = imported(&Request { out: folder.path().join("dots-out"), videos: vec![dots], ..seen });
+    let made = imported(&ImportRequest { out: folder.path().join("dots-out"), videos: vec![dots], ..seen });
     assert!(made.warnings.iter().any(|warning| warning.contains("wide as a model")), "{:?}", made.warnings);
 }
 
@@ -510,18 +526,24 @@ fn what_cannot_be_imported_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (path, out) = (numbered(), folder.path().join("out"));
     let plain = || request(&[&path], &out);
-    let outside = CropChoice::Rectangle(Rectangle { x: 40, y: 0, width: 30, height: 30 });
-    assert_says(&refused(&Request { crop: outside, ..plain() }), &["40,0,30,30", "64 x 48"]);
-    assert_says(&refused(&Request { parts: vec![Part::Frames(30, Some(70))], ..plain() }), &["30..70", "it has 60"]);
-    assert_says(&refused(&Request { parts: vec![Part::Frames(0, Some(20))], ..plain() }), &["20 frames are too few"]);
+    let outside = CropChoice::Rectangle(CropRectangle { x: 40, y: 0, width: 30, height: 30 });
+    assert_says(&refused(&ImportRequest { crop: outside, ..plain() }), &["40,0,30,30", "64 x 48"]);
+    assert_says(
+        &refused(&ImportRequest { parts: vec![VideoPart::Frames(30, Some(70))], ..plain() }),
+        &["30..70", "it has 60"],
+    );
+    assert_says(
+        &refused(&ImportRequest { parts: vec![VideoPart::Frames(0, Some(20))], ..plain() }),
+        &["20 frames are too few"],
+    );
     // 2^54 frames of 3072 bytes are 0 bytes where numbers wrap around at 2^64.
     for frames in [1 << 54, usize::MAX] {
-        let long = Request { clip_frames: Some(frames), ..plain() };
+        let long = ImportRequest { clip_frames: Some(frames), ..plain() };
         assert_says(&refused(&long), &[&format!("60 frames are too few for clips of {frames}")]);
     }
-    assert_says(&refused(&Request { side: 50, ..plain() }), &["side = 50", "48"]);
+    assert_says(&refused(&ImportRequest { side: 50, ..plain() }), &["side = 50", "48"]);
     assert_says(
-        &refused(&Request { equation: EquationEntry::Name("fall".into()), ..plain() }),
+        &refused(&ImportRequest { equation: EquationEntry::Name("fall".into()), ..plain() }),
         &["\"fall\"", "falling"],
     );
     let own = folder.path().join("own.toml");
@@ -529,10 +551,10 @@ fn what_cannot_be_imported_is_refused() {
         "[system.equation]\nacceleration = \"-score * p\"\n[system.equation.parameters]\nscore = { unit = [0, -2] }\n";
     fs::write(&own, text).unwrap();
     let equation = EquationFile::read(&own).unwrap().equation;
-    assert_says(&refused(&Request { equation, ..plain() }), &["equation", "score", "another name"]);
-    assert_says(&refused(&Request { name: Some("pendulum".into()), ..plain() }), &["pendulum", "--name"]);
+    assert_says(&refused(&ImportRequest { equation, ..plain() }), &["equation", "score", "another name"]);
+    assert_says(&refused(&ImportRequest { name: Some("pendulum".into()), ..plain() }), &["pendulum", "--name"]);
     assert_says(
-        &refused(&Request { name: Some("My Scene".into()), ..plain() }),
+        &refused(&ImportRequest { name: Some("My Scene".into()), ..plain() }),
         &["--name: task name \"My Scene\": 1 to 64"],
     );
     let foreign = request(&[&path], &folder.path().join("実験"));
@@ -543,14 +565,15 @@ fn what_cannot_be_imported_is_refused() {
     assert_says(&refused(&request(&[&empty], &out)), &["no png or jpeg"]);
     let still = pictures(&folder.path().join("still"), (0..60).map(|_| ball(0)));
     assert_says(&refused(&request(&[&still], &out)), &["--fps"]);
-    assert_says(&refused(&Request { fps: Some(25.0), ..request(&[&still], &out) }), &["nothing moves"]);
-    let full = Request { fps: Some(25.0), crop: CropChoice::Full, ..request(&[&still], &out) };
+    assert_says(&refused(&ImportRequest { fps: Some(25.0), ..request(&[&still], &out) }), &["nothing moves"]);
+    let full = ImportRequest { fps: Some(25.0), crop: CropChoice::Full, ..request(&[&still], &out) };
     assert_says(&refused(&full), &["nothing moves"]);
     let sizes = pictures(&folder.path().join("sizes"), (0..60).map(ball).chain([RgbImage::new(60, 40)]));
-    assert_says(&refused(&Request { fps: Some(25.0), ..request(&[&sizes], &out) }), &["f60.png", "60 x 40"]);
-    let same = Request { fps: Some(25.0), ..request(&[&still, &folder.path().join("empty/../still/pictures")], &out) };
+    assert_says(&refused(&ImportRequest { fps: Some(25.0), ..request(&[&sizes], &out) }), &["f60.png", "60 x 40"]);
+    let same =
+        ImportRequest { fps: Some(25.0), ..request(&[&still, &folder.path().join("empty/../still/pictures")], &out) };
     assert_says(&refused(&same), &["empty/../still/pictures", "given twice"]);
-    let two = Request { fps: Some(25.0), ..request(&[&path, &still], &out) };
+    let two = ImportRequest { fps: Some(25.0), ..request(&[&path, &still], &out) };
     assert_says(&refused(&two), &["120 x 80", "64 x 48"]);
 }
 
@@ -560,15 +583,15 @@ fn videos_are_not_written_over() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("exp");
     let path = pictures(&place, (0..60).map(ball));
-    let into_itself = Request { fps: Some(25.0), force: true, ..request(&[&path], &path) };
+    let into_itself = ImportRequest { fps: Some(25.0), force: true, ..request(&[&path], &path) };
     assert_says(&refused(&into_itself), &["would be written over", "another --out"]);
     fs::copy(numbered(), place.join("film.npz")).unwrap();
-    let over = Request { force: true, ..request(&[&place.join("film.npz")], &place) };
+    let over = ImportRequest { force: true, ..request(&[&place.join("film.npz")], &place) };
     assert_says(&refused(&over), &["exp/film.npz would be written over"]);
     // One that may stay there.
     fs::remove_file(place.join("film.npz")).unwrap();
     fs::copy(numbered(), place.join("clip.mp4")).unwrap();
-    imported(&Request { force: true, ..request(&[&place.join("clip.mp4")], &place) });
+    imported(&ImportRequest { force: true, ..request(&[&place.join("clip.mp4")], &place) });
     assert!(place.join("clip.mp4").exists() && place.join("film.npz").exists());
 }
 
@@ -626,7 +649,7 @@ fn options_that_cannot_be_are_refused_in_one_line() {
 /// HEVC, as phones record it, is decoded without ffmpeg: the first frames of the film of H.264.
 #[test]
 fn hevc_is_decoded_as_h264_is() {
-    let video = Video::open(&project("tests/data/numbered_hevc.mp4")).unwrap();
+    let video = SourceVideo::open(&project("tests/data/numbered_hevc.mp4")).unwrap();
     assert_eq!((video.width, video.height), (64, 48));
     let mut frames = video.decode().unwrap();
     let shown: Vec<_> = (0..video.frames).map(|place| number(&frames.frame(place).unwrap())).collect();
@@ -699,7 +722,7 @@ fn damaged_films_are_no_more_than_an_error() {
     let (path, bytes) = (folder.path().join("damaged.mp4"), fs::read(numbered()).unwrap());
     let decode = |bytes: &[u8]| {
         fs::write(&path, bytes).unwrap();
-        let Ok(video) = Video::open(&path) else { return 0 };
+        let Ok(video) = SourceVideo::open(&path) else { return 0 };
         let mut frames = video.decode().unwrap();
         (0..video.frames).take_while(|number| frames.frame(*number).is_ok()).count()
     };
@@ -708,7 +731,7 @@ fn damaged_films_are_no_more_than_an_error() {
         assert_eq!(decode(&bytes[..length]), 0, "cut off at {length}");
     }
     fs::write(&path, &bytes[..bytes.len() - 100]).unwrap();
-    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["cut off", "of its 60 frames"]);
+    assert_says(&format!("{:#}", SourceVideo::open(&path).unwrap_err()), &["cut off", "of its 60 frames"]);
     for place in (0..bytes.len()).step_by(37) {
         for value in [0, 127, 255] {
             let mut damaged = bytes.clone();
@@ -734,12 +757,12 @@ fn damaged_films_are_no_more_than_an_error() {
     let entry = bytes.windows(4).rposition(|name| name == b"avc1").unwrap() + 4;
     wide[entry + 24..entry + 28].copy_from_slice(&[255; 4]);
     fs::write(&path, wide).unwrap();
-    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["65535 x 65535", "8192"]);
+    assert_says(&format!("{:#}", SourceVideo::open(&path).unwrap_err()), &["65535 x 65535", "8192"]);
     let mut many = bytes.clone();
     let sizes = bytes.windows(4).position(|name| name == b"stsz").unwrap() + 4;
     many[sizes + 4..sizes + 12].copy_from_slice(&[0, 0, 0, 1, 255, 255, 255, 255]);
     fs::write(&path, many).unwrap();
-    assert_says(&format!("{:#}", Video::open(&path).unwrap_err()), &["it has 4294967295 frames", "at most"]);
+    assert_says(&format!("{:#}", SourceVideo::open(&path).unwrap_err()), &["it has 4294967295 frames", "at most"]);
 }
 
 #[test]
@@ -749,7 +772,7 @@ fn an_equation_as_text_stands_in_the_new_task() {
     let gallery = project("configs/gallery/fall_linear_drag.toml");
     let drag = tasks::find(gallery.to_str().unwrap()).unwrap().system;
     let equation = EquationFile::read(&gallery).unwrap().equation;
-    let made = imported(&Request { fps: Some(10.0), equation, ..request(&[&video], &out) });
+    let made = imported(&ImportRequest { fps: Some(10.0), equation, ..request(&[&video], &out) });
     let task = tasks::find(made.task_file.to_str().unwrap()).unwrap();
     assert_eq!(task.system.cell, drag.cell);
     assert_eq!((task.system.dt, task.system.side), (0.1, 32));
@@ -779,9 +802,9 @@ fn clips_know_their_time_where_the_equation_names_it() {
     let gallery = project("configs/gallery/driven_pendulum.toml");
     let equation = EquationFile::read(&gallery).unwrap().equation;
     let takes = [(3, 103), (110, 200)];
-    let parts = takes.map(|(first, end)| Part::Frames(first, Some(end))).to_vec();
+    let parts = takes.map(|(first, end)| VideoPart::Frames(first, Some(end))).to_vec();
     let asked = request(&[&video], &out);
-    let made = imported(&Request { fps: Some(25.0), step: 2, crop: CropChoice::Full, equation, parts, ..asked });
+    let made = imported(&ImportRequest { fps: Some(25.0), step: 2, crop: CropChoice::Full, equation, parts, ..asked });
     let task = tasks::find(made.task_file.to_str().unwrap()).unwrap();
     let train = DatasetFile::read(&out.join("train.npz"), &ClipShape::training(&task)).unwrap();
     let test = DatasetFile::read(&out.join("test.npz"), &ClipShape::test(&task)).unwrap();

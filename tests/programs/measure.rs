@@ -15,8 +15,8 @@ use paig::tasks::{Task, find};
 use paig_video::measure::bootstrap::bootstrap;
 use paig_video::measure::coverage::KINDS;
 use paig_video::measure::dynamics::Dynamics;
-use paig_video::measure::explain::{Errors, constant_velocity, explain};
-use paig_video::measure::fit::{Start, Track};
+use paig_video::measure::explain::{RollOutErrors, constant_velocity, explain};
+use paig_video::measure::fit::{Observations, Start};
 use paig_video::measure::results::Measurement;
 use tch::{Kind, Tensor};
 
@@ -25,9 +25,9 @@ fn gallery(name: &str) -> Task {
 }
 
 /// Raw numbers of all parameters at their truth.
-fn true_raw(task: &Task) -> Vec<f64> {
+fn true_unconstrained(task: &Task) -> Vec<f64> {
     let parameters = task.system.cell.parameters.iter();
-    parameters.map(|it| it.bounds.raw(task.truth_of(&it.name).or(it.fixed).unwrap())).collect()
+    parameters.map(|it| it.bounds.unconstrained(task.truth_of(&it.name).or(it.fixed).unwrap())).collect()
 }
 
 /// The equation in plain numbers moves as the one on tensors, whatever it is made of.
@@ -47,8 +47,14 @@ fn plain_numbers_and_tensors_move_alike() {
         };
         let first =
             [scattered(if angle { 0.5 } else { 16.0 }, if angle { 0.3 } else { 5.0 }), scattered(0.0, 2.0)].concat();
-        let raw = true_raw(&task);
-        let values: Vec<f64> = system.cell.parameters.iter().zip(&raw).map(|(it, raw)| it.bounds.value(*raw)).collect();
+        let unconstrained = true_unconstrained(&task);
+        let values: Vec<f64> = system
+            .cell
+            .parameters
+            .iter()
+            .zip(&unconstrained)
+            .map(|(it, unconstrained)| it.bounds.value(*unconstrained))
+            .collect();
         let mut single = SingleEquation::new(equation, &values, system.walls);
         let mut moving = first.clone();
         let plain: Vec<f64> = (0..5)
@@ -57,7 +63,7 @@ fn plain_numbers_and_tensors_move_alike() {
                 moving.clone()
             })
             .collect();
-        let tensors: Vec<_> = raw.iter().map(|raw| Tensor::from(*raw)).collect();
+        let tensors: Vec<_> = unconstrained.iter().map(|unconstrained| Tensor::from(*unconstrained)).collect();
         let state = State::from_joined(&Tensor::from_slice(&first).unsqueeze(0));
         let rolled = system.build_cell(&tensors).roll_out(&state, &Actions::none(), system.dt, 5);
         for (frame, (state, plain)) in rolled.iter().zip(plain.chunks(2 * count)).enumerate() {
@@ -82,7 +88,7 @@ fn plain_numbers_and_tensors_move_alike() {
 fn a_long_swing_is_found_and_what_was_held_out_is_predicted() {
     let task = gallery("damped_pendulum");
     let dynamics = Dynamics::new(task.system.clone(), task.system.dt / 2.0).unwrap();
-    let truth = true_raw(&task);
+    let truth = true_unconstrained(&task);
     let (frames, trained) = (240, 180);
     let times = dynamics.even_times(frames);
     let exact = dynamics.positions(&truth, &[46.0, 26.0, 0.0, 0.0], &times);
@@ -92,28 +98,31 @@ fn a_long_swing_is_found_and_what_was_held_out_is_predicted() {
     positions[40..48].fill(f64::NAN);
     positions[100] += 9.0;
     positions[131] -= 14.0;
-    let tracks = [Track::new(positions, times, trained)];
+    let tracks = [Observations::new(positions, times, trained)];
     let learned = vec![true; 4];
-    let raw = truth.iter().map(|raw| raw + 0.25).collect();
-    let start = Start { raw, learned: learned.clone(), piece: 20 };
+    let unconstrained = truth.iter().map(|unconstrained| unconstrained + 0.25).collect();
+    let start = Start { unconstrained, learned: learned.clone(), piece: 20 };
     let explained = explain(&dynamics, &tracks, &[start]).unwrap();
     let uncertainty = bootstrap(&dynamics, &tracks, &learned, &explained.fitted, 0).unwrap();
     for (place, parameter) in task.system.cell.parameters.iter().enumerate() {
-        let draws: Vec<f64> =
-            uncertainty.draws.iter().map(|draw| draw.raw[place] - explained.fitted.raw[place]).collect();
+        let draws: Vec<f64> = uncertainty
+            .draws
+            .iter()
+            .map(|draw| draw.unconstrained[place] - explained.fitted.unconstrained[place])
+            .collect();
         let deviation = (draws.iter().map(|x| x * x).sum::<f64>() / draws.len() as f64).sqrt();
-        let off = (explained.fitted.raw[place] - truth[place]).abs();
+        let off = (explained.fitted.unconstrained[place] - truth[place]).abs();
         assert!(off < 4.0 * deviation, "{}: {off} off, deviation {deviation}", parameter.name);
         // Gravity, pivot and friction of five swings: a few per cent at most.
         assert!(deviation < 0.1, "{}: deviation {deviation}", parameter.name);
     }
     // The noise of the two coordinates, 0.14 px, and a little for the prediction.
     assert!(explained.errors.held_out < 0.25, "{:?}", explained.errors);
-    let steady = Errors::of(&tracks, &constant_velocity(&tracks, 2), &dynamics);
+    let steady = RollOutErrors::of(&tracks, &constant_velocity(&tracks, 2), &dynamics);
     assert!(steady.held_out > 20.0 * explained.errors.held_out, "{steady:?}");
     // An equation without friction explains it worse, by far more than its parameter costs.
     let free = gallery("free_pendulum");
-    let start = Start { raw: true_raw(&free), learned: vec![true; 3], piece: 20 };
+    let start = Start { unconstrained: true_unconstrained(&free), learned: vec![true; 3], piece: 20 };
     let free = Dynamics::new(free.system, task.system.dt / 2.0).unwrap();
     let without = explain(&free, &tracks, &[start]).unwrap();
     let one = uncertainty.frames_in_one;
@@ -127,22 +136,22 @@ fn a_long_swing_is_found_and_what_was_held_out_is_predicted() {
 fn balls_seen_beside_their_middles_are_told() {
     let task = find("spring_color").unwrap();
     let dynamics = Dynamics::new(task.system.clone(), 0.1).unwrap();
-    let truth = true_raw(&task);
+    let truth = true_unconstrained(&task);
     let (frames, beside) = (240, [0.8, -0.5]);
     let mut random = named_generator(2, "noise");
     let times = dynamics.even_times(frames);
     let exact = dynamics.positions(&truth, &[11.0, 16.0, 22.0, 15.0, 0.3, 4.0, -0.3, -4.0], &times);
     let seen = |(place, x): (usize, &f64)| x + if place % 4 < 2 { 0.0 } else { beside[place % 2] };
     let positions = exact.iter().enumerate().map(seen).map(|x| x + 0.03 * normal(&mut random)).collect();
-    let tracks = [Track::new(positions, times, 180)];
+    let tracks = [Observations::new(positions, times, 180)];
     let explained = |numbers: usize| {
-        let raw = [&truth[..], &vec![0.0; numbers]].concat();
-        let start = Start { learned: vec![true; raw.len()], raw, piece: 20 };
+        let unconstrained = [&truth[..], &vec![0.0; numbers]].concat();
+        let start = Start { learned: vec![true; unconstrained.len()], unconstrained, piece: 20 };
         explain(&dynamics, &tracks, &[start]).unwrap()
     };
     let (plain, told) = (explained(0), explained(2));
-    for (found, true_number) in told.fitted.raw.iter().zip(truth.iter().chain(&beside)) {
-        assert!((found - true_number).abs() < 0.01, "{:?}", told.fitted.raw);
+    for (found, true_number) in told.fitted.unconstrained.iter().zip(truth.iter().chain(&beside)) {
+        assert!((found - true_number).abs() < 0.01, "{:?}", told.fitted.unconstrained);
     }
     assert!(told.errors.held_out < 0.1, "{:?}", told.errors);
     assert!(plain.errors.held_out > 5.0 * told.errors.held_out, "{:?}", plain.errors);

@@ -22,13 +22,13 @@ struct Server {
     token: String,
 }
 
-struct Answer {
+struct HttpResponse {
     status: u16,
     head: String,
     body: Vec<u8>,
 }
 
-impl Answer {
+impl HttpResponse {
     fn json(&self) -> Value {
         serde_json::from_slice(&self.body).unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&self.body)))
     }
@@ -47,7 +47,7 @@ impl Server {
     }
 
     /// A request with these lines in its head and nothing else.
-    fn send(&self, method: &str, path: &str, head: &[String], body: &[u8]) -> Answer {
+    fn send(&self, method: &str, path: &str, head: &[String], body: &[u8]) -> HttpResponse {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let length = format!("Content-Length: {}", body.len());
@@ -61,7 +61,7 @@ impl Server {
         let head = String::from_utf8_lossy(&answer[..end]).into_owned();
         let status = head.split(' ').nth(1).unwrap().parse().unwrap();
         let body = answer[end + 4..].to_vec();
-        Answer { status, body: if head.contains("chunked") { joined(&body) } else { body }, head }
+        HttpResponse { status, body: if head.contains("chunked") { joined(&body) } else { body }, head }
     }
 
     fn head(&self) -> Vec<String> {
@@ -71,19 +71,19 @@ impl Server {
     }
 
     /// A request as the page makes it.
-    fn ask(&self, method: &str, path: &str, body: &Value) -> Answer {
+    fn ask(&self, method: &str, path: &str, body: &Value) -> HttpResponse {
         let mut head = self.head();
         head.push("Content-Type: application/json".into());
         let body = if body.is_null() { Vec::new() } else { body.to_string().into_bytes() };
         self.send(method, path, &head, &body)
     }
 
-    fn get(&self, path: &str) -> Answer {
+    fn get(&self, path: &str) -> HttpResponse {
         self.ask("GET", path, &Value::Null)
     }
 
     /// Creates a project with a file; its name.
-    fn upload(&self, file: &str, content: &[u8]) -> (String, Answer) {
+    fn upload(&self, file: &str, content: &[u8]) -> (String, HttpResponse) {
         let name =
             self.ask("POST", "/api/projects", &json!({ "title": file })).json()["name"].as_str().unwrap().to_string();
         let answer = self.send("PUT", &format!("/api/projects/{name}/source/{file}"), &self.head(), content);

@@ -13,7 +13,7 @@ use paig_video::measure::trials::Trial;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::trajectory::{Clock, integrate};
+use crate::trajectory::{SampleTimes, integrate};
 
 /// Frames of a trial, and how many of them fall on one frame of a task.
 const FRAMES: usize = 120;
@@ -23,7 +23,7 @@ const NOISE: f64 = 0.5;
 
 /// Makes trajectories by every equation of the gallery, and counts which equation explains each best; then leaves terms out.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct EquationChoiceArguments {
     /// Trajectories of each equation
     #[arg(default_value_t = 3)]
     seeds: u64,
@@ -47,7 +47,7 @@ const CONTAINED: [(&str, &[&str]); 9] = [
 
 /// # Errors
 /// A gallery whose clips cannot be made.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &EquationChoiceArguments) -> Result<()> {
     choices(arguments.seeds)?;
     missing_terms()
 }
@@ -94,7 +94,7 @@ fn choices(seeds: u64) -> Result<()> {
 }
 
 /// A motion by an equation of the gallery, and by the same with a term that is left out of it.
-struct Hidden {
+struct HiddenTerm {
     equation: &'static str,
     /// Name of the term; none where nothing is left out.
     term: Option<&'static str>,
@@ -130,12 +130,18 @@ const SPRING: Option<&str> = Some("spring");
 const LENS: Option<&str> = Some("lens distortion");
 const PERSPECTIVE: Option<&str> = Some("perspective: the plane of the motion is seen at an angle");
 
-fn motions() -> Vec<Hidden> {
-    let fall = |term, begin, acceleration| Hidden { equation: "falling", term, begin, acceleration, view: as_it_is };
+fn motions() -> Vec<HiddenTerm> {
+    let fall =
+        |term, begin, acceleration| HiddenTerm { equation: "falling", term, begin, acceleration, view: as_it_is };
     let swings =
-        |term, begin, acceleration| Hidden { equation: "free_pendulum", term, begin, acceleration, view: as_it_is };
-    let hangs =
-        |term, begin, acceleration| Hidden { equation: "mass_on_a_spring", term, begin, acceleration, view: as_it_is };
+        |term, begin, acceleration| HiddenTerm { equation: "free_pendulum", term, begin, acceleration, view: as_it_is };
+    let hangs = |term, begin, acceleration| HiddenTerm {
+        equation: "mass_on_a_spring",
+        term,
+        begin,
+        acceleration,
+        view: as_it_is,
+    };
     vec![
         fall(LINEAR, [8.0, 10.0, 20.0, -8.0], |_, [vx, vy]| [-0.3 * vx, 8.0 - 0.3 * vy]),
         fall(DRAG, [8.0, 10.0, 20.0, -8.0], |_, [vx, vy]| [-0.02 * vx.hypot(vy) * vx, 8.0 - 0.02 * vx.hypot(vy) * vy]),
@@ -151,8 +157,8 @@ fn motions() -> Vec<Hidden> {
             [0, 1].map(|i| spring(p)[i] - 4.0 * (v[0].hypot(v[1]) / 0.5).tanh() * v[i] / v[0].hypot(v[1]).max(1e-9))
         }),
         hangs(DRAG, [34.0, 50.0, 0.0, 0.0], |p, v| [0, 1].map(|i| spring(p)[i] - 0.01 * v[0].hypot(v[1]) * v[i])),
-        Hidden { view: bent, ..swings(LENS, [54.0, 42.8, 0.0, 0.0], swing) },
-        Hidden { view: oblique, ..hangs(PERSPECTIVE, [50.0, 44.0, 0.0, 20.0], |p, _| spring(p)) },
+        HiddenTerm { view: bent, ..swings(LENS, [54.0, 42.8, 0.0, 0.0], swing) },
+        HiddenTerm { view: oblique, ..hangs(PERSPECTIVE, [50.0, 44.0, 0.0, 20.0], |p, _| spring(p)) },
         fall(None, [8.0, 10.0, 14.0, -4.0], |_, _| [0.0, 6.0]),
         fall(None, [50.0, 40.0, -10.0, -16.0], |_, _| [0.0, 9.0]),
         fall(None, [20.0, 10.0, 3.0, 2.0], |_, _| [0.0, 5.0]),
@@ -162,7 +168,7 @@ fn motions() -> Vec<Hidden> {
         hangs(None, [34.0, 50.0, 0.0, 0.0], |p, v| [0, 1].map(|i| spring(p)[i] - 0.2 * v[i])),
         hangs(None, [50.0, 40.0, 0.0, 30.0], |p, v| [0, 1].map(|i| spring(p)[i] - 0.4 * v[i])),
         hangs(None, [32.0, 20.0, 0.0, 0.0], |p, v| [0, 1].map(|i| spring(p)[i] - 0.1 * v[i])),
-        Hidden { equation: "constant_acceleration", ..fall(None, [10.0, 50.0, 20.0, -4.0], |_, _| [-4.0, -1.0]) },
+        HiddenTerm { equation: "constant_acceleration", ..fall(None, [10.0, 50.0, 20.0, -4.0], |_, _| [-4.0, -1.0]) },
     ]
 }
 
@@ -181,7 +187,7 @@ fn oblique([x, y]: [f64; 2]) -> [f64; 2] {
 }
 
 fn missing_terms() -> Result<()> {
-    let clock = Clock { frames: FRAMES, rate: 30.0 };
+    let clock = SampleTimes { frames: FRAMES, rate: 30.0 };
     let (mut right, mut all) = (0, 0);
     println!("{:<24} {:<58} named", "equation", "left out");
     for (seed, motion) in (0..).zip(motions()) {

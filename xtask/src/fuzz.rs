@@ -19,7 +19,7 @@ use crate::inputs::{TARGETS, Target, mutate};
 
 /// Feeds changed files to all that reads files of strangers, and counts.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct FuzzArguments {
     seconds: f64,
     /// Only this reader
     reader: Option<String>,
@@ -37,7 +37,7 @@ const ROUND: u64 = 200_000;
 
 /// # Errors
 /// A reader that is not there, a process that cannot be started.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &FuzzArguments) -> Result<()> {
     match (&arguments.reader, arguments.child) {
         (Some(name), Some(seed)) => child(find(name)?, seed, arguments.seconds),
         (None, _) => parent(arguments.seconds, TARGETS.iter().collect()),

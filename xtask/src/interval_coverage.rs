@@ -6,7 +6,7 @@ use paig_video::measure::coverage::KINDS;
 
 /// Counts how often the 95 % intervals of a measurement hold the truth.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct IntervalCoverageArguments {
     /// Sets of trajectories of each kind
     #[arg(default_value_t = 200)]
     sets: usize,
@@ -14,7 +14,7 @@ pub struct Arguments {
 
 /// # Errors
 /// A fit that fails.
-pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
+pub fn run(arguments: &IntervalCoverageArguments) -> anyhow::Result<()> {
     let sets = arguments.sets;
     println!("{:<40}{:<12}{:>12}", "trajectories", "parameter", "held");
     for kind in KINDS {

@@ -22,16 +22,16 @@ use clap::Parser;
 /// Tools for development.
 #[derive(Debug, Parser)]
 enum Tool {
-    Fuzz(fuzz::Arguments),
-    Recordings(recordings::Arguments),
-    Resources(resources::Arguments),
-    Torture(torture::Arguments),
+    Fuzz(fuzz::FuzzArguments),
+    Recordings(recordings::RecordingsArguments),
+    Resources(resources::ResourcesArguments),
+    Torture(torture::TortureArguments),
     /// Writes reports/torture from what the parts of `make torture` printed.
     TortureReport,
-    IntervalCoverage(interval_coverage::Arguments),
-    Seeds(seeds::Arguments),
-    EquationChoice(equation_choice::Arguments),
-    SyntheticVideo(synthetic_video::Arguments),
+    IntervalCoverage(interval_coverage::IntervalCoverageArguments),
+    Seeds(seeds::SeedsArguments),
+    EquationChoice(equation_choice::EquationChoiceArguments),
+    SyntheticVideo(synthetic_video::SyntheticVideoArguments),
 }
 
 fn main() -> Result<()> {

@@ -30,17 +30,17 @@ const LIMIT: u64 = 2_600_000;
 
 /// Shows what a long training holds on to, and learns from a dataset larger than the memory it may take.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct ResourcesArguments {
     /// Of the long training
     steps: u64,
 }
 
 /// # Errors
 /// A program that is not built, that fails, or that does what it must not.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &ResourcesArguments) -> Result<()> {
     let steps = &arguments.steps.to_string();
     let folder = tempfile::tempdir()?;
-    let trial = Trial { place: folder.path().into(), paig: programs::paig()? };
+    let trial = ResourceTrial { place: folder.path().into(), paig: programs::paig()? };
     fs::write(trial.place.join("long.toml"), LONG)?;
     done(&trial.generate("data", 12)?)?;
     let held = trial.held_over(steps)?;
@@ -50,12 +50,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Where it is tried.
-struct Trial {
+struct ResourceTrial {
     place: PathBuf,
     paig: PathBuf,
 }
 
-impl Trial {
+impl ResourceTrial {
     fn generate(&self, out: &str, clips: usize) -> Result<Output> {
         let mut command = Command::new(&self.paig);
         command.current_dir(&self.place).args([

@@ -19,10 +19,10 @@ use paig::datasets::files::{ClipShape, Split};
 use paig::network::physics_models::PhysicsNet;
 use paig::runs::metrics::Record;
 use paig::support::device;
-use paig::training::base::Outcome;
+use paig::training::base::TrainingOutcome;
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
-use paig::training::observer::{Event, Observer};
+use paig::training::observer::{TrainingEvent, TrainingObserver};
 use paig::training::trainer::Trainer;
 use paig_experiments::sweep::parse_seeds;
 use serde_json::json;
@@ -30,7 +30,7 @@ use tch::Device;
 
 /// Trains several seeds of a task at once, in threads of one process.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct SeedsArguments {
     #[arg(long, default_value = "spring_color")]
     task: String,
     #[arg(long, default_value = "0-9")]
@@ -49,7 +49,7 @@ pub struct Arguments {
 }
 
 /// Keeps what is known of the parameters, and when.
-struct Course {
+struct ParameterLog {
     seed: u64,
     began: Instant,
     truths: Vec<(String, f64)>,
@@ -61,15 +61,15 @@ struct Course {
     kept: usize,
 }
 
-impl Observer for Course {
-    fn observe(&mut self, event: &Event) -> Result<()> {
+impl TrainingObserver for ParameterLog {
+    fn observe(&mut self, event: &TrainingEvent) -> Result<()> {
         let now = self.began.elapsed().as_secs_f64();
         match event {
-            Event::PhaseBegins { phase, .. } => eprintln!("{now:6.2} s  seed {}: {phase} begins", self.seed),
-            Event::Note(line) => eprintln!("{now:6.2} s  seed {}: {line}", self.seed),
+            TrainingEvent::PhaseBegins { phase, .. } => eprintln!("{now:6.2} s  seed {}: {phase} begins", self.seed),
+            TrainingEvent::Note(line) => eprintln!("{now:6.2} s  seed {}: {line}", self.seed),
             _ => (),
         }
-        let Event::Recorded { record, .. } = event else { return Ok(()) };
+        let TrainingEvent::Recorded { record, .. } = event else { return Ok(()) };
         let error =
             |(name, truth): &(String, f64)| (record.parameters.get(name).map_or(f64::NAN, |x| x / truth) - 1.0).abs();
         // What is not a number stays.
@@ -84,7 +84,7 @@ impl Observer for Course {
     }
 }
 
-impl Course {
+impl ParameterLog {
     /// When the parameters came within a share of the truth and stayed there; none where nothing is learned.
     fn seconds_to(&self, share: f64) -> Option<f64> {
         if self.truths.is_empty() {
@@ -98,7 +98,7 @@ impl Course {
 
 /// # Errors
 /// Data or a device that are not there, a training that fails.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &SeedsArguments) -> Result<()> {
     let began = Instant::now();
     let device = device::parse(&arguments.device)?;
     let set = [arguments.set.clone(), vec![format!("device={:?}", arguments.device)]].concat();
@@ -136,16 +136,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-fn one(config: &Config, dataset: &Dataset, device: Device, began: Instant) -> Result<Course> {
+fn one(config: &Config, dataset: &Dataset, device: Device, began: Instant) -> Result<ParameterLog> {
     let [train, valid] = [Split::Train, Split::Valid].map(|split| dataset.clips(split, device));
     let truths = config.task.system.cell.parameters.iter().map(|parameter| &*parameter.name);
     let truths = truths.filter_map(|name| Some((name.to_string(), config.task.truth_of(name)?))).collect();
-    let mut course = Course { seed: config.seed, began, truths, errors: Vec::new(), best: None, kept: 0 };
+    let mut course = ParameterLog { seed: config.seed, began, truths, errors: Vec::new(), best: None, kept: 0 };
     device::set_tf32(device, config.model.tf32);
     let model = PhysicsNet::new(&config.task.system, &config.model, device, config.seed)?;
     let learned: Vec<_> = model.learned().map(|parameter| parameter.kind.name.to_string()).collect();
     course.truths.retain(|(name, _): &(String, f64)| learned.contains(name));
     let outcome = Trainer::new(config, &model, &train, &valid)?.observed_by(&mut course).run()?;
-    ensure!(outcome == Outcome::Finished, "the training was stopped");
+    ensure!(outcome == TrainingOutcome::Finished, "the training was stopped");
     Ok(course)
 }

@@ -52,7 +52,7 @@ struct Torture {
 
 /// Kills the program at random moments, fills disks, and looks at what is left.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct TortureArguments {
     /// Kills after which it ends
     kills: u32,
     /// Seconds after which it ends
@@ -61,7 +61,7 @@ pub struct Arguments {
 
 /// # Errors
 /// Something was lost.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &TortureArguments) -> Result<()> {
     let folder = tempfile::tempdir()?;
     let mut torture = Torture {
         place: folder.path().into(),

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 /// A folder that cannot be written.
 pub fn run() -> Result<()> {
     let project = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let parts = Parts { folder: project.join("target/torture") };
+    let parts = PrintedParts { folder: project.join("target/torture") };
     let out = project.join("reports/torture");
     fs::create_dir_all(&out)?;
     let results = parts.results()?;
@@ -25,11 +25,11 @@ pub fn run() -> Result<()> {
 }
 
 /// What the parts printed.
-struct Parts {
+struct PrintedParts {
     folder: PathBuf,
 }
 
-impl Parts {
+impl PrintedParts {
     fn said(&self, name: &str) -> String {
         fs::read_to_string(self.folder.join(name)).unwrap_or_default()
     }

@@ -4,13 +4,13 @@
 const SUBSTEPS: usize = 200;
 
 /// Times of the frames.
-pub struct Clock {
+pub struct SampleTimes {
     pub frames: usize,
     /// Frames a second.
     pub rate: f64,
 }
 
-impl Clock {
+impl SampleTimes {
     /// From the first frame to the last.
     pub fn seconds(&self) -> f64 {
         (self.frames - 1) as f64 / self.rate
@@ -18,15 +18,15 @@ impl Clock {
 }
 
 /// State of all objects: positions and velocities.
-pub type State = (Vec<[f64; 2]>, Vec<[f64; 2]>);
+pub type MotionState = (Vec<[f64; 2]>, Vec<[f64; 2]>);
 
 /// Positions of each object at the frames, by many steps of the explicit midpoint rule; `event` may change the state after
 /// each.
 pub fn integrate(
-    clock: &Clock,
-    (mut at, mut speed): State,
+    clock: &SampleTimes,
+    (mut at, mut speed): MotionState,
     acceleration: impl Fn(&[[f64; 2]], &[[f64; 2]]) -> Vec<[f64; 2]>,
-    mut event: impl FnMut(&mut State),
+    mut event: impl FnMut(&mut MotionState),
 ) -> Vec<Vec<[f64; 2]>> {
     let step = 1.0 / clock.rate / SUBSTEPS as f64;
     let moved = |from: &[[f64; 2]], by: &[[f64; 2]], time: f64| -> Vec<[f64; 2]> {

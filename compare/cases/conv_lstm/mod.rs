@@ -2,7 +2,7 @@
 
 use anyhow::{Result, ensure};
 use paig::network::blocks::Layers;
-use paig_experiments::baselines::whole_models::conv_lstm::ConvLstmCell;
+use paig_experiments::baselines::end_to_end::conv_lstm::ConvLstmCell;
 use tch::nn::VarStore;
 use tch::{Device, Tensor};
 

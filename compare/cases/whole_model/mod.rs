@@ -15,7 +15,7 @@ use crate::harness::case::{Case, channels_first, channels_last};
 use crate::harness::formula;
 use crate::harness::golden::as_stored;
 use crate::harness::meta::Meta;
-use crate::harness::variables::{Listing, Variable, fill};
+use crate::harness::variables::{Variable, VariableListing, fill};
 use crate::tolerances::{FORWARD, GRADIENT, Tolerance};
 
 /// What is described by a formula: equal but for the last bit of float32.
@@ -75,7 +75,7 @@ fn fill_variables(case: &Case, meta: &Meta, model: &PhysicsNet) -> Result<Vec<Va
         anyhow::bail!("tensor scalars: {key} is not known");
     }
     let factors = if case.golden.has("scale") { case.golden.assignments("scale")? } else { BTreeMap::new() };
-    let listing = Listing {
+    let listing = VariableListing {
         names: "var_names",
         shapes: "var_shapes",
         prefix: "",

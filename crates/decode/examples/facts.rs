@@ -3,15 +3,15 @@
 use std::path::Path;
 use std::time::Instant;
 
-use paig_decode::{Error, Video};
+use paig_decode::{DecodeError, VideoFile};
 
-fn main() -> Result<(), Error> {
+fn main() -> Result<(), DecodeError> {
     let arguments: Vec<_> = std::env::args_os().skip(1).collect();
     let Some(path) = arguments.first() else {
         eprintln!("usage: facts VIDEO [rgb]");
         return Ok(());
     };
-    let video = Video::open(Path::new(path))?;
+    let video = VideoFile::open(Path::new(path))?;
     println!("{:#?}", video.info());
     let (begin, mut count, mut sum) = (Instant::now(), 0, 0u64);
     for frame in video.frames()? {

@@ -1,6 +1,6 @@
 //! Reading bits of parameter sets: fixed lengths and Exp-Golomb codes (ITU-T H.264, 9.1; H.265, 9.2).
 
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 
 /// A position in the payload of a NAL unit.
 pub(crate) struct Bits {
@@ -30,7 +30,7 @@ impl Bits {
     }
 
     pub(crate) fn bit(&mut self) -> Result<bool> {
-        let byte = self.bytes.get(self.at / 8).ok_or_else(|| Error::corrupt("a parameter set ends too early"))?;
+        let byte = self.bytes.get(self.at / 8).ok_or_else(|| DecodeError::corrupt("a parameter set ends too early"))?;
         let bit = byte >> (7 - self.at % 8) & 1;
         self.at += 1;
         Ok(bit == 1)
@@ -58,7 +58,7 @@ impl Bits {
         while !self.bit()? {
             zeros += 1;
             if zeros > 31 {
-                return Err(Error::corrupt("a parameter set holds a number beyond 32 bits"));
+                return Err(DecodeError::corrupt("a parameter set holds a number beyond 32 bits"));
             }
         }
         Ok((1 << zeros) - 1 + self.bits(zeros)?)

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 
 /// A position in bytes.
 #[derive(Debug, Clone, Copy)]
@@ -12,7 +12,8 @@ pub(crate) struct Bytes<'a>(pub(crate) &'a [u8]);
 impl<'a> Bytes<'a> {
     /// The next `count` bytes.
     pub(crate) fn take(&mut self, count: usize) -> Result<&'a [u8]> {
-        let (taken, rest) = self.0.split_at_checked(count).ok_or_else(|| Error::corrupt("a header ends too early"))?;
+        let (taken, rest) =
+            self.0.split_at_checked(count).ok_or_else(|| DecodeError::corrupt("a header ends too early"))?;
         self.0 = rest;
         Ok(taken)
     }
@@ -68,13 +69,13 @@ pub(crate) fn read_at(file: &mut BufReader<File>, offset: u64, length: u64) -> R
     let here = file.stream_position()?;
     match i64::try_from(i128::from(offset) - i128::from(here)) {
         Ok(step) => file.seek_relative(step)?,
-        Err(_) => return Err(Error::corrupt(format!("it refers to the byte {offset}"))),
+        Err(_) => return Err(DecodeError::corrupt(format!("it refers to the byte {offset}"))),
     }
     let mut bytes = Vec::new();
     // Grows with what is there, not with what is claimed.
     let read = file.take(length).read_to_end(&mut bytes)?;
     if read as u64 != length {
-        return Err(Error::corrupt(format!("it ends after {read} of {length} bytes at {offset}")));
+        return Err(DecodeError::corrupt(format!("it ends after {read} of {length} bytes at {offset}")));
     }
     Ok(bytes)
 }

@@ -4,12 +4,12 @@ use std::io;
 use std::result;
 
 /// A result of this crate.
-pub type Result<T> = result::Result<T, Error>;
+pub type Result<T> = result::Result<T, DecodeError>;
 
 /// Why a video cannot be read. The messages name neither file nor folder: the caller knows it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum Error {
+pub enum DecodeError {
     /// A FIFO, device, socket or a link to nothing, where a file is expected.
     #[error("expected a regular file, found {found}")]
     NotAFile {
@@ -45,7 +45,7 @@ pub enum Error {
         /// The picture's name.
         name: String,
         /// What failed in it.
-        source: Box<Error>,
+        source: Box<DecodeError>,
     },
     /// An error at a known place of the video.
     #[error("frame {number}{}: {source}", at(*.seconds))]
@@ -55,39 +55,39 @@ pub enum Error {
         /// Its presentation time, seconds since the first frame.
         seconds: Option<f64>,
         /// What failed there.
-        source: Box<Error>,
+        source: Box<DecodeError>,
     },
 }
 
-impl Error {
+impl DecodeError {
     /// Damage, by its description.
     pub(crate) fn corrupt(what: impl Into<String>) -> Self {
-        Error::Corrupt { what: what.into() }
+        DecodeError::Corrupt { what: what.into() }
     }
 
     /// A missing decoder, by the codec's name, with the usual remedy.
     pub(crate) fn unsupported(what: impl Into<String>) -> Self {
-        Error::Unsupported { what: what.into(), remedy: CONVERT.into() }
+        DecodeError::Unsupported { what: what.into(), remedy: CONVERT.into() }
     }
 
     /// A size beyond the limits.
     pub(crate) fn too_large(what: impl Into<String>) -> Self {
-        Error::TooLarge { what: what.into() }
+        DecodeError::TooLarge { what: what.into() }
     }
 
     /// An error at a frame. Refusals of the system stay as they are.
-    pub(crate) fn at_frame(number: usize, seconds: Option<f64>, error: Error) -> Self {
+    pub(crate) fn at_frame(number: usize, seconds: Option<f64>, error: DecodeError) -> Self {
         match error {
-            Error::Io(_) | Error::AtFrame { .. } => error,
-            error => Error::AtFrame { number, seconds, source: Box::new(error) },
+            DecodeError::Io(_) | DecodeError::AtFrame { .. } => error,
+            error => DecodeError::AtFrame { number, seconds, source: Box::new(error) },
         }
     }
 
     /// Whether ffmpeg may read what is not decoded here.
     pub(crate) fn is_unsupported(&self) -> bool {
         match self {
-            Error::Unsupported { .. } => true,
-            Error::AtFrame { source, .. } => source.is_unsupported(),
+            DecodeError::Unsupported { .. } => true,
+            DecodeError::AtFrame { source, .. } => source.is_unsupported(),
             _ => false,
         }
     }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use zip::ZipArchive;
 
-use crate::error::{CONVERT, Error, Result, printable};
+use crate::error::{CONVERT, DecodeError, Result, printable};
 use crate::limits::check_frames;
 use crate::open::open_regular;
 
@@ -35,7 +35,7 @@ impl Extracted {
     /// No zip, no video in it, more bytes than the limit.
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let mut archive = ZipArchive::new(open_regular(path)?).map_err(damaged)?;
-        let mut entries: Vec<Entry> = Vec::new();
+        let mut entries: Vec<ArchiveEntry> = Vec::new();
         for number in 0..archive.len() {
             let file = archive.by_index_raw(number).map_err(damaged)?;
             let Some(inner) = file.enclosed_name().filter(|_| file.is_file()) else { continue };
@@ -44,19 +44,21 @@ impl Extracted {
             let folder = inner.parent().unwrap_or(Path::new("")).to_path_buf();
             let is_video = VIDEOS.contains(&extension.as_str());
             if is_video || PICTURES.contains(&extension.as_str()) {
-                entries.push(Entry { number, name, folder, bytes: file.size(), is_video });
+                entries.push(ArchiveEntry { number, name, folder, bytes: file.size(), is_video });
                 check_frames(entries.len())?;
             }
         }
         let folder = tempfile::tempdir()?;
         let film = entries.iter().filter(|entry| entry.is_video).max_by_key(|entry| entry.bytes);
-        let (wanted, video): (Vec<&Entry>, PathBuf) = match film {
+        let (wanted, video): (Vec<&ArchiveEntry>, PathBuf) = match film {
             Some(film) => (vec![film], folder.path().join(&film.name)),
             None => (pictures(&entries)?, folder.path().to_path_buf()),
         };
         let bytes: u64 = wanted.iter().map(|entry| entry.bytes).sum();
         if bytes > MOST_BYTES {
-            return Err(Error::too_large(format!("its video has {bytes} bytes; at most {MOST_BYTES} are extracted")));
+            return Err(DecodeError::too_large(format!(
+                "its video has {bytes} bytes; at most {MOST_BYTES} are extracted"
+            )));
         }
         for entry in wanted {
             let mut file = archive.by_index(entry.number).map_err(damaged)?;
@@ -75,7 +77,7 @@ impl Extracted {
 }
 
 /// A film or picture in an archive.
-struct Entry {
+struct ArchiveEntry {
     number: usize,
     name: String,
     folder: PathBuf,
@@ -85,21 +87,23 @@ struct Entry {
 
 /// The pictures of the series with most of them: in one folder, and alike in their names but for the numbers. Tracker adds
 /// small pictures of its window.
-fn pictures(entries: &[Entry]) -> Result<Vec<&Entry>> {
-    let series = |entry: &Entry| {
+fn pictures(entries: &[ArchiveEntry]) -> Result<Vec<&ArchiveEntry>> {
+    let series = |entry: &ArchiveEntry| {
         let letters: String = entry.name.chars().filter(|letter| !letter.is_ascii_digit()).collect();
         (entry.folder.clone(), letters)
     };
-    let of = |entry: &Entry| entries.iter().filter(|other| series(other) == series(entry)).collect::<Vec<_>>();
+    let of = |entry: &ArchiveEntry| entries.iter().filter(|other| series(other) == series(entry)).collect::<Vec<_>>();
     let largest = entries.iter().map(of).max_by_key(Vec::len).filter(|found| found.len() > 1);
-    largest
-        .ok_or_else(|| Error::Unsupported { what: "a Tracker archive without a video".into(), remedy: CONVERT.into() })
+    largest.ok_or_else(|| DecodeError::Unsupported {
+        what: "a Tracker archive without a video".into(),
+        remedy: CONVERT.into(),
+    })
 }
 
-fn damaged(error: zip::result::ZipError) -> Error {
+fn damaged(error: zip::result::ZipError) -> DecodeError {
     match error {
-        zip::result::ZipError::Io(error) => Error::Io(error),
-        other => Error::corrupt(format!("it is no readable zip: {}", printable(&other.to_string()))),
+        zip::result::ZipError::Io(error) => DecodeError::Io(error),
+        other => DecodeError::corrupt(format!("it is no readable zip: {}", printable(&other.to_string()))),
     }
 }
 
@@ -111,7 +115,7 @@ mod tests {
     use zip::ZipWriter;
     use zip::write::SimpleFileOptions;
 
-    use crate::Video;
+    use crate::VideoFile;
 
     #[test]
     fn the_pictures_of_a_tracker_archive_are_its_frames() {
@@ -133,11 +137,11 @@ mod tests {
             add(&format!("videos/f{number}.png"), &png(40 * number));
         }
         archive.finish().unwrap();
-        let video = Video::open(&path).unwrap();
+        let video = VideoFile::open(&path).unwrap();
         assert_eq!((video.info().frames, video.info().size, video.path()), (4, (8, 6), path.as_path()));
         let levels: Vec<u8> = video.frames().unwrap().map(|frame| frame.unwrap().rgb()[(3, 3)].0[1]).collect();
         assert_eq!(levels, [0, 40, 80, 120]);
         std::fs::write(&path, b"no zip").unwrap();
-        assert!(Video::open(&path).is_err());
+        assert!(VideoFile::open(&path).is_err());
     }
 }

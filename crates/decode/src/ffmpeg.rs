@@ -8,11 +8,11 @@ use std::sync::Arc;
 
 use image::RgbImage;
 
-use crate::error::{Error, Result, printable};
-use crate::frame::{Display, Frame};
-use crate::info::{Decoder, Info, Note};
+use crate::error::{DecodeError, Result, printable};
+use crate::frame::{Frame, Presentation};
+use crate::info::{Info, Note, VideoDecoder};
 use crate::limits::{check_frames, check_size};
-use crate::picture::Picture;
+use crate::picture::DecodedPicture;
 use crate::stream::Sink;
 
 /// Demuxers that ffmpeg may use: containers of one file. Playlists and lists of files would open others.
@@ -43,12 +43,12 @@ fn command(path: &Path, output: &[&str]) -> Command {
 ///
 /// # Errors
 /// What ffmpeg complains of where it cannot go on; sizes beyond the limits.
-pub(crate) fn list(path: &Path) -> Result<(Info, Vec<f64>, Arc<Display>)> {
+pub(crate) fn list(path: &Path) -> Result<(Info, Vec<f64>, Arc<Presentation>)> {
     // In the container's clock: in that of its mean frame rate, uneven times are rounded.
     let output = command(path, &["-enc_time_base", "-1", "-f", "framecrc"]).output()?;
     let complaints = String::from_utf8_lossy(&output.stderr);
     if complaints.contains("fps_mode") {
-        return Err(Error::Unsupported {
+        return Err(DecodeError::Unsupported {
             what: "a video that needs ffmpeg".into(),
             remedy: "install ffmpeg 5.1 or newer: the one on the PATH knows no -fps_mode".into(),
         });
@@ -57,14 +57,14 @@ pub(crate) fn list(path: &Path) -> Result<(Info, Vec<f64>, Arc<Display>)> {
     let complaint = complaints.trim().lines().last().map(printable);
     if !output.status.success() {
         let complaint = complaint.unwrap_or_else(|| "it says no more".into());
-        return Err(Error::corrupt(format!("ffmpeg cannot read it: {complaint}")));
+        return Err(DecodeError::corrupt(format!("ffmpeg cannot read it: {complaint}")));
     }
     let listed = Listed::parse(&String::from_utf8_lossy(&output.stdout))?;
     let start = listed.stamps.first().copied().unwrap_or(0.0);
     // ffmpeg turns and converts.
     let (info, display) = Info::of_rgb("ffmpeg", "decoded by ffmpeg", listed.size, listed.stamps.len())?;
     let notes = complaint.map(Note::Ffmpeg).into_iter().collect();
-    let info = Info { decoder: Decoder::Ffmpeg, pixel_aspect: listed.pixel_aspect, start, notes, ..info };
+    let info = Info { decoder: VideoDecoder::Ffmpeg, pixel_aspect: listed.pixel_aspect, start, notes, ..info };
     let times = listed.stamps.iter().map(|stamp| stamp - start).collect();
     Ok((info, times, display))
 }
@@ -95,17 +95,17 @@ impl Listed {
                 pixel_aspect = sides.map_or(1.0, |(width, height)| width / height);
             } else if !line.starts_with('#') {
                 let stamp = line.split(',').nth(2).and_then(|stamp| stamp.trim().parse::<f64>().ok());
-                let stamp = stamp.ok_or_else(|| Error::corrupt("ffmpeg lists a frame without a time"))?;
+                let stamp = stamp.ok_or_else(|| DecodeError::corrupt("ffmpeg lists a frame without a time"))?;
                 stamps.push(stamp);
                 check_frames(stamps.len())?;
             }
         }
-        let missing = |what: &str| Error::corrupt(format!("ffmpeg states no {what}"));
+        let missing = |what: &str| DecodeError::corrupt(format!("ffmpeg states no {what}"));
         let size: (u32, u32) = size.ok_or_else(|| missing("size of its frames"))?;
         check_size(size.0, size.1)?;
         let tick = tick.ok_or_else(|| missing("time base"))?;
         if stamps.is_empty() {
-            return Err(Error::corrupt("it has no frames"));
+            return Err(DecodeError::corrupt("it has no frames"));
         }
         stamps.iter_mut().for_each(|stamp| *stamp *= tick);
         Ok(Listed { size, pixel_aspect, stamps })
@@ -131,7 +131,7 @@ pub(crate) fn decode(
     path: &Path,
     (width, height): (u32, u32),
     times: &[f64],
-    display: &Arc<Display>,
+    display: &Arc<Presentation>,
     from: usize,
     sink: &Sink,
 ) -> Result<()> {
@@ -139,11 +139,11 @@ pub(crate) fn decode(
     // Its complaints came with the list.
     command.stdout(Stdio::piped()).stderr(Stdio::null());
     let mut process = Process(command.spawn()?);
-    let output = process.0.stdout.take().ok_or_else(|| Error::corrupt(NO_FFMPEG))?;
+    let output = process.0.stdout.take().ok_or_else(|| DecodeError::corrupt(NO_FFMPEG))?;
     let mut output = BufReader::new(output);
     for (number, &seconds) in times.iter().enumerate() {
         let mut bytes = vec![0; 3 * width as usize * height as usize];
-        let ended = |_| Error::at_frame(number, Some(seconds), Error::corrupt("ffmpeg ended before it"));
+        let ended = |_| DecodeError::at_frame(number, Some(seconds), DecodeError::corrupt("ffmpeg ended before it"));
         output.read_exact(&mut bytes).map_err(ended)?;
         if number < from {
             continue;
@@ -152,7 +152,7 @@ pub(crate) fn decode(
         if !sink.send(Frame {
             number,
             seconds: Some(seconds),
-            picture: Picture::Rgb(picture),
+            picture: DecodedPicture::Rgb(picture),
             display: display.clone(),
             field: None,
         }) {
@@ -172,7 +172,7 @@ mod tests {
         let listed = Listed::parse(list).unwrap();
         assert_eq!((listed.size, listed.pixel_aspect, listed.stamps), ((1440, 1080), 4.0 / 3.0, vec![0.04, 0.1]));
         assert_eq!(Listed::parse(&list.replace("4/3", "0/1")).unwrap().pixel_aspect, 1.0);
-        assert!(matches!(Listed::parse(&list.replace("1440x", "99999x")), Err(Error::TooLarge { .. })));
+        assert!(matches!(Listed::parse(&list.replace("1440x", "99999x")), Err(DecodeError::TooLarge { .. })));
         assert!(Listed::parse("#tb 0: 1/50\n").is_err());
     }
 }

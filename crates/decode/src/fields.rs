@@ -68,7 +68,7 @@ pub(crate) fn times(frames: &[f64]) -> Vec<f64> {
 }
 
 /// The fields of frames, from a field's number on.
-pub(crate) struct Split<I> {
+pub(crate) struct SplitFields<I> {
     pub(crate) frames: I,
     pub(crate) order: [Parity; 2],
     pub(crate) times: Option<Vec<f64>>,
@@ -77,7 +77,7 @@ pub(crate) struct Split<I> {
     pub(crate) frame: Option<Frame>,
 }
 
-impl<I: Iterator<Item = Result<Frame>>> Iterator for Split<I> {
+impl<I: Iterator<Item = Result<Frame>>> Iterator for SplitFields<I> {
     type Item = Result<Frame>;
 
     fn next(&mut self) -> Option<Self::Item> {

@@ -6,7 +6,7 @@ use image::{DynamicImage, GrayImage, RgbImage};
 
 use crate::colour::Converter;
 use crate::fields::Parity;
-use crate::picture::Picture;
+use crate::picture::DecodedPicture;
 use crate::upright::Orientation;
 
 /// A frame: when it is shown, and its pixels, which are converted when they are asked for.
@@ -14,14 +14,14 @@ use crate::upright::Orientation;
 pub struct Frame {
     pub(crate) number: usize,
     pub(crate) seconds: Option<f64>,
-    pub(crate) picture: Picture,
-    pub(crate) display: Arc<Display>,
+    pub(crate) picture: DecodedPicture,
+    pub(crate) display: Arc<Presentation>,
     /// The field that is shown, where frames are split into fields.
     pub(crate) field: Option<Parity>,
 }
 
 /// How the frames of a video become upright pictures.
-pub(crate) struct Display {
+pub(crate) struct Presentation {
     pub orientation: Orientation,
     pub converter: Converter,
 }
@@ -45,8 +45,8 @@ impl Frame {
     /// The upright frame in colour.
     pub fn rgb(&self) -> RgbImage {
         let stored = match &self.picture {
-            Picture::Yuv(yuv) => self.display.converter.rgb(yuv),
-            Picture::Rgb(picture) => picture.clone(),
+            DecodedPicture::Yuv(yuv) => self.display.converter.rgb(yuv),
+            DecodedPicture::Rgb(picture) => picture.clone(),
         };
         let shown = match self.field {
             Some(field) => field.rgb(stored),
@@ -58,8 +58,8 @@ impl Frame {
     /// The upright frame's luma, 0 for black to 255 for white.
     pub fn grey(&self) -> GrayImage {
         let stored = match &self.picture {
-            Picture::Yuv(yuv) => self.display.converter.grey(yuv),
-            Picture::Rgb(picture) => DynamicImage::from(picture.clone()).into_luma8(),
+            DecodedPicture::Yuv(yuv) => self.display.converter.grey(yuv),
+            DecodedPicture::Rgb(picture) => DynamicImage::from(picture.clone()).into_luma8(),
         };
         let shown = match self.field {
             Some(field) => field.grey(stored),
@@ -72,12 +72,12 @@ impl Frame {
     /// little-endian pairs of bytes. To compare decoders by.
     pub fn samples(&self) -> Vec<u8> {
         match &self.picture {
-            Picture::Yuv(yuv) => {
+            DecodedPicture::Yuv(yuv) => {
                 let mut raw = Vec::with_capacity(self.picture.bytes());
                 yuv.append_raw(&mut raw);
                 raw
             }
-            Picture::Rgb(picture) => picture.as_raw().clone(),
+            DecodedPicture::Rgb(picture) => picture.as_raw().clone(),
         }
     }
 }

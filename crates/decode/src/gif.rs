@@ -8,11 +8,11 @@ use image::codecs::gif::GifDecoder;
 use image::{AnimationDecoder, ImageDecoder, Limits};
 
 use crate::bytes::Bytes;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::flat::over_black;
-use crate::frame::{Display, Frame};
+use crate::frame::{Frame, Presentation};
 use crate::limits::{LARGEST_DESCRIPTION, LARGEST_SIDE, check_frames, check_size};
-use crate::picture::Picture;
+use crate::picture::DecodedPicture;
 use crate::stream::Sink;
 
 /// First letters of a gif.
@@ -34,7 +34,7 @@ impl Outline {
     pub(crate) fn read(file: &mut BufReader<File>) -> Result<Self> {
         let length = file.get_ref().metadata()?.len();
         if length > LARGEST_DESCRIPTION {
-            return Err(Error::too_large(format!(
+            return Err(DecodeError::too_large(format!(
                 "it is a gif of {length} bytes; at most {LARGEST_DESCRIPTION} are read"
             )));
         }
@@ -68,11 +68,11 @@ impl Outline {
                     check_frames(times.len())?;
                 }
                 0x3b => break,
-                _ => return Err(Error::corrupt("a block of the gif is damaged")),
+                _ => return Err(DecodeError::corrupt("a block of the gif is damaged")),
             }
         }
         if times.is_empty() {
-            return Err(Error::corrupt("it has no frames"));
+            return Err(DecodeError::corrupt("it has no frames"));
         }
         let is_timed = time > 0 || times.len() == 1;
         Ok(Outline { size, frames: times.len(), times: is_timed.then_some(times) })
@@ -103,11 +103,11 @@ fn skip_blocks(bytes: &mut Bytes) -> Result<()> {
 pub(crate) fn decode(
     file: BufReader<File>,
     times: Option<&[f64]>,
-    display: &Arc<Display>,
+    display: &Arc<Presentation>,
     from: usize,
     sink: &Sink,
 ) -> Result<()> {
-    let damaged = |error: image::ImageError| Error::corrupt(crate::error::printable(&error.to_string()));
+    let damaged = |error: image::ImageError| DecodeError::corrupt(crate::error::printable(&error.to_string()));
     let mut decoder = GifDecoder::new(file).map_err(damaged)?;
     let mut limits = Limits::default();
     limits.max_image_width = Some(LARGEST_SIDE);
@@ -115,8 +115,8 @@ pub(crate) fn decode(
     decoder.set_limits(limits).map_err(damaged)?;
     for (number, frame) in decoder.into_frames().enumerate() {
         let seconds = times.and_then(|times| times.get(number).copied());
-        let frame = frame.map_err(damaged).map_err(|error| Error::at_frame(number, seconds, error))?;
-        let picture = Picture::Rgb(over_black(&frame.into_buffer()));
+        let frame = frame.map_err(damaged).map_err(|error| DecodeError::at_frame(number, seconds, error))?;
+        let picture = DecodedPicture::Rgb(over_black(&frame.into_buffer()));
         if number >= from && !sink.send(Frame { number, seconds, picture, display: display.clone(), field: None }) {
             break;
         }

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, set_hook, take_hook};
 
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 
 thread_local! {
     /// Whether this thread decodes foreign bytes.
@@ -15,7 +15,7 @@ pub(crate) fn guarded<T>(what: &str, decode: impl FnOnce() -> Result<T>) -> Resu
     let before = DECODING.replace(true);
     let outcome = catch_unwind(AssertUnwindSafe(decode));
     DECODING.set(before);
-    outcome.unwrap_or_else(|_| Err(Error::corrupt(format!("{what}: the decoder gave up"))))
+    outcome.unwrap_or_else(|_| Err(DecodeError::corrupt(format!("{what}: the decoder gave up"))))
 }
 
 /// Keeps panics that become errors from being printed, too. For programs: it changes the panic hook of the process.

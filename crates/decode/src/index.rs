@@ -4,16 +4,16 @@ use std::fs::File;
 use std::io::BufReader;
 
 use crate::bytes::read_at;
-use crate::codec::{ROLE_BYTES, Role, role};
-use crate::container::{Packet, Setup, Track};
-use crate::error::{Error, Result};
+use crate::codec::{PacketRole, ROLE_BYTES, role};
+use crate::container::{Packet, Setup, VideoTrack};
+use crate::error::{DecodeError, Result};
 
 /// A video track and the order of its frames.
 #[derive(Debug)]
 pub(crate) struct Index {
-    pub track: Track,
+    pub track: VideoTrack,
     /// Of each packet.
-    pub roles: Vec<Role>,
+    pub roles: Vec<PacketRole>,
     /// Display number of each packet's frame; none of one that is not shown.
     pub numbers: Vec<Option<usize>>,
     /// Presentation times in display order, seconds since the first.
@@ -25,7 +25,7 @@ pub(crate) struct Index {
 impl Index {
     /// # Errors
     /// A track without frames, and one whose edit list hides all.
-    pub(crate) fn new(track: Track, file: &mut BufReader<File>) -> Result<Self> {
+    pub(crate) fn new(track: VideoTrack, file: &mut BufReader<File>) -> Result<Self> {
         let roles = roles(&track, file)?;
         let given = given(&track, &roles, 0);
         let time = |packet: usize| track.timeline.seconds(track.packets[packet].stamp).map(|time| (time, packet));
@@ -34,7 +34,7 @@ impl Index {
             let packets = track.packets.len();
             let what =
                 if packets == 0 { "it has no frames".into() } else { format!("none of its {packets} frames is shown") };
-            return Err(Error::corrupt(what));
+            return Err(DecodeError::corrupt(what));
         }
         // Pieces of an edit list are in ascending order: this changes nothing but rounding.
         shown.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -50,7 +50,7 @@ impl Index {
         let is_wanted = |found: &Option<usize>| found.is_some_and(|found| found >= number);
         // Frames that are shown from the wanted one on may be coded before it.
         let earliest = self.numbers.iter().position(is_wanted).unwrap_or(0);
-        self.roles[..=earliest].iter().rposition(|role| *role == Role::Entry).unwrap_or(0)
+        self.roles[..=earliest].iter().rposition(|role| *role == PacketRole::Entry).unwrap_or(0)
     }
 
     /// The packets that give pictures if decoding begins with an entry, in the order of their time stamps.
@@ -68,15 +68,15 @@ impl Index {
     }
 }
 
-fn given(track: &Track, roles: &[Role], entry: usize) -> Vec<usize> {
+fn given(track: &VideoTrack, roles: &[PacketRole], entry: usize) -> Vec<usize> {
     let mut entries = 0;
     let is_given = |packet: &usize| {
-        entries += usize::from(roles[*packet] == Role::Entry);
+        entries += usize::from(roles[*packet] == PacketRole::Entry);
         match roles[*packet] {
-            Role::Hidden => false,
+            PacketRole::Hidden => false,
             // Those of the first entry refer to frames before it.
-            Role::Leading => entries > 1,
-            Role::Entry | Role::Picture => true,
+            PacketRole::Leading => entries > 1,
+            PacketRole::Entry | PacketRole::Picture => true,
         }
     };
     let mut given: Vec<_> = (entry..roles.len()).filter(is_given).collect();
@@ -84,7 +84,7 @@ fn given(track: &Track, roles: &[Role], entry: usize) -> Vec<usize> {
     given
 }
 
-fn roles(track: &Track, file: &mut BufReader<File>) -> Result<Vec<Role>> {
+fn roles(track: &VideoTrack, file: &mut BufReader<File>) -> Result<Vec<PacketRole>> {
     let by_mark = matches!(track.setup, Setup::Av1 | Setup::Mjpeg | Setup::Other(_));
     let mut roles = Vec::with_capacity(track.packets.len());
     for packet in &track.packets {

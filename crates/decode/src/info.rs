@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use crate::colour::{Colour, Converter, Tags};
 use crate::error::Result;
-use crate::frame::Display;
-use crate::timeline::Segment;
+use crate::frame::Presentation;
+use crate::timeline::EditSegment;
 use crate::upright::Orientation;
 
 /// Facts of a video known before its first frame is decoded.
@@ -16,7 +16,7 @@ pub struct Info {
     /// Name of the codec, for people: `H.264`, `HEVC`, ..
     pub codec: String,
     /// What decodes it.
-    pub decoder: Decoder,
+    pub decoder: VideoDecoder,
     /// Width and height of the upright frames, pixels as stored.
     pub size: (u32, u32),
     /// Shown width of a pixel of an upright frame over its height: 1 for square pixels.
@@ -38,7 +38,7 @@ pub struct Info {
     /// Fields of a frame, where the video is marked as interlaced.
     pub interlaced: Option<Fields>,
     /// Segments of the edit list; empty where there is none.
-    pub segments: Vec<Segment>,
+    pub segments: Vec<EditSegment>,
     /// Tags of the camera, name and value: `com.android.capture.fps`, `com.apple.quicktime.model`, ..
     pub tags: Vec<(String, String)>,
     /// Contradictions that do not stop decoding, but that a user should know.
@@ -52,12 +52,12 @@ impl Info {
         codec: &str,
         size: (u32, u32),
         frames: usize,
-    ) -> Result<(Self, Arc<Display>)> {
+    ) -> Result<(Self, Arc<Presentation>)> {
         let (orientation, colour) = (Orientation::UPRIGHT, Colour::of(Tags::default(), true)?);
         let info = Info {
             container: container.into(),
             codec: codec.into(),
-            decoder: Decoder::BuiltIn,
+            decoder: VideoDecoder::BuiltIn,
             size,
             pixel_aspect: 1.0,
             orientation,
@@ -72,13 +72,13 @@ impl Info {
             tags: Vec::new(),
             notes: Vec::new(),
         };
-        Ok((info, Arc::new(Display { orientation, converter: Converter::new(&colour, 8) })))
+        Ok((info, Arc::new(Presentation { orientation, converter: Converter::new(&colour, 8) })))
     }
 }
 
 /// What decodes a video.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Decoder {
+pub enum VideoDecoder {
     /// A decoder built into this crate.
     BuiltIn,
     /// The program ffmpeg.

@@ -40,12 +40,12 @@ mod upright;
 mod video;
 
 pub use colour::{Colour, Matrix, Transfer};
-pub use error::{Error, Result};
+pub use error::{DecodeError, Result};
 pub use frame::Frame;
 pub use guard::quiet_decoders;
-pub use info::{Decoder, Fields, Info, Note};
+pub use info::{Fields, Info, Note, VideoDecoder};
 pub use open::open_regular;
 pub use stream::Frames;
-pub use timeline::Segment;
+pub use timeline::EditSegment;
 pub use upright::Orientation;
-pub use video::Video;
+pub use video::VideoFile;

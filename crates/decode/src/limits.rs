@@ -1,6 +1,6 @@
 //! Bounds on what a header may claim, checked before anything is allocated for it.
 
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 
 /// Largest side of a frame, pixels.
 pub const LARGEST_SIDE: u32 = 8192;
@@ -18,11 +18,11 @@ pub(crate) const AHEAD_BYTES: usize = 1 << 26;
 /// Refuses frames without pixels and beyond the limits.
 pub(crate) fn check_size(width: u32, height: u32) -> Result<()> {
     if width == 0 || height == 0 {
-        return Err(Error::corrupt(format!("its frames have {width} x {height} pixels")));
+        return Err(DecodeError::corrupt(format!("its frames have {width} x {height} pixels")));
     }
     let pixels = u64::from(width) * u64::from(height);
     if width > LARGEST_SIDE || height > LARGEST_SIDE || pixels > MOST_PIXELS {
-        return Err(Error::too_large(format!(
+        return Err(DecodeError::too_large(format!(
             "its frames have {width} x {height} pixels; at most {LARGEST_SIDE} a side and {MOST_PIXELS} in all are read"
         )));
     }
@@ -32,7 +32,7 @@ pub(crate) fn check_size(width: u32, height: u32) -> Result<()> {
 /// Refuses more frames than the limit.
 pub(crate) fn check_frames(frames: usize) -> Result<()> {
     if frames > MOST_FRAMES {
-        return Err(Error::too_large(format!("it has {frames} frames; at most {MOST_FRAMES} are read")));
+        return Err(DecodeError::too_large(format!("it has {frames} frames; at most {MOST_FRAMES} are read")));
     }
     Ok(())
 }

@@ -4,17 +4,17 @@ use std::fs::{self, File, FileType, OpenOptions};
 use std::io;
 use std::path::Path;
 
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 
 /// Opens a regular file for reading, and never blocks.
 ///
 /// # Errors
-/// [`Error::NotAFile`] for a FIFO, device, socket, folder or a link to nothing; [`Error::Io`] where the system refuses.
+/// [`DecodeError::NotAFile`] for a FIFO, device, socket, folder or a link to nothing; [`DecodeError::Io`] where the system refuses.
 pub fn open_regular(path: &Path) -> Result<File> {
     let described = match fs::metadata(path) {
         Ok(described) => described,
         Err(error) if error.kind() == io::ErrorKind::NotFound && fs::symlink_metadata(path).is_ok() => {
-            return Err(Error::NotAFile { found: "a link to nothing" });
+            return Err(DecodeError::NotAFile { found: "a link to nothing" });
         }
         Err(error) => return Err(error.into()),
     };
@@ -33,7 +33,7 @@ fn check(kind: FileType) -> Result<()> {
     if kind.is_file() {
         return Ok(());
     }
-    Err(Error::NotAFile { found: if kind.is_dir() { "a folder" } else { special(kind) } })
+    Err(DecodeError::NotAFile { found: if kind.is_dir() { "a folder" } else { special(kind) } })
 }
 
 #[cfg(unix)]
@@ -74,10 +74,10 @@ mod tests {
             cases.push(("fifo", "a FIFO"));
         }
         for (name, expected) in cases {
-            let Err(Error::NotAFile { found }) = open_regular(&at(name)) else { panic!("{name} was opened") };
+            let Err(DecodeError::NotAFile { found }) = open_regular(&at(name)) else { panic!("{name} was opened") };
             assert_eq!(found, expected);
         }
-        assert!(matches!(open_regular(Path::new("/dev/zero")), Err(Error::NotAFile { found: "a device" })));
-        assert!(matches!(open_regular(&at("absent")), Err(Error::Io(_))));
+        assert!(matches!(open_regular(Path::new("/dev/zero")), Err(DecodeError::NotAFile { found: "a device" })));
+        assert!(matches!(open_regular(&at("absent")), Err(DecodeError::Io(_))));
     }
 }

@@ -6,7 +6,7 @@ use image::RgbImage;
 
 /// A decoded frame before it is turned.
 #[derive(Clone)]
-pub(crate) enum Picture {
+pub(crate) enum DecodedPicture {
     Yuv(Yuv),
     Rgb(RgbImage),
 }
@@ -21,7 +21,7 @@ pub(crate) struct Yuv {
     /// Bits of a sample.
     pub depth: u8,
     pub chroma: Chroma,
-    pub planes: Planes,
+    pub planes: PlaneSamples,
 }
 
 /// Resolution of the chroma planes.
@@ -35,22 +35,22 @@ pub(crate) enum Chroma {
 
 /// Samples, owned or shared with their decoder.
 #[derive(Clone)]
-pub(crate) enum Planes {
-    Bytes([Plane<u8>; 3]),
-    Words([Plane<u16>; 3]),
+pub(crate) enum PlaneSamples {
+    Bytes([SamplePlane<u8>; 3]),
+    Words([SamplePlane<u16>; 3]),
     Hevc(Arc<rusty_h265::Picture>),
 }
 
 /// One plane.
 #[derive(Clone)]
-pub(crate) struct Plane<T> {
+pub(crate) struct SamplePlane<T> {
     pub samples: Vec<T>,
     pub stride: usize,
 }
 
 /// A row of samples.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Row<'a> {
+pub(crate) enum SampleRow<'a> {
     Bytes(&'a [u8]),
     Words(&'a [u16]),
 }
@@ -66,7 +66,7 @@ impl Yuv {
     }
 
     /// The visible part of a plane's row.
-    pub(crate) fn row(&self, plane: usize, row: usize) -> Row<'_> {
+    pub(crate) fn row(&self, plane: usize, row: usize) -> SampleRow<'_> {
         let (x, y) = match (plane, self.chroma) {
             (0, _) | (_, Chroma::None) => self.origin,
             (_, Chroma::Subsampled(x, y)) => (self.origin.0 >> x, self.origin.1 >> y),
@@ -74,9 +74,11 @@ impl Yuv {
         let width = self.plane_size(plane).0;
         let range = |stride: usize| (y + row) * stride + x..(y + row) * stride + x + width;
         match &self.planes {
-            Planes::Bytes(planes) => Row::Bytes(&planes[plane].samples[range(planes[plane].stride)]),
-            Planes::Words(planes) => Row::Words(&planes[plane].samples[range(planes[plane].stride)]),
-            Planes::Hevc(picture) => Row::Words(&picture.planes[plane].data[range(picture.planes[plane].stride)]),
+            PlaneSamples::Bytes(planes) => SampleRow::Bytes(&planes[plane].samples[range(planes[plane].stride)]),
+            PlaneSamples::Words(planes) => SampleRow::Words(&planes[plane].samples[range(planes[plane].stride)]),
+            PlaneSamples::Hevc(picture) => {
+                SampleRow::Words(&picture.planes[plane].data[range(picture.planes[plane].stride)])
+            }
         }
     }
 
@@ -85,21 +87,23 @@ impl Yuv {
         for plane in 0..3 {
             for row in 0..self.plane_size(plane).1 {
                 match self.row(plane, row) {
-                    Row::Bytes(samples) => raw.extend_from_slice(samples),
-                    Row::Words(samples) if self.depth == 8 => raw.extend(samples.iter().map(|&sample| sample as u8)),
-                    Row::Words(samples) => raw.extend(samples.iter().flat_map(|sample| sample.to_le_bytes())),
+                    SampleRow::Bytes(samples) => raw.extend_from_slice(samples),
+                    SampleRow::Words(samples) if self.depth == 8 => {
+                        raw.extend(samples.iter().map(|&sample| sample as u8))
+                    }
+                    SampleRow::Words(samples) => raw.extend(samples.iter().flat_map(|sample| sample.to_le_bytes())),
                 }
             }
         }
     }
 }
 
-impl Picture {
+impl DecodedPicture {
     /// Size before it is turned, pixels.
     pub(crate) fn size(&self) -> (u32, u32) {
         match self {
-            Picture::Yuv(yuv) => (yuv.size.0 as u32, yuv.size.1 as u32),
-            Picture::Rgb(picture) => picture.dimensions(),
+            DecodedPicture::Yuv(yuv) => (yuv.size.0 as u32, yuv.size.1 as u32),
+            DecodedPicture::Rgb(picture) => picture.dimensions(),
         }
     }
 

@@ -9,13 +9,13 @@ use std::sync::Arc;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits, RgbImage};
 
-use crate::error::{Error, Result, printable};
+use crate::error::{DecodeError, Result, printable};
 use crate::exif;
 use crate::flat::over_black;
-use crate::frame::{Display, Frame};
+use crate::frame::{Frame, Presentation};
 use crate::limits::{LARGEST_DESCRIPTION, LARGEST_PACKET, LARGEST_SIDE, check_frames, check_size};
 use crate::open::open_regular;
-use crate::picture::Picture;
+use crate::picture::DecodedPicture;
 use crate::stream::Sink;
 
 /// Table of the pictures' times.
@@ -42,7 +42,7 @@ pub(crate) fn list(folder: &Path) -> Result<(Vec<PathBuf>, (u32, u32))> {
     series.sort_by(|a, b| a.0.order(&b.0));
     check_series(&series)?;
     let files: Vec<_> = series.into_iter().map(|it| it.1).collect();
-    let first = files.first().ok_or_else(|| Error::corrupt("the folder holds no png or jpeg"))?;
+    let first = files.first().ok_or_else(|| DecodeError::corrupt("the folder holds no png or jpeg"))?;
     let size = read(first)?.dimensions();
     Ok((files, size))
 }
@@ -56,7 +56,7 @@ pub(crate) fn times(folder: &Path, files: &[PathBuf]) -> Result<Option<Vec<f64>>
     let table = folder.join(TIMES);
     if table.exists() {
         let text = io::read_to_string(open_regular(&table)?.take(LARGEST_DESCRIPTION))?;
-        let named = |source| Error::InFile { name: TIMES.into(), source: Box::new(source) };
+        let named = |source| DecodeError::InFile { name: TIMES.into(), source: Box::new(source) };
         return listed(&text, files).map(Some).map_err(named);
     }
     let taken: Option<Vec<f64>> = files.iter().map(|path| exif::seconds(path)).collect();
@@ -86,10 +86,12 @@ fn listed(text: &str, files: &[PathBuf]) -> Result<Vec<f64>> {
         rows.iter().map(|row| time(row)).collect()
     };
     let times = times.filter(|times| times.len() == files.len()).ok_or_else(|| {
-        Error::corrupt(format!("expected {expected}, {} in all, found {} rows", files.len(), rows.len()))
+        DecodeError::corrupt(format!("expected {expected}, {} in all, found {} rows", files.len(), rows.len()))
     })?;
     match times.windows(2).position(|pair| pair[1] <= pair[0]) {
-        Some(place) => Err(Error::corrupt(format!("the time of picture {} is not after the one before", place + 1))),
+        Some(place) => {
+            Err(DecodeError::corrupt(format!("the time of picture {} is not after the one before", place + 1)))
+        }
         None => Ok(since_first(times)),
     }
 }
@@ -127,17 +129,19 @@ fn check_series(series: &[(Name, PathBuf)]) -> Result<()> {
         let [(a, first), (b, second)] = pair else { continue };
         let (first, second) = (shown(first), shown(second));
         if (&a.before, &a.after) != (&b.before, &b.after) {
-            return Err(Error::corrupt(format!(
+            return Err(DecodeError::corrupt(format!(
                 "{first} and {second} are not of one series; give each its own folder"
             )));
         }
         let (Some(a), Some(b)) = (a.number, b.number) else {
-            return Err(Error::corrupt(format!("{first} and {second} have no numbers to order them by")));
+            return Err(DecodeError::corrupt(format!("{first} and {second} have no numbers to order them by")));
         };
         match (b - a, *step.get_or_insert(b - a)) {
-            (0, _) => return Err(Error::corrupt(format!("{first} and {second} are one frame"))),
+            (0, _) => return Err(DecodeError::corrupt(format!("{first} and {second} are one frame"))),
             (found, step) if found != step => {
-                return Err(Error::corrupt(format!("frames are missing between {first} and {second}, or before")));
+                return Err(DecodeError::corrupt(format!(
+                    "frames are missing between {first} and {second}, or before"
+                )));
             }
             _ => {}
         }
@@ -153,7 +157,7 @@ pub(crate) fn decode(
     files: &[PathBuf],
     size: (u32, u32),
     times: Option<&[f64]>,
-    display: &Arc<Display>,
+    display: &Arc<Presentation>,
     from: usize,
     sink: &Sink,
 ) -> Result<()> {
@@ -162,11 +166,16 @@ pub(crate) fn decode(
         if picture.dimensions() != size {
             let ((width, height), name) = (picture.dimensions(), name(path));
             let expected = format!("the first picture {} x {}", size.0, size.1);
-            return Err(Error::corrupt(format!("{name} has {width} x {height} pixels, {expected}")));
+            return Err(DecodeError::corrupt(format!("{name} has {width} x {height} pixels, {expected}")));
         }
         let seconds = times.map(|times| times[number]);
-        if !sink.send(Frame { number, seconds, picture: Picture::Rgb(picture), display: display.clone(), field: None })
-        {
+        if !sink.send(Frame {
+            number,
+            seconds,
+            picture: DecodedPicture::Rgb(picture),
+            display: display.clone(),
+            field: None,
+        }) {
             break;
         }
     }
@@ -178,11 +187,11 @@ fn name(path: &Path) -> String {
 }
 
 fn read(path: &Path) -> Result<RgbImage> {
-    decode_file(path).map_err(|source| Error::InFile { name: name(path), source: Box::new(source) })
+    decode_file(path).map_err(|source| DecodeError::InFile { name: name(path), source: Box::new(source) })
 }
 
 fn decode_file(path: &Path) -> Result<RgbImage> {
-    let damaged = |why: &str| Error::corrupt(format!("it is not a readable picture: {}", printable(why)));
+    let damaged = |why: &str| DecodeError::corrupt(format!("it is not a readable picture: {}", printable(why)));
     let mut bytes = Vec::new();
     BufReader::new(open_regular(path)?).take(LARGEST_PACKET).read_to_end(&mut bytes)?;
     if bytes.starts_with(&[0xff, 0xd8]) && !has_end(&bytes) {

@@ -14,13 +14,13 @@ const MOST_AHEAD: usize = 16;
 
 /// The frames of a video in display order. Ends after the last one or the first error.
 pub struct Frames {
-    frames: Split,
+    frames: FieldSplitting,
 }
 
 /// Frames as they are decoded, or each split into its two fields.
-enum Split {
+enum FieldSplitting {
     Whole(Ahead),
-    Fields(Box<fields::Split<Ahead>>),
+    Fields(Box<fields::SplitFields<Ahead>>),
 }
 
 /// Frames decoded ahead on a thread.
@@ -59,17 +59,17 @@ impl Frames {
             }
         };
         let worker = Builder::new().name("decoder".into()).spawn(work)?;
-        Ok(Frames { frames: Split::Whole(Ahead { received: Some(received), worker: Some(worker) }) })
+        Ok(Frames { frames: FieldSplitting::Whole(Ahead { received: Some(received), worker: Some(worker) }) })
     }
 
     /// The two fields of each frame, from a field's number on. Times are those of the fields.
     pub(crate) fn in_fields(self, order: [Parity; 2], times: Option<Vec<f64>>, next: usize) -> Self {
         match self.frames {
-            Split::Whole(frames) => {
-                let split = fields::Split { frames, order, times, next, frame: None };
-                Frames { frames: Split::Fields(Box::new(split)) }
+            FieldSplitting::Whole(frames) => {
+                let split = fields::SplitFields { frames, order, times, next, frame: None };
+                Frames { frames: FieldSplitting::Fields(Box::new(split)) }
             }
-            Split::Fields(_) => self,
+            FieldSplitting::Fields(_) => self,
         }
     }
 }
@@ -79,8 +79,8 @@ impl Iterator for Frames {
 
     fn next(&mut self) -> Option<Self::Item> {
         match &mut self.frames {
-            Split::Whole(frames) => frames.next(),
-            Split::Fields(fields) => fields.next(),
+            FieldSplitting::Whole(frames) => frames.next(),
+            FieldSplitting::Fields(fields) => fields.next(),
         }
     }
 }

@@ -1,10 +1,10 @@
 //! From time stamps of samples to presentation times: edit lists.
 
-use crate::error::{CONVERT, Error, Result};
+use crate::error::{CONVERT, DecodeError, Result};
 
 /// A piece of a recording that is shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Segment {
+pub struct EditSegment {
     /// Presentation time at which it begins, seconds.
     pub shown_from: f64,
     /// Time in the recording at which it begins and ends, seconds; without an end infinite.
@@ -28,12 +28,12 @@ pub(crate) struct Edit {
 #[derive(Debug, Clone)]
 pub(crate) struct Timeline {
     ticks_per_second: f64,
-    pieces: Vec<Piece>,
-    pub segments: Vec<Segment>,
+    pieces: Vec<TimelinePiece>,
+    pub segments: Vec<EditSegment>,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Piece {
+struct TimelinePiece {
     /// Ticks of the track's clock.
     begin: i64,
     end: i64,
@@ -44,7 +44,7 @@ struct Piece {
 impl Timeline {
     /// Everything is shown.
     pub(crate) fn whole(ticks_per_second: f64) -> Self {
-        let all = Piece { begin: i64::MIN, end: i64::MAX, shown_from: 0.0, rate: 1.0 };
+        let all = TimelinePiece { begin: i64::MIN, end: i64::MAX, shown_from: 0.0, rate: 1.0 };
         Timeline { ticks_per_second, pieces: vec![all], segments: Vec::new() }
     }
 
@@ -76,7 +76,7 @@ impl Timeline {
                     return Err(refused("pieces that show a part twice or in another order"));
                 }
                 let rate = f64::from(edit.rate) / 65536.0;
-                timeline.pieces.push(Piece { begin: edit.begin, end, shown_from, rate });
+                timeline.pieces.push(TimelinePiece { begin: edit.begin, end, shown_from, rate });
             }
             shown_from += seconds;
         }
@@ -84,10 +84,10 @@ impl Timeline {
         Ok(timeline)
     }
 
-    fn segment(&self, piece: &Piece) -> Segment {
+    fn segment(&self, piece: &TimelinePiece) -> EditSegment {
         let seconds = |ticks: i64| ticks as f64 / self.ticks_per_second;
         let end = if piece.end == i64::MAX { f64::INFINITY } else { seconds(piece.end) };
-        Segment { shown_from: piece.shown_from, recorded: [seconds(piece.begin), end], rate: piece.rate }
+        EditSegment { shown_from: piece.shown_from, recorded: [seconds(piece.begin), end], rate: piece.rate }
     }
 
     /// Presentation time of a sample's stamp, seconds; none of a sample that is not shown.
@@ -99,8 +99,8 @@ impl Timeline {
     }
 }
 
-fn refused(what: &str) -> Error {
-    Error::Unsupported { what: format!("an edit list with {what}"), remedy: CONVERT.into() }
+fn refused(what: &str) -> DecodeError {
+    DecodeError::Unsupported { what: format!("an edit list with {what}"), remedy: CONVERT.into() }
 }
 
 #[cfg(test)]
@@ -129,7 +129,7 @@ mod tests {
         // Two pieces follow each other in the presentation.
         let pieces = of(&[edit(1000, 0, ONE), edit(1000, 64_000, ONE)]);
         assert_eq!((pieces.seconds(12_800), pieces.seconds(64_000)), (None, Some(1.0)));
-        assert_eq!(pieces.segments[1], Segment { shown_from: 1.0, recorded: [5.0, 6.0], rate: 1.0 });
+        assert_eq!(pieces.segments[1], EditSegment { shown_from: 1.0, recorded: [5.0, 6.0], rate: 1.0 });
         assert_eq!(of(&[]).seconds(-12_800), Some(-1.0));
     }
 

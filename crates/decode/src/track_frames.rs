@@ -5,27 +5,27 @@ use std::io::BufReader;
 use std::sync::Arc;
 use std::vec::IntoIter;
 
-use crate::codec::{Facts, Role, check_same, decoder};
-use crate::error::{Error, Result};
-use crate::frame::{Display, Frame};
+use crate::codec::{PacketRole, StreamFacts, check_same, decoder};
+use crate::error::{DecodeError, Result};
+use crate::frame::{Frame, Presentation};
 use crate::index::Index;
 use crate::limits::check_size;
-use crate::picture::Picture;
+use crate::picture::DecodedPicture;
 use crate::stream::Sink;
 
 /// Decodes the first frame: its size and depth, and what the stream states.
 ///
 /// # Errors
 /// Damage; a codec, or a tool of one, that is not decoded here.
-pub(crate) fn probe(index: &Index, file: &mut BufReader<File>) -> Result<(Picture, Facts)> {
+pub(crate) fn probe(index: &Index, file: &mut BufReader<File>) -> Result<(DecodedPicture, StreamFacts)> {
     let mut decoder = decoder(&index.track.setup)?;
-    let first = index.roles.iter().position(|role| *role != Role::Hidden).unwrap_or(0);
+    let first = index.roles.iter().position(|role| *role != PacketRole::Hidden).unwrap_or(0);
     let mut ready = Vec::new();
     for packet in index.track.packets.iter().take(first + 1) {
         decoder.push(&index.packet(file, packet)?, &mut ready)?;
     }
     decoder.finish(&mut ready)?;
-    let picture = ready.into_iter().next().ok_or_else(|| Error::corrupt("its first frame is missing"))?;
+    let picture = ready.into_iter().next().ok_or_else(|| DecodeError::corrupt("its first frame is missing"))?;
     let (width, height) = picture.size();
     check_size(width, height)?;
     Ok((picture, decoder.facts()))
@@ -38,7 +38,7 @@ pub(crate) fn probe(index: &Index, file: &mut BufReader<File>) -> Result<(Pictur
 pub(crate) fn decode(
     index: &Index,
     mut file: BufReader<File>,
-    display: &Arc<Display>,
+    display: &Arc<Presentation>,
     from: usize,
     sink: &Sink,
 ) -> Result<()> {
@@ -60,14 +60,14 @@ pub(crate) fn decode(
     }
     decoder.finish(&mut ready)?;
     if order.send(&mut ready, sink)? && order.next < index.times.len() {
-        return Err(at_frame(index, Some(order.next), Error::corrupt("it is missing")));
+        return Err(at_frame(index, Some(order.next), DecodeError::corrupt("it is missing")));
     }
     Ok(())
 }
 
-fn at_frame(index: &Index, number: Option<usize>, error: Error) -> Error {
+fn at_frame(index: &Index, number: Option<usize>, error: DecodeError) -> DecodeError {
     match number {
-        Some(number) => Error::at_frame(number, Some(index.times[number]), error),
+        Some(number) => DecodeError::at_frame(number, Some(index.times[number]), error),
         None => error,
     }
 }
@@ -75,7 +75,7 @@ fn at_frame(index: &Index, number: Option<usize>, error: Error) -> Error {
 /// Gives pictures their times.
 struct Order<'a> {
     index: &'a Index,
-    display: &'a Arc<Display>,
+    display: &'a Arc<Presentation>,
     /// Packets whose pictures are to come, by their time stamps. Pictures come in the codec's order of display, and the first
     /// gets the earliest stamp: where the stamps contradict the codec (times of decoding, equal ones, damage), it is right.
     given: IntoIter<usize>,
@@ -86,9 +86,9 @@ struct Order<'a> {
 
 impl Order<'_> {
     /// Sends what is shown. False once nobody wants more.
-    fn send(&mut self, ready: &mut Vec<Picture>, sink: &Sink) -> Result<bool> {
+    fn send(&mut self, ready: &mut Vec<DecodedPicture>, sink: &Sink) -> Result<bool> {
         for picture in ready.drain(..) {
-            let more = || Error::corrupt("it gives more frames than its index states");
+            let more = || DecodeError::corrupt("it gives more frames than its index states");
             let packet = self.given.next().ok_or_else(more)?;
             check_same(&mut self.size, picture.size())?;
             let Some(number) = self.index.numbers[packet].filter(|number| *number >= self.next) else { continue };

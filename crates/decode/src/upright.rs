@@ -2,7 +2,7 @@
 
 use image::{GrayImage, ImageBuffer, Pixel, RgbImage};
 
-use crate::error::{CONVERT, Error, Result};
+use crate::error::{CONVERT, DecodeError, Result};
 
 /// Part of a matrix's larger entries below which the others are rounding.
 const ROUNDING: f64 = 1e-3;
@@ -73,7 +73,7 @@ impl Orientation {
             () => {
                 let degrees = b.atan2(a).to_degrees();
                 let what = format!("a video shown at {degrees:.1} degrees or sheared");
-                return Err(Error::Unsupported { what, remedy: CONVERT.into() });
+                return Err(DecodeError::Unsupported { what, remedy: CONVERT.into() });
             }
         };
         let turn = Orientation { transposed, flipped_horizontally: across < 0.0, flipped_vertically: down < 0.0 };

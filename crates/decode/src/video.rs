@@ -5,56 +5,56 @@ use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::codec::{self, Facts};
+use crate::codec::{self, StreamFacts};
 use crate::colour::{Colour, Converter, Transfer};
-use crate::container::{self, Setup, Stamps, Track};
-use crate::error::{Error, Result};
+use crate::container::{self, Setup, Stamps, VideoTrack};
+use crate::error::{DecodeError, Result};
 use crate::extracted::Extracted;
 use crate::fields::{self, Parity};
-use crate::frame::Display;
+use crate::frame::Presentation;
 use crate::guard::guarded;
 use crate::index::Index;
-use crate::info::{Decoder, Fields, Info, Note};
+use crate::info::{Fields, Info, Note, VideoDecoder};
 use crate::open::open_regular;
-use crate::picture::Picture;
+use crate::picture::DecodedPicture;
 use crate::stream::Frames;
 use crate::{ffmpeg, gif, pictures, track_frames};
 
 /// A video file whose index was read.
-pub struct Video {
+pub struct VideoFile {
     path: PathBuf,
     info: Info,
     times: Option<Vec<f64>>,
-    source: Source,
-    display: Arc<Display>,
+    source: DecodedSource,
+    display: Arc<Presentation>,
     /// Order of the fields, where frames are split into them.
     fields: Option<[Parity; 2]>,
     /// Folder of what was extracted from an archive; removed with the video.
     extracted: Option<Arc<Extracted>>,
 }
 
-impl std::fmt::Debug for Video {
+impl std::fmt::Debug for VideoFile {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.debug_struct("Video").field("path", &self.path).field("info", &self.info).finish_non_exhaustive()
     }
 }
 
-enum Source {
+enum DecodedSource {
     Track(Arc<Index>),
     Gif,
     Pictures(Vec<PathBuf>),
     Ffmpeg,
 }
 
-impl Video {
+impl VideoFile {
     /// Reads the index of a video file, or lists a folder of pictures, and decodes the first frame.
     ///
     /// # Errors
-    /// See [`Error`]: no regular file, a codec that neither this crate nor an ffmpeg on the PATH decodes, damage, sizes beyond
+    /// See [`DecodeError`]: no regular file, a codec that neither this crate nor an ffmpeg on the PATH decodes, damage, sizes beyond
     /// [`crate::limits`].
     pub fn open(path: &Path) -> Result<Self> {
-        match Video::open_built_in(path) {
-            Err(error) if error.is_unsupported() && ffmpeg::is_there() => Video::open_ffmpeg(path),
+        match VideoFile::open_built_in(path) {
+            Err(error) if error.is_unsupported() && ffmpeg::is_there() => VideoFile::open_ffmpeg(path),
             other => other,
         }
     }
@@ -62,20 +62,20 @@ impl Video {
     /// The same without ffmpeg.
     ///
     /// # Errors
-    /// As for [`Video::open`].
+    /// As for [`VideoFile::open`].
     pub fn open_built_in(path: &Path) -> Result<Self> {
         if path.is_dir() {
-            return Video::of_pictures(path);
+            return VideoFile::of_pictures(path);
         }
         if Extracted::is_archive(path) {
             let extracted = Extracted::open(path)?;
-            let video = Video::open(extracted.video())?;
-            return Ok(Video { path: path.into(), extracted: Some(Arc::new(extracted)), ..video });
+            let video = VideoFile::open(extracted.video())?;
+            return Ok(VideoFile { path: path.into(), extracted: Some(Arc::new(extracted)), ..video });
         }
         let mut file = BufReader::new(open_regular(path)?);
         match container::read(&mut file)? {
-            Some(track) => Video::of_track(path, track, &mut file),
-            None if first_bytes(&mut file)?.starts_with(gif::SIGNATURE) => Video::of_gif(path, &mut file),
+            Some(track) => VideoFile::of_track(path, track, &mut file),
+            None if first_bytes(&mut file)?.starts_with(gif::SIGNATURE) => VideoFile::of_gif(path, &mut file),
             None => Err(unknown(&first_bytes(&mut file)?)),
         }
     }
@@ -107,7 +107,7 @@ impl Video {
     /// decoder is built in.
     ///
     /// # Errors
-    /// As for [`Video::frames`].
+    /// As for [`VideoFile::frames`].
     pub fn frames_from(&self, number: usize) -> Result<Frames> {
         match self.fields {
             Some(order) => Ok(self.whole_from(number / 2)?.in_fields(order, self.times.clone(), number)),
@@ -122,7 +122,7 @@ impl Video {
         let order = Parity::in_order(self.info.interlaced.unwrap_or(Fields::Unknown));
         let times = self.times.as_deref().map(fields::times);
         let info = Info { frames: 2 * self.info.frames, ..self.info };
-        Video { info, times, fields: Some(order), ..self }
+        VideoFile { info, times, fields: Some(order), ..self }
     }
 
     fn whole_from(&self, number: usize) -> Result<Frames> {
@@ -130,21 +130,21 @@ impl Video {
         let bytes = width as usize * height as usize * 3;
         let display = self.display.clone();
         match &self.source {
-            Source::Track(index) => {
+            DecodedSource::Track(index) => {
                 let (index, file) = (index.clone(), BufReader::new(open_regular(self.file())?));
                 Frames::decode(bytes, move |sink| track_frames::decode(&index, file, &display, number, sink))
             }
-            Source::Gif => {
+            DecodedSource::Gif => {
                 let (file, times) = (BufReader::new(open_regular(self.file())?), self.frame_times());
                 Frames::decode(bytes, move |sink| gif::decode(file, times.as_deref(), &display, number, sink))
             }
-            Source::Pictures(files) => {
+            DecodedSource::Pictures(files) => {
                 let (files, size, times) = (files.clone(), self.info.size, self.frame_times());
                 Frames::decode(bytes, move |sink| {
                     pictures::decode(&files, size, times.as_deref(), &display, number, sink)
                 })
             }
-            Source::Ffmpeg => {
+            DecodedSource::Ffmpeg => {
                 open_regular(self.file())?;
                 let path = self.file().to_path_buf();
                 let (times, size) = (self.frame_times().unwrap_or_default(), self.info.size);
@@ -164,13 +164,13 @@ impl Video {
         self.times.as_ref().map(|times| times.iter().step_by(every).copied().collect())
     }
 
-    fn of_track(path: &Path, track: Track, file: &mut BufReader<File>) -> Result<Self> {
+    fn of_track(path: &Path, track: VideoTrack, file: &mut BufReader<File>) -> Result<Self> {
         let index = Index::new(track, file)?;
         let (first, facts) = guarded("its first frame", || track_frames::probe(&index, file))?;
         let Index { track, times, start, .. } = &index;
         let is_jpeg = track.setup == Setup::Mjpeg;
         let colour = Colour::of(facts.colour.or(track.colour), is_jpeg)?;
-        let Facts { depth, pixel_aspect, interlaced, .. } = facts;
+        let StreamFacts { depth, pixel_aspect, interlaced, .. } = facts;
         let mut notes = track.notes.clone();
         if track.stamps == Stamps::Decoding {
             notes.push(Note::TimesOfDecoding);
@@ -183,7 +183,7 @@ impl Video {
         let info = Info {
             container: track.container.into(),
             codec: codec::name(&track.setup).into(),
-            decoder: Decoder::BuiltIn,
+            decoder: VideoDecoder::BuiltIn,
             size: orientation.size(first.size()),
             pixel_aspect: if orientation.swaps_sides() { 1.0 / stored_aspect } else { stored_aspect },
             orientation,
@@ -199,16 +199,16 @@ impl Video {
             notes,
         };
         let depth = match first {
-            Picture::Yuv(_) => depth,
-            Picture::Rgb(_) => 8,
+            DecodedPicture::Yuv(_) => depth,
+            DecodedPicture::Rgb(_) => 8,
         };
-        let display = Arc::new(Display { orientation, converter: Converter::new(&colour, depth) });
+        let display = Arc::new(Presentation { orientation, converter: Converter::new(&colour, depth) });
         let times = Some(times.clone());
-        Ok(Video {
+        Ok(VideoFile {
             path: path.into(),
             info,
             times,
-            source: Source::Track(Arc::new(index)),
+            source: DecodedSource::Track(Arc::new(index)),
             display,
             fields: None,
             extracted: None,
@@ -218,7 +218,7 @@ impl Video {
     /// The same by ffmpeg, whatever the codec: for a video that turns out to be beyond the built-in decoder within.
     ///
     /// # Errors
-    /// As for [`Video::open`]; no ffmpeg on the PATH.
+    /// As for [`VideoFile::open`]; no ffmpeg on the PATH.
     pub fn open_ffmpeg(path: &Path) -> Result<Self> {
         open_regular(path)?;
         let (mut info, times, display) = ffmpeg::list(path)?;
@@ -233,11 +233,11 @@ impl Video {
             info.tags = track.tags;
             info.notes.extend(track.notes);
         }
-        Ok(Video {
+        Ok(VideoFile {
             path: path.into(),
             info,
             times: Some(times),
-            source: Source::Ffmpeg,
+            source: DecodedSource::Ffmpeg,
             display,
             fields: None,
             extracted: None,
@@ -247,18 +247,26 @@ impl Video {
     fn of_gif(path: &Path, file: &mut BufReader<File>) -> Result<Self> {
         let gif::Outline { size, frames, times } = gif::Outline::read(file)?;
         let (info, display) = Info::of_rgb("gif", "GIF", size, frames)?;
-        Ok(Video { path: path.into(), info, times, source: Source::Gif, display, fields: None, extracted: None })
+        Ok(VideoFile {
+            path: path.into(),
+            info,
+            times,
+            source: DecodedSource::Gif,
+            display,
+            fields: None,
+            extracted: None,
+        })
     }
 
     fn of_pictures(path: &Path) -> Result<Self> {
         let (files, size) = pictures::list(path)?;
         let times = pictures::times(path, &files)?;
         let (info, display) = Info::of_rgb("pictures", "PNG or JPEG", size, files.len())?;
-        Ok(Video {
+        Ok(VideoFile {
             path: path.into(),
             info,
             times,
-            source: Source::Pictures(files),
+            source: DecodedSource::Pictures(files),
             display,
             fields: None,
             extracted: None,
@@ -274,11 +282,11 @@ fn first_bytes(file: &mut BufReader<File>) -> Result<Vec<u8>> {
 }
 
 /// What a file is whose container is not read here, by its first bytes.
-fn unknown(first: &[u8]) -> Error {
+fn unknown(first: &[u8]) -> DecodeError {
     let what = match first {
         [0x89, b'P', b'N', b'G', ..] | [0xff, 0xd8, 0xff, ..] => {
             let remedy = "give the folder of all pictures".into();
-            return Error::Unsupported { what: "a single picture".into(), remedy };
+            return DecodeError::Unsupported { what: "a single picture".into(), remedy };
         }
         [b'O', b'g', b'g', b'S', ..] => "Ogg",
         [0x30, 0x26, 0xb2, 0x75, ..] => "Windows Media",
@@ -286,5 +294,5 @@ fn unknown(first: &[u8]) -> Error {
         [0, 0, 1, 0xba | 0xb3, ..] => "MPEG",
         _ => "a container of an unknown kind",
     };
-    Error::unsupported(what)
+    DecodeError::unsupported(what)
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use paig_decode::Video;
+use paig_decode::VideoFile;
 use proptest::prelude::*;
 
 /// Damaged copies of each stream; more by the environment variable `DAMAGED_COPIES`.
@@ -36,7 +36,7 @@ fn count_own_panics() {
 
 /// Decodes what can be decoded; how many frames came.
 fn decode(path: &Path) -> usize {
-    let Ok(video) = Video::open_built_in(path) else { return 0 };
+    let Ok(video) = VideoFile::open_built_in(path) else { return 0 };
     let Ok(frames) = video.frames() else { return 0 };
     let mut count = 0;
     for frame in frames {
@@ -62,9 +62,9 @@ fn streams() -> Vec<PathBuf> {
 }
 
 /// Pseudo-random numbers (Numerical Recipes' generator).
-struct Random(u64);
+struct Congruential(u64);
 
-impl Random {
+impl Congruential {
     fn below(&mut self, end: usize) -> usize {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) as usize % end.max(1)
@@ -81,7 +81,7 @@ fn damaged_streams_end_without_a_panic_of_this_crate() {
     for stream in streams() {
         let intact = fs::read(&stream).unwrap();
         for seed in 0..copies {
-            let mut random = Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) + intact.len() as u64);
+            let mut random = Congruential(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) + intact.len() as u64);
             let mut damaged = intact.clone();
             match seed % 4 {
                 0 => damaged.truncate(random.below(intact.len())),

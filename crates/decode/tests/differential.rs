@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use common::{decode, difference, parse};
-use paig_decode::{Error, Note, Video};
+use paig_decode::{DecodeError, Note, VideoFile};
 
 const X264: &str = "-c:v libx264 -crf 28 -threads 1 -pix_fmt yuv420p";
 const X265: &str = "-c:v libx265 -crf 28 -pix_fmt yuv420p -x265-params log-level=none:pools=none:frame-threads=1";
@@ -19,11 +19,11 @@ const EXACT: &str =
 const MOST_LEVELS: u8 = 1;
 
 /// A change of a file's bytes.
-type Change = fn(&mut [u8]);
+type ByteChange = fn(&mut [u8]);
 
 /// What a change leads to.
 #[derive(Clone, Copy, PartialEq)]
-enum Expected {
+enum ExpectedDecoding {
     /// The same as ffmpeg.
     Same,
     /// The same samples, 25 a second; ffmpeg guesses their times from those of decoding.
@@ -34,25 +34,31 @@ enum Expected {
     Refused,
 }
 
-struct Case {
+struct EncodedCase {
     name: String,
     /// Options of the encoder.
     options: String,
     extension: &'static str,
     /// Changes the finished file.
-    change: Change,
-    expected: Expected,
+    change: ByteChange,
+    expected: ExpectedDecoding,
 }
 
-fn case(name: impl Into<String>, options: impl Into<String>, extension: &'static str) -> Case {
-    Case { name: name.into(), options: options.into(), extension, change: |_| {}, expected: Expected::Same }
+fn case(name: impl Into<String>, options: impl Into<String>, extension: &'static str) -> EncodedCase {
+    EncodedCase {
+        name: name.into(),
+        options: options.into(),
+        extension,
+        change: |_| {},
+        expected: ExpectedDecoding::Same,
+    }
 }
 
-fn changed(name: &str, options: &str, change: Change, expected: Expected) -> Case {
-    Case { change, expected, ..case(name, options, "mp4") }
+fn changed(name: &str, options: &str, change: ByteChange, expected: ExpectedDecoding) -> EncodedCase {
+    EncodedCase { change, expected, ..case(name, options, "mp4") }
 }
 
-fn cases() -> Vec<Case> {
+fn cases() -> Vec<EncodedCase> {
     let mut cases = Vec::new();
     let matrices = [("", ""), ("bt470bg", "smpte170m"), ("bt709", "bt709"), ("bt2020", "bt2020nc")];
     for (full, frames) in [("tv", 0), ("pc", 3)] {
@@ -125,27 +131,37 @@ fn cases() -> Vec<Case> {
         ("mjpeg in mp4", "-c:v mjpeg -q:v 5 -pix_fmt yuvj420p", "mp4"),
     ] {
         let is_refused = name == "av1" && !cfg!(feature = "av1");
-        let expected = if is_refused { Expected::Refused } else { Expected::Same };
-        cases.push(Case { expected, ..case(name, options, extension) });
+        let expected = if is_refused { ExpectedDecoding::Refused } else { ExpectedDecoding::Same };
+        cases.push(EncodedCase { expected, ..case(name, options, extension) });
     }
     for (name, options) in [("h264", X264), ("hevc", X265)] {
         cases.push(case(format!("{name} transport stream"), format!("{options} -bf 2 -g 8"), "ts"));
         cases.push(case(format!("{name} m2ts"), format!("{options} -bf 2 -mpegts_m2ts_mode 1"), "m2ts"));
     }
     let frames = format!("{X264} -bf 2 -g 8");
-    let turns: [(&str, Change); 4] = [
+    let turns: [(&str, ByteChange); 4] = [
         ("quarter", |file| set_matrix(file, [0, 1, -1, 0])),
         ("half", |file| set_matrix(file, [-1, 0, 0, -1])),
         ("three quarters", |file| set_matrix(file, [0, -1, 1, 0])),
         ("upside down", |file| set_matrix(file, [1, 0, 0, -1])),
     ];
-    cases.extend(turns.map(|(name, change)| changed(name, &frames, change, Expected::Same)));
-    cases.push(changed("stretched", &frames, |file| set_matrix(file, [2, 0, 0, 1]), Expected::Same));
-    cases.push(changed("order without offsets", &frames, clear_offsets, Expected::Regular));
-    cases.push(changed("played twice as fast", &frames, |file| set_rate(file, 2 << 16), Expected::Stretched(0.5)));
-    cases.push(changed("played half as fast", &frames, |file| set_rate(file, 1 << 15), Expected::Stretched(2.0)));
-    cases.push(changed("a still", &frames, |file| set_rate(file, 0), Expected::Refused));
-    cases.push(changed("half of the sizes", &frames, halve_sizes, Expected::Refused));
+    cases.extend(turns.map(|(name, change)| changed(name, &frames, change, ExpectedDecoding::Same)));
+    cases.push(changed("stretched", &frames, |file| set_matrix(file, [2, 0, 0, 1]), ExpectedDecoding::Same));
+    cases.push(changed("order without offsets", &frames, clear_offsets, ExpectedDecoding::Regular));
+    cases.push(changed(
+        "played twice as fast",
+        &frames,
+        |file| set_rate(file, 2 << 16),
+        ExpectedDecoding::Stretched(0.5),
+    ));
+    cases.push(changed(
+        "played half as fast",
+        &frames,
+        |file| set_rate(file, 1 << 15),
+        ExpectedDecoding::Stretched(2.0),
+    ));
+    cases.push(changed("a still", &frames, |file| set_rate(file, 0), ExpectedDecoding::Refused));
+    cases.push(changed("half of the sizes", &frames, halve_sizes, ExpectedDecoding::Refused));
     cases
 }
 
@@ -203,7 +219,7 @@ fn ffmpeg(arguments: &str, path: &Path, output: &str) -> Vec<u8> {
     done.stdout
 }
 
-fn make(case: &Case, folder: &Path, number: usize) -> PathBuf {
+fn make(case: &EncodedCase, folder: &Path, number: usize) -> PathBuf {
     let path = folder.join(format!("{number}.{}", case.extension));
     let source = "-f lavfi -i testsrc2=size=112x80:rate=25,noise=alls=5:allf=t -frames:v 20";
     ffmpeg(&format!("{source} {}", case.options), &path, "");
@@ -214,7 +230,7 @@ fn make(case: &Case, folder: &Path, number: usize) -> PathBuf {
 }
 
 /// Largest difference of the first frame's colours, upright, from ffmpeg's: chroma of the nearest sample in both.
-fn colours(path: &Path, video: &Video) -> Result<u8, Error> {
+fn colours(path: &Path, video: &VideoFile) -> Result<u8, DecodeError> {
     let ours = video.frames()?.next().expect("a frame")?.rgb();
     let theirs = ffmpeg("", path, EXACT);
     assert_eq!(ours.as_raw().len(), theirs.len());
@@ -222,7 +238,7 @@ fn colours(path: &Path, video: &Video) -> Result<u8, Error> {
 }
 
 /// How the crate's frames differ from ffmpeg's, where they should not.
-fn compare(case: &Case, path: &Path) -> Option<String> {
+fn compare(case: &EncodedCase, path: &Path) -> Option<String> {
     let list = ffmpeg(
         "-noautorotate -flags unaligned -idct simple",
         path,
@@ -230,22 +246,24 @@ fn compare(case: &Case, path: &Path) -> Option<String> {
     );
     let mut expected = parse(&String::from_utf8_lossy(&list));
     let found = match (decode(path), case.expected) {
-        (Err(_), Expected::Refused) => return None,
+        (Err(_), ExpectedDecoding::Refused) => return None,
         (Err(error), _) => return Some(error.to_string()),
         (Ok(found), _) => found,
     };
-    let video = Video::open_built_in(path).unwrap();
+    let video = VideoFile::open_built_in(path).unwrap();
     match case.expected {
-        Expected::Refused => return Some("it was read".into()),
-        Expected::Stretched(factor) => {
+        ExpectedDecoding::Refused => return Some("it was read".into()),
+        ExpectedDecoding::Stretched(factor) => {
             expected.iter_mut().for_each(|frame| frame.0 *= factor);
             if !video.info().notes.contains(&Note::EditRate(1.0 / factor)) {
                 return Some("the rate is not noted".into());
             }
             expected.truncate(found.len());
         }
-        Expected::Regular => expected.iter_mut().enumerate().for_each(|(number, frame)| frame.0 = number as f64 / 25.0),
-        Expected::Same => {}
+        ExpectedDecoding::Regular => {
+            expected.iter_mut().enumerate().for_each(|(number, frame)| frame.0 = number as f64 / 25.0)
+        }
+        ExpectedDecoding::Same => {}
     }
     difference(&found, &expected).or_else(|| {
         // ffmpeg does not map tones.
@@ -280,7 +298,7 @@ fn clips_are_decoded_as_by_ffmpeg() {
     let mut differing = Vec::new();
     for clip in clips.split(':').filter(|clip| !clip.is_empty()) {
         let path = Path::new(clip);
-        let outcome = match Video::open_built_in(path) {
+        let outcome = match VideoFile::open_built_in(path) {
             Ok(video) => {
                 let info = video.info();
                 println!(

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use paig_decode::{Decoder, Error, Video};
+use paig_decode::{DecodeError, VideoDecoder, VideoFile};
 
 fn make(options: &str, path: &Path) {
     let source = "-v error -nostdin -y -f lavfi -i testsrc2=size=96x64:rate=25 -frames:v 10";
@@ -25,9 +25,9 @@ fn codecs_without_a_decoder_are_read_by_ffmpeg() {
     ] {
         let path = folder.path().join(name);
         make(options, &path);
-        assert!(matches!(Video::open_built_in(&path), Err(Error::Unsupported { .. })), "{name}");
-        let video = Video::open(&path).unwrap();
-        assert_eq!((video.info().decoder, video.info().codec.as_str()), (Decoder::Ffmpeg, codec), "{name}");
+        assert!(matches!(VideoFile::open_built_in(&path), Err(DecodeError::Unsupported { .. })), "{name}");
+        let video = VideoFile::open(&path).unwrap();
+        assert_eq!((video.info().decoder, video.info().codec.as_str()), (VideoDecoder::Ffmpeg, codec), "{name}");
         let numbers: Vec<_> = video.frames_from(4).unwrap().map(|frame| frame.unwrap().number()).collect();
         assert_eq!(numbers, [4, 5, 6, 7, 8, 9], "{name}");
         let times = video.times().unwrap();
@@ -51,6 +51,6 @@ fn a_playlist_opens_no_other_file() {
     ];
     for (list, name) in lists.iter().flat_map(|list| ["list.avi", "list.mkv"].map(|name| (list, name))) {
         fs::write(at(name), list).unwrap();
-        assert!(Video::open(&at(name)).is_err(), "{name}: {list}");
+        assert!(VideoFile::open(&at(name)).is_err(), "{name}: {list}");
     }
 }

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use common::{decode, difference, parse};
-use paig_decode::{Error, Matrix, Note, Transfer, Video};
+use paig_decode::{DecodeError, Matrix, Note, Transfer, VideoFile};
 
 fn data() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data")
@@ -36,8 +36,8 @@ fn every_decoder_gives_the_samples_and_times_of_ffmpeg() {
     assert!(differing.is_empty() && streams > 15, "{streams} streams; {differing:#?}");
 }
 
-fn open(name: &str) -> Video {
-    Video::open_built_in(&data().join(name)).unwrap()
+fn open(name: &str) -> VideoFile {
+    VideoFile::open_built_in(&data().join(name)).unwrap()
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn a_file_that_is_cut_off_says_where() {
     assert!(cut("h264_fragments.mp4", 1).contains("cut off"), "{}", cut("h264_fragments.mp4", 1));
     assert!(cut("h264_bframes.mp4", 3).contains("incomplete"), "{}", cut("h264_bframes.mp4", 3));
     fs::write(&path, b"").unwrap();
-    assert!(matches!(Video::open(&path), Err(Error::Corrupt { .. })));
+    assert!(matches!(VideoFile::open(&path), Err(DecodeError::Corrupt { .. })));
     fs::write(&path, b"#EXTM3U\n#EXTINF:1,\nother.ts\n").unwrap();
-    assert!(matches!(Video::open_built_in(&path), Err(Error::Unsupported { .. })));
+    assert!(matches!(VideoFile::open_built_in(&path), Err(DecodeError::Unsupported { .. })));
 }

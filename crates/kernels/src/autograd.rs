@@ -22,7 +22,7 @@ struct Calls {
 const REASON: usize = 256;
 
 /// What a function keeps until its gradient is asked for.
-struct State {
+struct SavedState {
     backward: Backward,
     inputs: usize,
 }
@@ -64,7 +64,7 @@ pub fn attach(
     backward: impl FnMut(&Tensor) -> Vec<Tensor> + Send + 'static,
 ) -> Tensor {
     let raw: Vec<_> = inputs.iter().map(|input| input.as_ptr()).collect();
-    let state = Box::into_raw(Box::new(State { backward: Box::new(backward), inputs: inputs.len() }));
+    let state = Box::into_raw(Box::new(SavedState { backward: Box::new(backward), inputs: inputs.len() }));
     let calls = Calls { backward: call_backward, release };
     // SAFETY: the tensors live as long as the call, and the state until `release`, which is called once.
     let done = unsafe { paig_attach(output.as_mut_ptr(), raw.as_ptr(), raw.len(), state.cast(), calls) };
@@ -81,7 +81,7 @@ extern "C" fn call_backward(
     // A panic must not go through C++.
     let call = AssertUnwindSafe(|| {
         // SAFETY: `state` is the one that was attached, and not released yet; one call at a time, under the node's lock.
-        let state = unsafe { &mut *state.cast::<State>() };
+        let state = unsafe { &mut *state.cast::<SavedState>() };
         // SAFETY: a tensor of C++ that outlives the call.
         let gradient = unsafe { Tensor::clone_from_ptr(gradient) };
         let gradients = (state.backward)(&gradient);
@@ -102,6 +102,6 @@ extern "C" fn call_backward(
 
 extern "C" fn release(state: *mut c_void) {
     // SAFETY: made by `Box::into_raw` in `attach`, and released once.
-    let state = unsafe { Box::from_raw(state.cast::<State>()) };
+    let state = unsafe { Box::from_raw(state.cast::<SavedState>()) };
     let _ = catch_unwind(AssertUnwindSafe(|| drop(state)));
 }

@@ -5,47 +5,47 @@ use std::sync::Arc;
 
 use super::bias_gradient::add_bias_gradient;
 use super::packing;
-use super::planes::{Picture, Workspace};
+use super::planes::{OwnedPlanes, Workspace};
 use super::recycled::Recycled;
 use super::simd::Instructions;
 use super::threads::{in_parallel, part_of, workers_each};
 use super::weight_gradient::add_weight_gradient;
-use super::winograd::{self, Finish, Weights};
+use super::winograd::{self, Finish, WinogradWeights};
 
 /// What a layer keeps from step to step.
 #[derive(Debug)]
-pub struct Memory {
-    inputs: Recycled<Picture>,
-    outputs: Recycled<Picture>,
+pub struct ConvolutionMemory {
+    inputs: Recycled<OwnedPlanes>,
+    outputs: Recycled<OwnedPlanes>,
     workspaces: Recycled<Vec<Workspace>>,
 }
 
-impl Memory {
+impl ConvolutionMemory {
     pub fn new() -> Self {
-        Memory { inputs: Recycled::new(), outputs: Recycled::new(), workspaces: Recycled::new() }
+        ConvolutionMemory { inputs: Recycled::new(), outputs: Recycled::new(), workspaces: Recycled::new() }
     }
 }
 
 /// A layer with the weights of one moment.
 #[derive(Debug)]
-pub struct Kernel {
+pub struct ConvolutionKernel {
     instructions: Instructions,
     inputs: usize,
     outputs: usize,
-    forward: Weights,
-    backward: Weights,
-    memory: Arc<Memory>,
+    forward: WinogradWeights,
+    backward: WinogradWeights,
+    memory: Arc<ConvolutionMemory>,
 }
 
 /// What the gradient needs of some pictures. Its memory goes back when it is dropped.
 #[derive(Debug)]
-pub struct Pass {
-    kernel: Arc<Kernel>,
+pub struct ConvolutionPass {
+    kernel: Arc<ConvolutionKernel>,
     side: usize,
-    seen: Vec<Picture>,
+    seen: Vec<OwnedPlanes>,
 }
 
-impl Drop for Pass {
+impl Drop for ConvolutionPass {
     fn drop(&mut self) {
         self.seen.drain(..).for_each(|block| self.kernel.memory.inputs.give(block));
     }
@@ -54,16 +54,16 @@ impl Drop for Pass {
 /// Gradients of the weights, `[outputs, inputs, 3, 3]`, and of the biases.
 type Sums = (Vec<f32>, Vec<f32>);
 
-impl Kernel {
+impl ConvolutionKernel {
     /// Of `weight` `[outputs, inputs, 3, 3]`; inputs and outputs fill [tiles](Self::fits).
-    pub fn new(instructions: Instructions, weight: &[f32], bias: &[f32], memory: Arc<Memory>) -> Self {
+    pub fn new(instructions: Instructions, weight: &[f32], bias: &[f32], memory: Arc<ConvolutionMemory>) -> Self {
         let outputs = bias.len();
-        Kernel {
+        ConvolutionKernel {
             instructions,
             inputs: weight.len() / (9 * outputs),
             outputs,
-            forward: Weights::forward(instructions, weight, bias),
-            backward: Weights::backward(instructions, weight, outputs),
+            forward: WinogradWeights::forward(instructions, weight, bias),
+            backward: WinogradWeights::backward(instructions, weight, outputs),
             memory,
         }
     }
@@ -77,8 +77,8 @@ impl Kernel {
         self.outputs
     }
 
-    fn picture(&self, pool: &Recycled<Picture>, channels: usize, side: usize) -> Picture {
-        let new = || Picture::zeros(self.instructions, channels, side);
+    fn picture(&self, pool: &Recycled<OwnedPlanes>, channels: usize, side: usize) -> OwnedPlanes {
+        let new = || OwnedPlanes::zeros(self.instructions, channels, side);
         let kept = pool.take(new);
         if (kept.channels, kept.side) == (channels, side) { kept } else { new() }
     }
@@ -95,8 +95,8 @@ impl Kernel {
     }
 
     /// Pictures `[pictures, inputs, side, side]` to `[pictures, outputs, side, side]`.
-    pub fn forward(self: &Arc<Self>, side: usize, pictures: &[f32], results: &mut [f32]) -> Pass {
-        let Memory { inputs, outputs, workspaces } = &*self.memory;
+    pub fn forward(self: &Arc<Self>, side: usize, pictures: &[f32], results: &mut [f32]) -> ConvolutionPass {
+        let ConvolutionMemory { inputs, outputs, workspaces } = &*self.memory;
         assert_eq!(pictures.len() * self.outputs, results.len() * self.inputs, "as many results as pictures");
         let blocks = pictures.chunks(self.block(self.inputs, side));
         let blocks: Vec<_> = blocks.zip(results.chunks_mut(self.block(self.outputs, side))).collect();
@@ -113,11 +113,11 @@ impl Kernel {
             workspaces.give(work);
             input
         });
-        Pass { kernel: Arc::clone(self), side, seen }
+        ConvolutionPass { kernel: Arc::clone(self), side, seen }
     }
 }
 
-impl Pass {
+impl ConvolutionPass {
     /// From the gradient of the results `[pictures, outputs, side, side]` those of the pictures, which are written to
     /// `by_pictures`, and of weights and biases.
     pub fn backward(&self, gradient: &[f32], by_pictures: &mut [f32]) -> Sums {
@@ -145,16 +145,16 @@ impl Pass {
     }
 }
 
-impl Kernel {
+impl ConvolutionKernel {
     fn backward_block(
         &self,
-        seen: &Picture,
+        seen: &OwnedPlanes,
         gradient: &[f32],
         by_pictures: &mut [f32],
         (by_weight, by_bias): &mut Sums,
         workers: usize,
     ) {
-        let Memory { inputs, outputs, workspaces } = &*self.memory;
+        let ConvolutionMemory { inputs, outputs, workspaces } = &*self.memory;
         let instructions = self.instructions;
         let mut pull = self.picture(outputs, self.outputs, seen.side);
         let mut by_input = self.picture(inputs, self.inputs, seen.side);

@@ -84,18 +84,18 @@ fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
 static GRADIENTS: RwLock<()> = RwLock::new(());
 
 /// Recorded work.
-struct Recording(NonNull<c_void>);
+struct CudaGraph(NonNull<c_void>);
 
 // SAFETY: CUDA takes calls from any thread, one at a time, as `&mut` has it.
-unsafe impl Send for Recording {}
+unsafe impl Send for CudaGraph {}
 
-impl Recording {
+impl CudaGraph {
     /// Records what `work` asks of the GPU, without doing it. What it gives is written by each repetition.
     fn of<T>(work: impl FnOnce() -> Result<T>) -> Result<(Self, T)> {
         let _alone = GRADIENTS.write().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: begins on this thread's stream; ended below whatever happens.
         let Some(graph) = NonNull::new(unsafe { paig_graph_begin() }) else { bail!("{}", failure()) };
-        let recording = Recording(graph);
+        let recording = CudaGraph(graph);
         // tch panics where libtorch fails; a recording that was begun must end.
         let made = caught(work);
         // SAFETY: it was begun above.
@@ -116,7 +116,7 @@ impl Recording {
     }
 }
 
-impl Drop for Recording {
+impl Drop for CudaGraph {
     fn drop(&mut self) {
         // SAFETY: made by `paig_graph_begin`, and freed once.
         unsafe { paig_graph_free(self.0.as_ptr()) };
@@ -140,7 +140,7 @@ pub struct Repeated<T> {
 }
 
 struct Recorded {
-    recording: Recording,
+    recording: CudaGraph,
     inputs: Vec<Tensor>,
 }
 
@@ -170,7 +170,7 @@ impl<T> Repeated<T> {
             let kept: Vec<_> = inputs.iter().map(|input| input.detach().copy()).collect();
             // SAFETY: tells how this program was built.
             let recording = match unsafe { paig_cuda_built() } {
-                true => Recording::of(|| function(&kept)),
+                true => CudaGraph::of(|| function(&kept)),
                 false => Err(anyhow!("this program was built without CUDA's headers")),
             };
             match recording {

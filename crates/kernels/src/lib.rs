@@ -60,7 +60,7 @@ pub use operations::{
     lstm_cell, masked_frames, squared_error,
 };
 pub use simd::Instructions;
-pub use sprites::Scene;
+pub use sprites::SceneSizes;
 pub use subnormals::{Flushing, flush_subnormals};
 pub use threads::{KernelsAlone, in_parallel};
 pub use unet::Shape;

@@ -6,7 +6,7 @@ use super::threads::in_parallel;
 
 /// What a step leaves for its gradient.
 #[derive(Debug)]
-pub struct Pass {
+pub struct LstmPass {
     /// The gates i, f, g, o after their activations, `[batch, 4, units]`.
     gates: Vec<f32>,
     /// `tanh c'`, `[batch, units]`.
@@ -22,10 +22,10 @@ pub fn forward(
     before: &[f32],
     forget_bias: f32,
     after: [&mut [f32]; 2],
-) -> Pass {
+) -> LstmPass {
     let [h, c] = after;
     assert!(gates.len() == 4 * before.len() && h.len() == before.len() && c.len() == before.len());
-    let mut pass = Pass { gates: gates.to_vec(), bounded: vec![0.0; before.len()] };
+    let mut pass = LstmPass { gates: gates.to_vec(), bounded: vec![0.0; before.len()] };
     let after = h.chunks_mut(units).zip(c.chunks_mut(units)).zip(pass.bounded.chunks_mut(units));
     let clips: Vec<_> = pass.gates.chunks_mut(4 * units).zip(before.chunks(units)).zip(after).collect();
     in_parallel(clips, |((gates, before), ((h, c), bounded))| {
@@ -34,7 +34,7 @@ pub fn forward(
     pass
 }
 
-impl Pass {
+impl LstmPass {
     /// From the gradients of h' and c' those of the gates before their activations and of c.
     pub fn backward(
         &self,

@@ -4,7 +4,7 @@ use super::threads::{in_parallel, part_of};
 
 /// The sizes of masked frames.
 #[derive(Debug, Clone, Copy)]
-pub struct Sizes {
+pub struct MaskSizes {
     pub frames: usize,
     /// Masks that are applied; the frames' masks may have more.
     pub objects: usize,
@@ -15,8 +15,8 @@ pub struct Sizes {
 }
 
 /// `masks` `[frames, masks, pixels]` times `frames` `[frames, channels, pixels]`, as `[objects, frames, pixels, channels]`.
-pub fn apply(sizes: Sizes, masks: &[f32], frames: &[f32], to: &mut [f32]) {
-    let Sizes { channels, pixels, .. } = sizes;
+pub fn apply(sizes: MaskSizes, masks: &[f32], frames: &[f32], to: &mut [f32]) {
+    let MaskSizes { channels, pixels, .. } = sizes;
     let size = pixels * channels;
     assert!(frames.len() == sizes.frames * size && to.len() == sizes.objects * frames.len());
     assert!(sizes.objects <= sizes.masks && masks.len() == sizes.frames * sizes.masks * pixels);
@@ -37,8 +37,8 @@ pub fn apply(sizes: Sizes, masks: &[f32], frames: &[f32], to: &mut [f32]) {
 }
 
 /// From the gradient of the masked frames that of the masks, `[frames, masks, pixels]`, 0 for those that were not applied.
-pub fn apply_backward(sizes: Sizes, gradient: &[f32], frames: &[f32]) -> Vec<f32> {
-    let Sizes { channels, pixels, .. } = sizes;
+pub fn apply_backward(sizes: MaskSizes, gradient: &[f32], frames: &[f32]) -> Vec<f32> {
+    let MaskSizes { channels, pixels, .. } = sizes;
     let size = pixels * channels;
     assert!(frames.len() == sizes.frames * size && gradient.len() == sizes.objects * frames.len());
     assert!(sizes.objects <= sizes.masks);

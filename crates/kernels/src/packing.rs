@@ -1,6 +1,6 @@
 //! Frames into blocks, where they stand side by side in the lanes, and back.
 
-use super::planes::{Pixels, Planes, PlanesMut};
+use super::planes::{PixelPlaces, Planes, PlanesMut};
 use super::simd::{Lanes, dispatched};
 
 /// Floats of as many vectors as the widest has lanes.
@@ -16,7 +16,7 @@ fn pack_lanes<L: Lanes>(frames: &[f32], output: PlanesMut) {
     let frame = output.channels * output.side * output.side;
     output.check::<L>();
     assert!(frames.len().is_multiple_of(frame) && frames.len() <= L::LANES * frame);
-    let mut places = Pixels::new::<L>(output.side);
+    let mut places = PixelPlaces::new::<L>(output.side);
     // Some pixels of all frames, `[frame][pixel]`, and turned.
     let (mut rows, mut turned) = ([0.0; SQUARE], [0.0; SQUARE]);
     for first in (0..frame).step_by(L::LANES) {
@@ -43,7 +43,7 @@ fn unpack_lanes<L: Lanes>(input: Planes, frames: &mut [f32]) {
     let frame = input.channels * input.side * input.side;
     input.check::<L>();
     assert!(frames.len().is_multiple_of(frame) && frames.len() <= L::LANES * frame);
-    let mut places = Pixels::new::<L>(input.side);
+    let mut places = PixelPlaces::new::<L>(input.side);
     let (mut seen, mut turned) = ([0.0; SQUARE], [0.0; SQUARE]);
     for first in (0..frame).step_by(L::LANES) {
         let some = L::LANES.min(frame - first);

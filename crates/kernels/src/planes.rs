@@ -8,26 +8,26 @@ use super::simd::{Instructions, Lanes};
 /// A cache line: what planes are aligned to.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
-struct Line([f32; 16]);
+struct CacheLine([f32; 16]);
 
 /// Planes that own their memory. The border stays zero: nothing writes there.
 #[derive(Debug)]
-pub struct Picture {
-    lines: Vec<Line>,
+pub struct OwnedPlanes {
+    lines: Vec<CacheLine>,
     pub channels: usize,
     pub side: usize,
     /// Floats of one channel.
     plane: usize,
 }
 
-impl Picture {
+impl OwnedPlanes {
     pub fn zeros(instructions: Instructions, channels: usize, side: usize) -> Self {
         let plane = (side + 2) * (side + 2) * instructions.lanes();
-        Picture { lines: vec![Line([0.0; 16]); (channels * plane).div_ceil(16)], channels, side, plane }
+        OwnedPlanes { lines: vec![CacheLine([0.0; 16]); (channels * plane).div_ceil(16)], channels, side, plane }
     }
 
     pub fn all(&self) -> Planes<'_> {
-        // SAFETY: a `Line` is 16 floats without padding.
+        // SAFETY: a `CacheLine` is 16 floats without padding.
         let floats = unsafe { std::slice::from_raw_parts(self.lines.as_ptr().cast(), self.lines.len() * 16) };
         Planes { data: &floats[..self.channels * self.plane], channels: self.channels, side: self.side }
     }
@@ -50,7 +50,7 @@ impl Picture {
 
 /// Memory for what an operation does not keep, aligned as planes are. It grows when it must, and is not cleared.
 #[derive(Debug, Default)]
-pub struct Workspace(Vec<Line>);
+pub struct Workspace(Vec<CacheLine>);
 
 impl Workspace {
     /// Parts of so many floats.
@@ -63,9 +63,9 @@ impl Workspace {
     fn floats(&mut self, count: usize) -> &mut [f32] {
         let lines = count.div_ceil(16);
         if self.0.len() < lines {
-            self.0.resize(lines, Line([0.0; 16]));
+            self.0.resize(lines, CacheLine([0.0; 16]));
         }
-        // SAFETY: a `Line` is 16 floats without padding.
+        // SAFETY: a `CacheLine` is 16 floats without padding.
         unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), count) }
     }
 }
@@ -131,7 +131,7 @@ impl Planes<'_> {
 
 /// The numbers of all pixels' first floats, `[channel][y][x]`, without end.
 #[derive(Debug)]
-pub struct Pixels {
+pub struct PixelPlaces {
     side: usize,
     lanes: usize,
     y: usize,
@@ -139,10 +139,10 @@ pub struct Pixels {
     place: usize,
 }
 
-impl Pixels {
+impl PixelPlaces {
     #[inline(always)]
     pub fn new<L: Lanes>(side: usize) -> Self {
-        Pixels { side, lanes: L::LANES, y: 0, x: 0, place: (side + 3) * L::LANES }
+        PixelPlaces { side, lanes: L::LANES, y: 0, x: 0, place: (side + 3) * L::LANES }
     }
 
     /// The number of this pixel's first float; goes on to the next pixel.

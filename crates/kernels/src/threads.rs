@@ -116,7 +116,7 @@ pub fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// Work that is shared out: `item` of each number below `count`.
-struct Job {
+struct SharedWork {
     item: *const (dyn Fn(usize) + Sync),
     count: usize,
     /// The first number that nobody has taken.
@@ -131,11 +131,11 @@ struct Job {
 }
 
 // SAFETY: `item` may be called by several threads at once, and the one who asks waits until no helper is inside.
-unsafe impl Send for Job {}
+unsafe impl Send for SharedWork {}
 // SAFETY: as above.
-unsafe impl Sync for Job {}
+unsafe impl Sync for SharedWork {}
 
-impl Job {
+impl SharedWork {
     fn work(&self) {
         loop {
             let number = self.next.fetch_add(1, Ordering::Relaxed);
@@ -153,7 +153,7 @@ impl Job {
 
 /// Jobs that want helpers, and the helpers.
 struct Crew {
-    jobs: Mutex<Vec<Arc<Job>>>,
+    jobs: Mutex<Vec<Arc<SharedWork>>>,
     news: Condvar,
     /// How many jobs there were.
     posted: AtomicUsize,
@@ -178,7 +178,7 @@ fn share_out(helpers: usize, count: usize, item: &(dyn Fn(usize) + Sync)) {
     (there..crew).for_each(|_| drop(thread::Builder::new().name("kernels".into()).spawn(help)));
     // SAFETY: the lifetime is forgotten; below, this waits until nobody can call it any more.
     let item = unsafe { std::mem::transmute::<&(dyn Fn(usize) + Sync), &'static (dyn Fn(usize) + Sync)>(item) };
-    let job = Arc::new(Job {
+    let job = Arc::new(SharedWork {
         item,
         count,
         next: AtomicUsize::new(0),
@@ -230,8 +230,9 @@ fn help() {
 }
 
 /// A job that still wants a helper, who is inside from now on. The jobs are locked: none of them can be taken back.
-fn join_some(jobs: &[Arc<Job>]) -> Option<Arc<Job>> {
-    let open = |job: &&Arc<Job>| job.next.load(Ordering::Relaxed) < job.count && job.wanted.load(Ordering::Relaxed) > 0;
+fn join_some(jobs: &[Arc<SharedWork>]) -> Option<Arc<SharedWork>> {
+    let open =
+        |job: &&Arc<SharedWork>| job.next.load(Ordering::Relaxed) < job.count && job.wanted.load(Ordering::Relaxed) > 0;
     let job = jobs.iter().find(open)?;
     job.wanted.fetch_sub(1, Ordering::Relaxed);
     job.inside.fetch_add(1, Ordering::Relaxed);

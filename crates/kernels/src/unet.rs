@@ -10,13 +10,13 @@ use std::sync::Arc;
 use super::bias_gradient::add_bias_gradient;
 use super::conv1x1;
 use super::packing;
-use super::planes::{Picture, Planes, PlanesMut, Workspace};
+use super::planes::{OwnedPlanes, Planes, PlanesMut, Workspace};
 use super::recycled::Recycled;
 use super::resample::{self, Pooled};
 use super::simd::Instructions;
 use super::threads::{in_parallel, part_of, workers_each};
 use super::weight_gradient::add_weight_gradient;
-use super::winograd::{self, Finish, Weights};
+use super::winograd::{self, Finish, WinogradWeights};
 
 /// What frames go through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,71 +90,71 @@ impl Shape {
 #[derive(Debug)]
 struct Activations {
     /// What each level's first layer sees: the frames, and the level above, pooled.
-    inputs: Vec<Picture>,
+    inputs: Vec<OwnedPlanes>,
     /// Results of the first layers on the way down.
-    firsts: Vec<Picture>,
+    firsts: Vec<OwnedPlanes>,
     /// What came up from below, and the results of the second layers on the way down. None on the lowest level.
-    joined: Vec<Picture>,
+    joined: Vec<OwnedPlanes>,
     /// Results of the first layers on the way up.
-    up_firsts: Vec<Picture>,
+    up_firsts: Vec<OwnedPlanes>,
     /// What each level hands up.
-    outputs: Vec<Picture>,
+    outputs: Vec<OwnedPlanes>,
 }
 
 /// Pictures that are not kept.
 #[derive(Debug)]
 struct Scratch {
     /// What each level hands up, doubled, by the level that takes it.
-    doubled: Vec<Picture>,
-    logits: Picture,
+    doubled: Vec<OwnedPlanes>,
+    logits: OwnedPlanes,
     /// One for each thread that works on the block.
     workspaces: Vec<Workspace>,
 }
 
 /// Gradients of a block, named as the results are.
 #[derive(Debug)]
-struct Gradients {
-    inputs: Vec<Picture>,
-    firsts: Vec<Picture>,
-    joined: Vec<Picture>,
-    doubled: Vec<Picture>,
-    outputs: Vec<Picture>,
-    logits: Picture,
+struct BlockGradients {
+    inputs: Vec<OwnedPlanes>,
+    firsts: Vec<OwnedPlanes>,
+    joined: Vec<OwnedPlanes>,
+    doubled: Vec<OwnedPlanes>,
+    outputs: Vec<OwnedPlanes>,
+    logits: OwnedPlanes,
     /// Of weights and biases.
     sums: Vec<f32>,
 }
 
 #[derive(Debug)]
-struct Memory {
+struct UnetMemory {
     activations: Recycled<Activations>,
     scratch: Recycled<Scratch>,
-    gradients: Recycled<Gradients>,
+    gradients: Recycled<BlockGradients>,
 }
 
 /// The kernels of one network.
 #[derive(Debug, Clone)]
-pub struct Kernel {
+pub struct UnetKernel {
     instructions: Instructions,
     shape: Shape,
-    memory: Arc<Memory>,
+    memory: Arc<UnetMemory>,
 }
 
 /// The weights of a network at one moment, as the kernels read them.
 struct Network {
-    forward: Vec<Weights>,
+    forward: Vec<WinogradWeights>,
     /// Of all but the first layer.
-    backward: Vec<Option<Weights>>,
+    backward: Vec<Option<WinogradWeights>>,
     logits: (Vec<f32>, Vec<f32>),
 }
 
 /// What a forward pass leaves for the gradient. Its memory goes back when it is dropped.
-pub struct Pass {
-    kernel: Kernel,
+pub struct UnetPass {
+    kernel: UnetKernel,
     network: Network,
     blocks: Vec<Option<Activations>>,
 }
 
-impl Drop for Pass {
+impl Drop for UnetPass {
     fn drop(&mut self) {
         for block in self.blocks.drain(..).flatten() {
             self.kernel.memory.activations.give(block);
@@ -162,18 +162,18 @@ impl Drop for Pass {
     }
 }
 
-impl Kernel {
+impl UnetKernel {
     pub fn new(instructions: Instructions, shape: Shape) -> Self {
-        let memory = Memory { activations: Recycled::new(), scratch: Recycled::new(), gradients: Recycled::new() };
-        Kernel { instructions, shape, memory: Arc::new(memory) }
+        let memory = UnetMemory { activations: Recycled::new(), scratch: Recycled::new(), gradients: Recycled::new() };
+        UnetKernel { instructions, shape, memory: Arc::new(memory) }
     }
 
     pub fn shape(&self) -> Shape {
         self.shape
     }
 
-    fn picture(&self, channels: usize, level: usize) -> Picture {
-        Picture::zeros(self.instructions, channels, self.shape.side_of(level))
+    fn picture(&self, channels: usize, level: usize) -> OwnedPlanes {
+        OwnedPlanes::zeros(self.instructions, channels, self.shape.side_of(level))
     }
 
     fn activations(&self) -> Activations {
@@ -189,7 +189,7 @@ impl Kernel {
         }
     }
 
-    fn doubled(&self) -> Vec<Picture> {
+    fn doubled(&self) -> Vec<OwnedPlanes> {
         (0..self.shape.poolings).map(|level| self.picture(self.shape.width(level + 1), level)).collect()
     }
 
@@ -205,11 +205,11 @@ impl Kernel {
         scratch
     }
 
-    fn gradients(&self) -> Gradients {
+    fn gradients(&self) -> BlockGradients {
         let Activations { inputs, firsts, joined, outputs, .. } = self.activations();
         let numbers: usize = self.places().last().map_or(0, |place| place.end);
         let (logits, sums) = (self.picture(self.shape.objects, 0), vec![0.0; numbers]);
-        Gradients { inputs, firsts, joined, doubled: self.doubled(), outputs, logits, sums }
+        BlockGradients { inputs, firsts, joined, doubled: self.doubled(), outputs, logits, sums }
     }
 
     /// Where each layer's weights and biases stand among all numbers of the network: weights, then biases.
@@ -229,10 +229,13 @@ impl Kernel {
         let instructions = self.instructions;
         let (logits, convolutions) = layers.split_last().expect("a network has layers");
         let turned = |(layer, (weight, bias)): (usize, &(Vec<f32>, Vec<f32>))| {
-            (backward && layer > 0).then(|| Weights::backward(instructions, weight, bias.len()))
+            (backward && layer > 0).then(|| WinogradWeights::backward(instructions, weight, bias.len()))
         };
         Network {
-            forward: convolutions.iter().map(|(weight, bias)| Weights::forward(instructions, weight, bias)).collect(),
+            forward: convolutions
+                .iter()
+                .map(|(weight, bias)| WinogradWeights::forward(instructions, weight, bias))
+                .collect(),
             backward: convolutions.iter().enumerate().map(turned).collect(),
             logits: logits.clone(),
         }
@@ -246,7 +249,7 @@ impl Kernel {
         frames: &[f32],
         logits: &mut [f32],
         keep: bool,
-    ) -> Option<Pass> {
+    ) -> Option<UnetPass> {
         let network = self.network(layers, keep);
         let (seen, made) = (self.floats(self.shape.channels), self.floats(self.shape.objects));
         assert_eq!(frames.len() / seen, logits.len() / made, "as many logits as frames");
@@ -263,7 +266,7 @@ impl Kernel {
             self.memory.activations.give(results);
             None
         });
-        keep.then(|| Pass { kernel: self.clone(), network, blocks })
+        keep.then(|| UnetPass { kernel: self.clone(), network, blocks })
     }
 
     fn lanes(&self) -> usize {
@@ -287,7 +290,7 @@ impl Kernel {
         let raised = shape.raised();
         let Activations { inputs, firsts, joined, up_firsts, outputs } = results;
         let Scratch { doubled, logits: made, workspaces } = scratch;
-        let mut convolve = |weights: &Weights, input: Planes, output: PlanesMut, finish: Finish| {
+        let mut convolve = |weights: &WinogradWeights, input: Planes, output: PlanesMut, finish: Finish| {
             winograd::convolve(instructions, weights, input, output, finish, workspaces);
         };
         packing::pack(instructions, frames, inputs[0].all_mut());
@@ -318,7 +321,7 @@ impl Kernel {
     }
 }
 
-impl Pass {
+impl UnetPass {
     /// From the gradient of the logits, `[frames, objects, S, S]`, those of weights and biases in the network's order.
     pub fn backward(&self, logits: &[f32]) -> Vec<(Vec<f32>, Vec<f32>)> {
         let kernel = &self.kernel;
@@ -356,7 +359,7 @@ impl Pass {
         &self,
         results: &Activations,
         logits: &[f32],
-        gradients: &mut Gradients,
+        gradients: &mut BlockGradients,
         scratch: &mut Scratch,
         places: &[Range<usize>],
     ) {
@@ -423,7 +426,7 @@ struct Operations<'a> {
 }
 
 impl Operations<'_> {
-    fn convolve(&mut self, weights: &Weights, input: Planes, output: PlanesMut, finish: Finish) {
+    fn convolve(&mut self, weights: &WinogradWeights, input: Planes, output: PlanesMut, finish: Finish) {
         winograd::convolve(self.instructions, weights, input, output, finish, self.workspaces);
     }
 
@@ -436,7 +439,7 @@ impl Operations<'_> {
     }
 
     /// The last layer's, and the gradient before it.
-    fn add_logits(&mut self, weight: &[f32], input: &Picture, gradient: &Picture, output: &mut Picture) {
+    fn add_logits(&mut self, weight: &[f32], input: &OwnedPlanes, gradient: &OwnedPlanes, output: &mut OwnedPlanes) {
         let sums = &mut self.sums[self.places[self.places.len() - 1].clone()];
         let (weights, biases) = sums.split_at_mut(sums.len() - gradient.channels);
         conv1x1::backward(self.instructions, weight, input.all(), gradient.all(), output.all_mut(), weights);

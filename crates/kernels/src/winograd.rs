@@ -27,12 +27,12 @@ pub enum Finish<'a> {
 
 /// Transformed weights in the order in which the kernel reads them: `[outputs / tile][x][y][inputs][tile]`.
 #[derive(Debug, Clone)]
-pub struct Weights {
+pub struct WinogradWeights {
     transformed: Vec<f32>,
     bias: Vec<f32>,
 }
 
-impl Weights {
+impl WinogradWeights {
     /// Of a convolution, `weight` being `[outputs, inputs, 3, 3]`.
     pub fn forward(instructions: Instructions, weight: &[f32], bias: &[f32]) -> Self {
         let inputs = weight.len() / (9 * bias.len());
@@ -63,7 +63,7 @@ impl Weights {
             }
             transform_kernels(instructions, &kernels, transformed);
         }
-        Weights { transformed, bias }
+        WinogradWeights { transformed, bias }
     }
 }
 
@@ -112,7 +112,7 @@ pub struct SomeWeights<'a> {
     bias: &'a [f32],
 }
 
-impl Weights {
+impl WinogradWeights {
     fn all(&self) -> SomeWeights<'_> {
         SomeWeights { transformed: &self.transformed, bias: &self.bias }
     }
@@ -131,7 +131,7 @@ impl SomeWeights<'_> {
 /// `output = finish(weights * input + bias)`, on as many threads as there are workspaces: each computes channels of its own.
 pub fn convolve(
     instructions: Instructions,
-    weights: &Weights,
+    weights: &WinogradWeights,
     input: Planes,
     output: PlanesMut,
     finish: Finish,
@@ -191,7 +191,7 @@ fn convolve_some(
                         2 | 4 => 2,
                         _ => STRIP,
                     };
-                    let strip = Strip { channel, row, columns: column..column + count };
+                    let strip = TileStrip { channel, row, columns: column..column + count };
                     fetch_results(instructions, &output, finish, &strip);
                     multiply(instructions, weights.transformed, inputs, &tiles, seen, &strip, products);
                     write(instructions, products, weights.bias, finish, &mut output, &strip);
@@ -204,7 +204,7 @@ fn convolve_some(
 
 /// Output channels that are computed together, from the first on, of some tiles beside each other.
 #[derive(Debug)]
-pub struct Strip {
+pub struct TileStrip {
     channel: usize,
     row: usize,
     columns: Range<usize>,
@@ -212,11 +212,11 @@ pub struct Strip {
 
 dispatched! {
     /// Asks for what [`write()`] will write, and what it will compare: the multiplications leave time.
-    fn fetch_results(output: &PlanesMut, finish: Finish, strip: &Strip) = fetch_results_lanes
+    fn fetch_results(output: &PlanesMut, finish: Finish, strip: &TileStrip) = fetch_results_lanes
 }
 
 #[inline(always)]
-fn fetch_results_lanes<L: Lanes>(output: &PlanesMut, finish: Finish, strip: &Strip) {
+fn fetch_results_lanes<L: Lanes>(output: &PlanesMut, finish: Finish, strip: &TileStrip) {
     let output = output.as_ref();
     for channel in strip.channel..strip.channel + L::OUTPUTS {
         for y in strip.row * PIXELS..(strip.row + 1) * PIXELS {
@@ -242,7 +242,7 @@ dispatched! {
         inputs: usize,
         tiles: &Tiles,
         seen: &[f32],
-        strip: &Strip,
+        strip: &TileStrip,
         products: &mut [f32],
     ) = multiply_lanes
 }
@@ -253,7 +253,7 @@ fn multiply_lanes<L: Lanes>(
     inputs: usize,
     tiles: &Tiles,
     seen: &[f32],
-    strip: &Strip,
+    strip: &TileStrip,
     products: &mut [f32],
 ) {
     let place = strip.columns.start - tiles.columns.start;
@@ -263,7 +263,7 @@ fn multiply_lanes<L: Lanes>(
     // SAFETY: the strip's tiles and weights, and room for its products, as was checked.
     unsafe {
         let seen = seen.as_ptr().add(place * L::LANES);
-        let layer = Layer { weights: weights.as_ptr(), inputs, seen, tiles, products: products.as_mut_ptr() };
+        let layer = WinogradLayer { weights: weights.as_ptr(), inputs, seen, tiles, products: products.as_mut_ptr() };
         match (L::OUTPUTS, strip.columns.len()) {
             (8, 1) => layer.multiply::<L, 8, 1>(),
             (8, 2) => layer.multiply::<L, 8, 2>(),
@@ -275,7 +275,7 @@ fn multiply_lanes<L: Lanes>(
     }
 }
 
-struct Layer<'a> {
+struct WinogradLayer<'a> {
     weights: *const f32,
     inputs: usize,
     /// From the strip's first tile on.
@@ -284,7 +284,7 @@ struct Layer<'a> {
     products: *mut f32,
 }
 
-impl Layer<'_> {
+impl WinogradLayer<'_> {
     /// `O` output channels of `P` tiles.
     ///
     /// # Safety
@@ -323,12 +323,12 @@ dispatched! {
         bias: &[f32],
         finish: Finish,
         output: &mut PlanesMut,
-        strip: &Strip,
+        strip: &TileStrip,
     ) = write_lanes
 }
 
 #[inline(always)]
-fn write_lanes<L: Lanes>(products: &[f32], bias: &[f32], finish: Finish, output: &mut PlanesMut, strip: &Strip) {
+fn write_lanes<L: Lanes>(products: &[f32], bias: &[f32], finish: Finish, output: &mut PlanesMut, strip: &TileStrip) {
     let (side, tiles) = (output.side, strip.columns.len());
     output.check::<L>();
     if let Finish::WherePositive(gate) = finish {

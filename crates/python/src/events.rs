@@ -15,7 +15,7 @@ use crate::attend::Reporter;
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Tells a run's events: their key `event` has the kind.
-pub struct Teller<'a> {
+pub struct EventReporter<'a> {
     reporter: &'a Reporter,
     phase: &'static str,
     done: u64,
@@ -24,9 +24,9 @@ pub struct Teller<'a> {
     told: Option<Instant>,
 }
 
-impl<'a> Teller<'a> {
+impl<'a> EventReporter<'a> {
     pub fn new(reporter: &'a Reporter) -> Self {
-        Teller { reporter, phase: "", done: 0, of: 0, told: None }
+        EventReporter { reporter, phase: "", done: 0, of: 0, told: None }
     }
 
     fn step(&mut self, loss: f64, model: &PhysicsNet, seconds_left: Option<f64>) {
@@ -43,7 +43,7 @@ impl<'a> Teller<'a> {
     }
 }
 
-impl Observer for Teller<'_> {
+impl Observer for EventReporter<'_> {
     fn observe(&mut self, event: &Event) -> Result<()> {
         let told = match event {
             Event::Begins(run) => json!({

@@ -6,11 +6,11 @@ use anyhow::Result;
 use paig::network::system::EquationEntry;
 use paig::support::device;
 use paig::tasks::equation_file::EquationFile;
-use paig_track::{HALF_PIXEL, Hint, Options, Region};
-use paig_video::import::crop::{CropChoice, Rectangle};
-use paig_video::import::request::Request;
-use paig_video::import::sources::Video;
-use paig_video::import::time_base::Part;
+use paig_track::{HALF_PIXEL, Hint, Region, TrackingOptions};
+use paig_video::import::crop::{CropChoice, CropRectangle};
+use paig_video::import::request::ImportRequest;
+use paig_video::import::sources::SourceVideo;
+use paig_video::import::time_base::VideoPart;
 use paig_video::measure as measuring;
 use pyo3::prelude::*;
 use serde::Deserialize;
@@ -58,18 +58,20 @@ enum Crop {
 }
 
 impl Import {
-    fn request(self) -> Request {
+    fn request(self) -> ImportRequest {
         let parts = match (self.frames, self.seconds) {
-            (Some(frames), _) => frames.into_iter().map(|(start, end)| Part::Frames(start, end)).collect(),
-            (None, Some((start, end))) => vec![Part::Seconds(start, end)],
-            (None, None) => vec![Part::All],
+            (Some(frames), _) => frames.into_iter().map(|(start, end)| VideoPart::Frames(start, end)).collect(),
+            (None, Some((start, end))) => vec![VideoPart::Seconds(start, end)],
+            (None, None) => vec![VideoPart::All],
         };
         let crop = match self.crop {
             None => CropChoice::Auto,
             Some(Crop::Full) => CropChoice::Full,
-            Some(Crop::Rectangle([x, y, width, height])) => CropChoice::Rectangle(Rectangle { x, y, width, height }),
+            Some(Crop::Rectangle([x, y, width, height])) => {
+                CropChoice::Rectangle(CropRectangle { x, y, width, height })
+            }
         };
-        Request {
+        ImportRequest {
             force: self.force,
             name: self.name,
             parts,
@@ -91,7 +93,7 @@ impl Import {
             pred_steps: self.pred_steps,
             clip_frames: self.clip_frames,
             overlap: self.overlap,
-            ..Request::of(self.videos, self.out)
+            ..ImportRequest::of(self.videos, self.out)
         }
     }
 }
@@ -125,7 +127,7 @@ pub fn import_video(py: Python, request: &str, listener: Option<&Bound<PyAny>>) 
 /// The arguments of `paig.track`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Tracked {
+struct TrackKeywords {
     video: PathBuf,
     objects: usize,
     frames: Option<(usize, Option<usize>)>,
@@ -135,19 +137,19 @@ struct Tracked {
     ignore: Vec<[usize; 4]>,
 }
 
-impl Tracked {
-    fn options(&self, frames: usize) -> Options {
+impl TrackKeywords {
+    fn options(&self, frames: usize) -> TrackingOptions {
         let hint = |&(frame, x, y): &(usize, f64, f64)| Hint { frame, position: [x - HALF_PIXEL, y - HALF_PIXEL] };
         let region = |&[x, y, width, height]: &[usize; 4]| Region {
             first: [x, y],
             last: [x + width.saturating_sub(1), y + height.saturating_sub(1)],
         };
-        Options {
+        TrackingOptions {
             frames: self.frames.map(|(start, end)| start..end.unwrap_or(frames)),
             objects: self.objects,
             hints: self.at.iter().map(hint).collect(),
             ignore: self.ignore.iter().map(region).collect(),
-            ..Options::default()
+            ..TrackingOptions::default()
         }
     }
 }
@@ -157,9 +159,9 @@ impl Tracked {
 #[pyfunction]
 pub fn track(py: Python, request: &str) -> PyResult<String> {
     attended(py, None, |_| {
-        let given: Tracked = serde_json::from_str(request)?;
-        let video = Video::open(&given.video)?;
-        let tracking = paig_video::track::track(&video, &given.options(video.frames))?;
+        let given: TrackKeywords = serde_json::from_str(request)?;
+        let video = SourceVideo::open(&given.video)?;
+        let tracking = paig_video::track::track(&video, &given.options(video.frames))?.tracking;
         let track = |track: &paig_track::Track| -> Result<Value> {
             let mut value = serde_json::to_value(track)?;
             let points = value["points"].as_array_mut().into_iter().flatten();
@@ -179,25 +181,25 @@ pub fn track(py: Python, request: &str) -> PyResult<String> {
 /// The arguments of `Run.measure`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Measured {
+struct MeasureKeywords {
     run: PathBuf,
     out: Option<PathBuf>,
-    equation: Option<Named>,
-    against: Vec<Named>,
+    equation: Option<LabelledEquation>,
+    against: Vec<LabelledEquation>,
     device: String,
     threads: usize,
 }
 
 /// An equation with a name for people.
 #[derive(Deserialize)]
-struct Named {
+struct LabelledEquation {
     name: String,
     equation: EquationEntry,
 }
 
-impl From<Named> for EquationFile {
-    fn from(Named { name, equation }: Named) -> Self {
-        EquationFile { name, equation, objects: None }
+impl From<LabelledEquation> for EquationFile {
+    fn from(LabelledEquation { name, equation }: LabelledEquation) -> Self {
+        EquationFile { name, summary: String::new(), equation, objects: None, side: None, dt: None }
     }
 }
 
@@ -205,10 +207,10 @@ impl From<Named> for EquationFile {
 #[pyfunction]
 pub fn measure(py: Python, request: &str) -> PyResult<String> {
     attended(py, None, |_| {
-        let given: Measured = serde_json::from_str(request)?;
+        let given: MeasureKeywords = serde_json::from_str(request)?;
         let device = device::parse(&given.device)?;
         device::set_threads(given.threads)?;
-        let request = measuring::Request {
+        let request = measuring::MeasureRequest {
             equation: given.equation.map(Into::into),
             against: given.against.into_iter().map(Into::into).collect(),
         };

@@ -23,7 +23,7 @@ use crate::attend::{Reporter, attended};
 /// The arguments of `paig.generate`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Given {
+struct GenerateKeywords {
     task: String,
     train: usize,
     valid: usize,
@@ -32,13 +32,13 @@ struct Given {
     threads: usize,
     out: Option<PathBuf>,
     force: bool,
-    scene: Scene,
+    scene: SceneChanges,
 }
 
 /// Numbers of the scene to change, by the names of `paig generate`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Scene {
+struct SceneChanges {
     k: Option<f64>,
     equil: Option<f64>,
     damping: Option<f64>,
@@ -58,10 +58,26 @@ struct Scene {
     background: Option<String>,
 }
 
-impl Scene {
+impl SceneChanges {
     fn changes(&self) -> Result<Changes> {
-        let &Scene {
-            k, equil, damping, g, m, length, a, torque, angle, spin, vx, vy, radius, dt, substeps, size, ..
+        let &SceneChanges {
+            k,
+            equil,
+            damping,
+            g,
+            m,
+            length,
+            a,
+            torque,
+            angle,
+            spin,
+            vx,
+            vy,
+            radius,
+            dt,
+            substeps,
+            size,
+            ..
         } = self;
         let background = self.background.as_deref().map(background).transpose()?;
         Ok(Changes {
@@ -92,7 +108,7 @@ fn background(name: &str) -> Result<Background> {
     known.with_context(|| format!("background {name:?}: expected one of {}", names()))
 }
 
-impl Given {
+impl GenerateKeywords {
     fn job(&self) -> Result<DatasetJob> {
         let task = tasks::find(&self.task)?;
         let variant = Variant::new(&task, self.seed)?.with(&self.scene.changes()?)?;
@@ -125,7 +141,7 @@ fn tell(reporter: &Reporter, event: &GeneratorEvent) {
 #[pyo3(signature = (request, listener = None))]
 pub fn generate(py: Python, request: &str, listener: Option<&Bound<PyAny>>) -> PyResult<Vec<PathBuf>> {
     attended(py, listener, |reporter| {
-        let given: Given = serde_json::from_str(request)?;
+        let given: GenerateKeywords = serde_json::from_str(request)?;
         let job = given.job()?;
         given.on_threads(|| Ok(paig::generators::generate(&job, &|event| tell(reporter, &event))?))?;
         Ok(job.variant.files().map(|(_, file)| job.folder.join(file)).to_vec())
@@ -142,7 +158,7 @@ pub fn generate_clips<'py>(
     listener: Option<&Bound<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (made, states, objects) = attended(py, listener, |reporter| {
-        let given: Given = serde_json::from_str(request)?;
+        let given: GenerateKeywords = serde_json::from_str(request)?;
         let DatasetJob { variant, counts, images, .. } = given.job()?;
         let frames = frames.unwrap_or(variant.task.train_frames);
         let watch = |event: GeneratorEvent| tell(reporter, &event);

@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 use paig::kernels::{Instructions, libtorch_capability, vector_path};
+use paig::network::cells::Equations;
 use paig::network::system::EquationEntry;
 use paig::support::device::{LIBTORCH_VERSION, cores, processor};
 use paig::tasks::{Task, all, find};
@@ -40,7 +41,7 @@ pub fn task_file(py: Python, table: &str) -> PyResult<String> {
 
 /// An equation and how many objects it is for.
 #[derive(Deserialize)]
-struct Given {
+struct EquationForObjects {
     equation: EquationEntry,
     objects: usize,
 }
@@ -49,8 +50,9 @@ struct Given {
 #[pyfunction]
 pub fn check_equation(py: Python, given: &str) -> PyResult<Vec<String>> {
     let kind = || -> Result<Vec<String>> {
-        let Given { equation, objects } = serde_json::from_str(given)?;
-        Ok(equation.kind(objects)?.parameters.iter().map(|parameter| parameter.name.into()).collect())
+        let EquationForObjects { equation, objects } = serde_json::from_str(given)?;
+        let kind = equation.kind(objects, &Equations::default())?;
+        Ok(kind.parameters.iter().map(|parameter| parameter.name.to_string()).collect())
     };
     kind().map_err(|error| raised(py, error))
 }

@@ -32,12 +32,12 @@ struct Opened {
     clips: Option<(Split, ScoredClips)>,
 }
 
-type Job = Box<dyn FnOnce(&mut Opened) + Send>;
+type ModelJob = Box<dyn FnOnce(&mut Opened) + Send>;
 
 /// The model of a run.
 #[pyclass(frozen, module = "paig._paig")]
 pub struct Model {
-    jobs: Mutex<Sender<Job>>,
+    jobs: Mutex<Sender<ModelJob>>,
 }
 
 type Array<'py> = Bound<'py, PyArrayDyn<f32>>;
@@ -47,7 +47,7 @@ impl Model {
     #[new]
     #[pyo3(signature = (folder, best, device, threads))]
     fn new(py: Python, folder: PathBuf, best: bool, device: &str, threads: usize) -> PyResult<Self> {
-        let (jobs, wanted) = channel::<Job>();
+        let (jobs, wanted) = channel::<ModelJob>();
         let (opened, news) = channel();
         let which = if best { SavedWeights::Best } else { SavedWeights::Last };
         let device = device.to_string();

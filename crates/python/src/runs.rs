@@ -9,7 +9,7 @@ use paig::runs::find::find_runs;
 use paig::runs::names::CONFIG;
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
-use paig_video::run::{Ending, execute};
+use paig_video::run::{VideoRunEnding, execute};
 use pyo3::prelude::*;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
@@ -17,12 +17,12 @@ use serde_json::{Map, Value, json};
 use crate::PROGRAM;
 use crate::attend::attended;
 use crate::errors;
-use crate::events::Teller;
+use crate::events::EventReporter;
 
 /// The arguments of `paig.train`.
 #[derive(Deserialize, Default)]
 #[serde(default, deny_unknown_fields)]
-struct Given {
+struct TrainKeywords {
     task: Option<String>,
     config: Option<PathBuf>,
     recipe: Option<String>,
@@ -36,9 +36,9 @@ struct Given {
     score: bool,
 }
 
-impl Given {
+impl TrainKeywords {
     fn request(self) -> Request {
-        let Given { task, config, recipe, seed, device, threads, data, set, out, resume, score } = self;
+        let TrainKeywords { task, config, recipe, seed, device, threads, data, set, out, resume, score } = self;
         let mode = match (score, resume) {
             (true, _) => Mode::Score,
             (false, true) => Mode::Resume,
@@ -58,16 +58,16 @@ fn read<'a, T: Deserialize<'a>>(request: &'a str) -> Result<T> {
 #[pyo3(signature = (request, listener = None))]
 pub fn train(py: Python, request: &str, listener: Option<&Bound<PyAny>>) -> PyResult<String> {
     attended(py, listener, |reporter| {
-        let mut teller = Teller::new(reporter);
-        let run = read::<Given>(request)?.request().open()?.prepare(&mut teller)?;
+        let mut teller = EventReporter::new(reporter);
+        let run = read::<TrainKeywords>(request)?.request().open()?.prepare(&mut teller)?;
         let folder = run.folder.path();
         let ending = match execute(&run, PROGRAM, &mut teller, &|| reporter.stopped())? {
-            Ending::Finished { measurement, .. } => {
+            VideoRunEnding::Finished { measurement, .. } => {
                 let failed = measurement.and_then(Result::err).map(|error| format!("{error:#}"));
                 json!({"ending": "finished", "folder": folder, "measurement": failed})
             }
-            Ending::Scored => json!({"ending": "scored", "folder": folder}),
-            Ending::Interrupted { steps } => json!({"ending": "interrupted", "folder": folder, "steps": steps}),
+            VideoRunEnding::Scored => json!({"ending": "scored", "folder": folder}),
+            VideoRunEnding::Interrupted { steps } => json!({"ending": "interrupted", "folder": folder, "steps": steps}),
         };
         let interrupted = ending["ending"] == "interrupted";
         if interrupted {
@@ -80,7 +80,7 @@ pub fn train(py: Python, request: &str, listener: Option<&Bound<PyAny>>) -> PyRe
 /// The complete config of a run that `train` would begin with, TOML.
 #[pyfunction]
 pub fn config(py: Python, request: &str) -> PyResult<String> {
-    let config = || Ok(read::<Given>(request)?.request().config()?.to_toml());
+    let config = || Ok(read::<TrainKeywords>(request)?.request().config()?.to_toml());
     config().map_err(|error| errors::raised(py, error))
 }
 

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 
-use super::groups::{Group, choices_of, without_place};
+use super::groups::{RunGroup, choices_of, without_place};
 use paig::generators::{Counts, plain_test_settings};
-use paig::runs::run::{Run, RunData};
+use paig::runs::run::{RunData, StoredRun};
 use paig::support::command_line::CommandOptions;
 use paig::tasks::{self, Task};
 use paig::training::layers::USUAL_DATA;
@@ -16,7 +16,7 @@ const PROGRAM: &str = "paig";
 
 /// All commands of a group in a shell's notation, one a line: the data, all runs at once, and each run by itself. The records of
 /// its runs lie in these folders.
-pub(super) fn commands(group: &Group, records: &[PathBuf]) -> Result<Vec<String>> {
+pub(super) fn commands(group: &RunGroup, records: &[PathBuf]) -> Result<Vec<String>> {
     let mut lines: Vec<String> = Vec::new();
     if !is_built_in(&group.task) {
         let (name, config) = (&group.task.name, records[0].join("config.toml"));
@@ -42,7 +42,7 @@ pub(super) fn commands(group: &Group, records: &[PathBuf]) -> Result<Vec<String>
 }
 
 /// The data of a run, and where that is not all, what is known besides.
-fn generate(run: &Run) -> Result<Vec<String>> {
+fn generate(run: &StoredRun) -> Result<Vec<String>> {
     let task = &run.config.task;
     if task.scene.is_none() {
         return Ok(vec!["# its clips were not generated".into()]);
@@ -68,9 +68,9 @@ fn generate(run: &Run) -> Result<Vec<String>> {
 
 /// The command for runs of a group on the same data; none where `--set` cannot say what differs, or the runs' machines
 /// differ.
-fn sweep(runs: &[Run], group: &Group) -> Option<CommandOptions> {
+fn sweep(runs: &[StoredRun], group: &RunGroup) -> Option<CommandOptions> {
     let first = &runs[0];
-    let machine = |run: &Run| (threads(run), run.config.device.clone());
+    let machine = |run: &StoredRun| (threads(run), run.config.device.clone());
     if !runs.iter().all(|run| machine(run) == machine(first)) || !said_by_changes(first, group) {
         return None;
     }
@@ -86,7 +86,7 @@ fn sweep(runs: &[Run], group: &Group) -> Option<CommandOptions> {
 }
 
 /// Where the runs on the data of a run go, if the usual place is that of several data sets or groups.
-fn runs_of_data(run: &Run, group: &Group) -> Option<String> {
+fn runs_of_data(run: &StoredRun, group: &RunGroup) -> Option<String> {
     let seed = run.data.as_ref().and_then(RunData::seed).filter(|_| group.datasets() > 1);
     let clips = group.clips.map(|clips| format!("/clips={clips}"));
     let folders: String = clips.into_iter().chain(seed.map(|seed| format!("/data={seed}"))).collect();
@@ -95,7 +95,7 @@ fn runs_of_data(run: &Run, group: &Group) -> Option<String> {
 
 /// The command for one run. With the config of its record where `--set` cannot say what differs, or which alone holds its
 /// task; what is changed goes to a folder of its own, the one that `sweep` would give it.
-fn one(run: &Run, group: &Group, record: &Path) -> CommandOptions {
+fn one(run: &StoredRun, group: &RunGroup, record: &Path) -> CommandOptions {
     let options = CommandOptions::default();
     let options = if is_built_in(&group.task) { options.with("task", &group.task.name) } else { options };
     let options = options.with("recipe", &group.recipe);
@@ -114,13 +114,13 @@ fn one(run: &Run, group: &Group, record: &Path) -> CommandOptions {
 }
 
 /// Whether task, recipe and changes say all that the run's config does.
-fn said_by_changes(run: &Run, group: &Group) -> bool {
+fn said_by_changes(run: &StoredRun, group: &RunGroup) -> bool {
     let said = choices_of(&run.config, &group.changes);
     said.is_some_and(|said| without_place(&said) == without_place(&run.config.choices))
 }
 
 /// Where the data of a run lie, if not in the usual place.
-fn data_folder(run: &Run) -> Option<String> {
+fn data_folder(run: &StoredRun) -> Option<String> {
     run.config.data_folder().filter(|folder| folder != USUAL_DATA)
 }
 
@@ -135,11 +135,11 @@ fn named(task: &Task) -> String {
 }
 
 /// The name of a changed recipe.
-fn name(group: &Group) -> String {
+fn name(group: &RunGroup) -> String {
     group.folder_name().unwrap_or_else(|| "changed".into())
 }
 
 /// What the run had, where the config leaves it to the machine.
-fn threads(run: &Run) -> usize {
+fn threads(run: &StoredRun) -> usize {
     run.summary.as_ref().map_or(run.config.threads, |summary| summary.threads)
 }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::protocol::protocol;
 use paig::network::physics_models::losses::Loss;
-use paig::runs::run::Run;
+use paig::runs::run::StoredRun;
 use paig::runs::summary::Summary;
 use paig::tasks::published::published;
 use paig::tasks::{Success, Task};
@@ -22,7 +22,7 @@ pub(super) enum Status {
     Unfinished,
 }
 
-pub(super) fn status(run: &Run) -> Status {
+pub(super) fn status(run: &StoredRun) -> Status {
     let Some(summary) = &run.summary else { return Status::Unfinished };
     match criterion(&run.config.task).and_then(|limits| keeps(limits, run, summary)) {
         Some(true) => Status::Succeeded,
@@ -38,7 +38,7 @@ pub(super) fn criterion(task: &Task) -> Option<&Success> {
 
 /// Whether a finished run keeps all limits; none if no limit is for it. A parameter whose truth is not known and what no frame
 /// shows (L_extrap, where the test clips end before) are not judged; one that lacks another number does not keep its limit.
-fn keeps(limits: &Success, run: &Run, summary: &Summary) -> Option<bool> {
+fn keeps(limits: &Success, run: &StoredRun, summary: &Summary) -> Option<bool> {
     let learned = run.config.task.system.cell.parameters.iter().filter(|parameter| run.config.learns(parameter));
     let errors = learned.filter_map(|parameter| {
         let limit = *limits.parameters.get(&*parameter.name)?;
@@ -65,7 +65,7 @@ pub(super) fn lost_objects(task: &Task, summary: &Summary) -> bool {
 
 /// Whether a run finished within the yardsticks, and no parameter further from its truth than the paper's. Not where one of these
 /// is not known.
-pub(super) fn reaches_paper(run: &Run) -> bool {
+pub(super) fn reaches_paper(run: &StoredRun) -> bool {
     let task = &run.config.task;
     let error = |name: &str| Some((name.into(), published().parameter(&task.name, name)?.error_percent().abs()));
     let parameters = task.system.cell.parameters.iter().filter_map(|parameter| error(&parameter.name)).collect();

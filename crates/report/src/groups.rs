@@ -11,7 +11,7 @@ use super::criteria::{self, Status};
 use super::protocol::protocol;
 use paig::network::cells::PhysicalParameter;
 use paig::network::physics_models::losses::Loss;
-use paig::runs::run::{Run, RunData};
+use paig::runs::run::{RunData, StoredRun};
 use paig::runs::run_config::{RunConfig, choices};
 use paig::runs::scores::{FrameSpread, StateErrors};
 use paig::runs::summary::Summary;
@@ -22,7 +22,7 @@ use paig::training::layers::Overrides;
 
 /// Runs of one task with one recipe, in the order of their seeds.
 #[derive(Debug)]
-pub(super) struct Group {
+pub(super) struct RunGroup {
     pub task: Task,
     pub recipe: String,
     /// The recipe and what differs from it, with `clips`; no other group of the task has the same.
@@ -31,13 +31,13 @@ pub(super) struct Group {
     pub clips: Option<usize>,
     /// What differs from the recipe, as `key=value`.
     pub changes: Vec<String>,
-    pub runs: Vec<Run>,
+    pub runs: Vec<StoredRun>,
 }
 
 /// What a group is there for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Role {
+pub(super) enum GroupRole {
     /// The recipe as it is.
     Plain,
     /// Other parameters at the start.
@@ -62,8 +62,8 @@ const OFF: [&str; 3] = ["false", "0", "0.0"];
 /// Changes that a label spells out.
 const SPELT_OUT: usize = 3;
 
-impl Group {
-    pub(super) fn finished(&self) -> impl Iterator<Item = (&Run, &Summary)> {
+impl RunGroup {
+    pub(super) fn finished(&self) -> impl Iterator<Item = (&StoredRun, &Summary)> {
         self.runs.iter().filter_map(|run| Some((run, run.summary.as_ref()?)))
     }
 
@@ -97,16 +97,16 @@ impl Group {
         self.runs.iter().any(|run| run.config.number("model.refinement_steps").is_some_and(|steps| steps > 0.0))
     }
 
-    pub(super) fn role(&self) -> Role {
+    pub(super) fn role(&self) -> GroupRole {
         let all = |section: &str| self.changes.iter().all(|change| change.starts_with(section));
         if self.changes.is_empty() {
-            Role::Plain
+            GroupRole::Plain
         } else if all("start.") {
-            Role::Start
+            GroupRole::Start
         } else if all("model.fixed.") {
-            Role::Hold
+            GroupRole::Hold
         } else {
-            Role::Ablation
+            GroupRole::Ablation
         }
     }
 
@@ -124,7 +124,7 @@ impl Group {
 
     /// Whether the group is the paper's protocol, unchanged.
     pub(super) fn is_protocol(&self) -> bool {
-        self.recipe == protocol().recipe && self.role() == Role::Plain
+        self.recipe == protocol().recipe && self.role() == GroupRole::Plain
     }
 
     /// A number of all finished runs, successes or not.
@@ -170,8 +170,8 @@ pub(super) fn original_unit(task: &Task, parameter: &PhysicalParameter) -> f64 {
 }
 
 /// Sorts runs into groups, by task (in the order of the built-in ones) and recipe.
-pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
-    let mut groups: Vec<Group> = Vec::new();
+pub(super) fn group(runs: Vec<StoredRun>) -> Vec<RunGroup> {
+    let mut groups: Vec<RunGroup> = Vec::new();
     // Last those that left nothing to tell what they learned from: all groups that they may belong to are there then.
     let (known, unknown): (Vec<_>, Vec<_>) = runs.into_iter().partition(|run| !of_unknown_data(run));
     for run in known.into_iter().chain(unknown) {
@@ -180,7 +180,7 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
             continue;
         }
         let (task, recipe, changes) = (run.config.task.clone(), run.config.recipe.clone(), changes(&run.config));
-        groups.push(Group { task, recipe, label: String::new(), clips: None, changes, runs: vec![run] });
+        groups.push(RunGroup { task, recipe, label: String::new(), clips: None, changes, runs: vec![run] });
     }
     let clips: Vec<_> = groups.iter().map(|group| own_clips(group, &groups)).collect();
     groups.iter_mut().zip(clips).for_each(|(group, clips)| group.clips = clips);
@@ -188,7 +188,7 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
     groups.iter_mut().zip(labels).for_each(|(group, label)| group.label = label);
     // The recipe as it is before what differs from it.
     let known: Vec<_> = tasks::all().map(|task| task.name).collect();
-    let place = |group: &Group| known.iter().position(|name| *name == group.task.name).unwrap_or(known.len());
+    let place = |group: &RunGroup| known.iter().position(|name| *name == group.task.name).unwrap_or(known.len());
     groups
         .sort_by_cached_key(|group| (place(group), group.task.name.clone(), group.recipe.clone(), group.label.clone()));
     groups.iter_mut().for_each(|group| {
@@ -202,10 +202,10 @@ pub(super) fn group(runs: Vec<Run>) -> Vec<Group> {
 
 /// The group that a run belongs to, if it is there. One that has not finished, on files of which no other run tells, counts
 /// in the only group whose runs were to learn the same in the same way: a failure is no group of its own.
-fn place_of(run: &Run, groups: &[Group]) -> Option<usize> {
+fn place_of(run: &StoredRun, groups: &[RunGroup]) -> Option<usize> {
     let same = groups.iter().position(|group| alike(&group.runs[0], run));
     let only = || {
-        let could = |group: &Group| kind(&group.runs[0]).is_some() && same_choices(&group.runs[0], run);
+        let could = |group: &RunGroup| kind(&group.runs[0]).is_some() && same_choices(&group.runs[0], run);
         let mut places = (0..groups.len()).filter(|place| could(&groups[*place]));
         places.next().filter(|_| places.next().is_none())
     };
@@ -213,32 +213,32 @@ fn place_of(run: &Run, groups: &[Group]) -> Option<usize> {
 }
 
 /// Whether nothing is known of what a run learned from.
-fn of_unknown_data(run: &Run) -> bool {
+fn of_unknown_data(run: &StoredRun) -> bool {
     run.summary.is_none() && run.data.is_none()
 }
 
 /// How the files that a run learned from were made, but for their seed.
-fn kind(run: &Run) -> Option<String> {
+fn kind(run: &StoredRun) -> Option<String> {
     run.data.as_ref().and_then(RunData::kind)
 }
 
 /// Training and validation clips of a run's files. How they were made does not say it: that is told of the test file, which
 /// has few of both.
-fn clips_to_learn_from(run: &Run) -> Option<[usize; 2]> {
+fn clips_to_learn_from(run: &StoredRun) -> Option<[usize; 2]> {
     run.data.as_ref().map(|data| [data.clips[0], data.clips[1]])
 }
 
 /// Whether two runs differ in nothing that decides what is learned. Where the data lie is not that, nor the seed that they
 /// were made with: what they show is, and how many there are.
-fn alike(a: &Run, b: &Run) -> bool {
-    let place = |run: &Run| run.config.choices.get(DATA_FOLDER).cloned();
+fn alike(a: &StoredRun, b: &StoredRun) -> bool {
+    let place = |run: &StoredRun| run.config.choices.get(DATA_FOLDER).cloned();
     let same_data = kind(a) == kind(b) && clips_to_learn_from(a) == clips_to_learn_from(b);
     same_choices(a, b) && same_data && (kind(a).is_some() || place(a) == place(b))
 }
 
 /// Whether two runs have the same task, recipe and choices, wherever their data lie.
-fn same_choices(a: &Run, b: &Run) -> bool {
-    let what = |run: &Run| {
+fn same_choices(a: &StoredRun, b: &StoredRun) -> bool {
+    let what = |run: &StoredRun| {
         let mut choices = without_place(&run.config.choices);
         // Earlier versions did not write down all that is switched off.
         choices.retain(|_, value| !OFF.contains(&value.as_str()));
@@ -262,15 +262,15 @@ pub(super) fn numbered(name: String, mark: fn(usize) -> String, mut free: impl F
 }
 
 /// The training clips of a group, where another one differs from it in them alone.
-fn own_clips(group: &Group, groups: &[Group]) -> Option<usize> {
+fn own_clips(group: &RunGroup, groups: &[RunGroup]) -> Option<usize> {
     let same = groups.iter().filter(|other| other.task == group.task && label(other) == label(group));
-    let mut clips = same.filter_map(Group::training_clips);
+    let mut clips = same.filter_map(RunGroup::training_clips);
     group.training_clips().filter(|own| clips.any(|other| other != *own))
 }
 
 /// Labels that tell the groups of each task apart: by what differs from the recipe; where that is the same, by the training
 /// clips; and where these are, too, by a number: two versions of a recipe may differ in as many values.
-fn labels(groups: &[Group]) -> Vec<String> {
+fn labels(groups: &[RunGroup]) -> Vec<String> {
     let mut labels: Vec<String> = Vec::new();
     for group in groups {
         let name = label(group);
@@ -283,8 +283,8 @@ fn labels(groups: &[Group]) -> Vec<String> {
     labels
 }
 
-fn label(group: &Group) -> String {
-    let Group { recipe, changes, .. } = group;
+fn label(group: &RunGroup) -> String {
+    let RunGroup { recipe, changes, .. } = group;
     match (changes.len(), group.folder_name()) {
         (0, _) => recipe.clone(),
         (1..=SPELT_OUT, _) => format!("{recipe}, {}", changes.join(", ")),
@@ -311,7 +311,7 @@ pub(super) fn choices_of(config: &RunConfig, changes: &[String]) -> Option<BTree
 }
 
 /// The built-in tasks, then those of runs of other tasks; each with the places of its groups.
-pub(super) fn by_task(groups: &[Group]) -> Vec<(Task, Range<usize>)> {
+pub(super) fn by_task(groups: &[RunGroup]) -> Vec<(Task, Range<usize>)> {
     let mut tasks: Vec<Task> = tasks::all().collect();
     for group in groups {
         if !tasks.iter().any(|task| task.name == group.task.name) {
@@ -334,7 +334,7 @@ mod tests {
     use super::*;
 
     /// A run on files of a folder; their maker's line where it is known.
-    fn run(place: &Path, data: u64, made_with: Option<&str>) -> Run {
+    fn run(place: &Path, data: u64, made_with: Option<&str>) -> StoredRun {
         let folder = place.join(format!("data={data}"));
         fs::create_dir_all(&folder).unwrap();
         let overrides = Overrides {
@@ -347,14 +347,14 @@ mod tests {
         fs::write(folder.join("config.toml"), Config::load(None, &overrides).unwrap().to_toml()).unwrap();
         let made_with = made_with.map(|text| format!("generator 1, task pendulum, seed {data}, {text}"));
         let data = made_with.map(|text| RunData { clips: [10, 10, 10], made_with: Some(text) });
-        Run { data, ..Run::read(&folder).unwrap() }
+        StoredRun { data, ..StoredRun::read(&folder).unwrap() }
     }
 
     #[test]
     fn a_run_that_failed_alone_on_its_data_counts_among_those_it_was_to_be_like() {
         let folder = tempfile::tempdir().unwrap();
         let run = |data: u64, made_with: Option<&str>| run(folder.path(), data, made_with);
-        let sizes = |groups: &[Group]| -> Vec<usize> { groups.iter().map(|group| group.runs.len()).collect() };
+        let sizes = |groups: &[RunGroup]| -> Vec<usize> { groups.iter().map(|group| group.runs.len()).collect() };
         // It is found first, and comes last in its group.
         let (short, long) = (Some("10 clips"), Some("1000 clips"));
         let groups = group(vec![run(20, None), run(21, short), run(23, short), run(24, None)]);
@@ -372,7 +372,7 @@ mod tests {
         let on = |data: u64, train: usize| {
             let run = run(folder.path(), data, Some("10 clips"));
             let data = run.data.clone().map(|data| RunData { clips: [train, 10, 10], ..data });
-            Run { data, ..run }
+            StoredRun { data, ..run }
         };
         let groups = group(vec![on(20, 5000), on(21, 200), on(22, 5000)]);
         let found: Vec<_> = groups.iter().map(|group| (group.label.as_str(), group.runs.len())).collect();

@@ -8,7 +8,7 @@ use anyhow::Result;
 use minijinja::{Value, context};
 use serde::{Deserialize, Serialize};
 
-use super::groups::{Group, Role, original_unit};
+use super::groups::{GroupRole, RunGroup, original_unit};
 use super::template::{evaluate, fill};
 use super::view::{self, value};
 use paig::network::cells::PhysicalParameter;
@@ -55,7 +55,7 @@ enum Which {
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct VerdictRule {
-    verdict: Verdict,
+    verdict: HypothesisVerdict,
     /// Stands in brackets after the verdict.
     note: Option<String>,
     #[serde(rename = "if")]
@@ -64,7 +64,7 @@ struct VerdictRule {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum Verdict {
+enum HypothesisVerdict {
     Confirmed,
     Refuted,
     Undecided,
@@ -74,11 +74,11 @@ static HYPOTHESES: LazyLock<Hypotheses> =
     LazyLock::new(|| toml::from_str(include_str!("../../../reports/hypotheses.toml")).expect("a test reads this file"));
 
 /// Places of a group with the cause and of its control, and the parameter they are compared by, if there is one.
-type Comparison<'a> = (usize, usize, Option<&'a PhysicalParameter>);
+type ComparedGroups<'a> = (usize, usize, Option<&'a PhysicalParameter>);
 
 /// What the groups say to each hypothesis to which they say anything: its table, and of each comparison what it is on and
 /// the verdict. `views`: of the groups.
-pub(super) fn findings(groups: &[Group], views: &[Value]) -> Result<Vec<Value>> {
+pub(super) fn findings(groups: &[RunGroup], views: &[Value]) -> Result<Vec<Value>> {
     let mut findings = Vec::new();
     for hypothesis in &HYPOTHESES.hypotheses {
         let (mut rows, mut verdicts) = (Vec::new(), Vec::new());
@@ -113,19 +113,19 @@ pub(super) fn findings(groups: &[Group], views: &[Value]) -> Result<Vec<Value>> 
 impl Hypothesis {
     /// All groups that have the cause, each with its control: the one of the same recipe with the same other changes, or
     /// else the recipe as it is.
-    fn comparisons<'a>(&self, groups: &'a [Group]) -> Vec<Comparison<'a>> {
-        let ran = |group: &Group| group.finished().next().is_some();
+    fn comparisons<'a>(&self, groups: &'a [RunGroup]) -> Vec<ComparedGroups<'a>> {
+        let ran = |group: &RunGroup| group.finished().next().is_some();
         let mut comparisons = Vec::new();
         for (place, changed) in groups.iter().enumerate().filter(|(_, group)| ran(group)) {
             let (switch, others): (Vec<_>, Vec<_>) =
                 changed.changes.iter().cloned().partition(|change| *change == self.switch);
             let beside = |change: &String| self.besides.iter().any(|section| change.starts_with(section));
-            let among = |which: &dyn Fn(&Group) -> bool| {
-                let alike = |group: &Group| group.task == changed.task && group.recipe == changed.recipe;
+            let among = |which: &dyn Fn(&RunGroup) -> bool| {
+                let alike = |group: &RunGroup| group.task == changed.task && group.recipe == changed.recipe;
                 groups.iter().position(|group| alike(group) && which(group))
             };
             let same = among(&|group| ran(group) && group.changes == others);
-            let Some(control) = same.or_else(|| among(&|group| group.role() == Role::Plain)) else { continue };
+            let Some(control) = same.or_else(|| among(&|group| group.role() == GroupRole::Plain)) else { continue };
             if switch.is_empty() || !others.iter().all(beside) {
                 continue;
             }
@@ -139,7 +139,7 @@ impl Hypothesis {
     }
 
     /// The verdict of the first rule that holds, with its note; none where a number is missing.
-    fn verdict(&self, numbers: &Value) -> Result<Option<(Verdict, String)>> {
+    fn verdict(&self, numbers: &Value) -> Result<Option<(HypothesisVerdict, String)>> {
         for need in &self.needs {
             if evaluate(need, numbers)?.is_none() {
                 return Ok(None);
@@ -151,7 +151,7 @@ impl Hypothesis {
                 return Ok(Some((*verdict, note)));
             }
         }
-        Ok(Some((Verdict::Undecided, String::new())))
+        Ok(Some((HypothesisVerdict::Undecided, String::new())))
     }
 }
 
@@ -160,7 +160,7 @@ mod tests {
     use super::*;
     use paig::support::statistics::Spread;
 
-    fn verdict(cause: &str, numbers: &Value) -> Verdict {
+    fn verdict(cause: &str, numbers: &Value) -> HypothesisVerdict {
         let hypothesis = HYPOTHESES.hypotheses.iter().find(|hypothesis| hypothesis.cause.contains(cause)).unwrap();
         hypothesis.verdict(numbers).unwrap().unwrap().0
     }
@@ -181,13 +181,13 @@ mod tests {
             let numbers = context! { expected => 32.0 / 31.0, changed => of(raw), control => of(exact) };
             verdict("unit of length", &numbers)
         };
-        assert_eq!(scale(1.032, 1.0003), Verdict::Confirmed);
-        assert_eq!(scale(1.026, 0.995), Verdict::Confirmed);
+        assert_eq!(scale(1.032, 1.0003), HypothesisVerdict::Confirmed);
+        assert_eq!(scale(1.026, 0.995), HypothesisVerdict::Confirmed);
         // The excess is there, but with the exact shift as well.
-        assert_eq!(scale(1.032, 1.03), Verdict::Undecided);
-        assert_eq!(scale(1.001, 1.0), Verdict::Refuted);
-        assert_eq!(scale(1.016, 1.0), Verdict::Undecided);
-        assert_eq!(scale(1.5, 1.0), Verdict::Undecided);
+        assert_eq!(scale(1.032, 1.03), HypothesisVerdict::Undecided);
+        assert_eq!(scale(1.001, 1.0), HypothesisVerdict::Refuted);
+        assert_eq!(scale(1.016, 1.0), HypothesisVerdict::Undecided);
+        assert_eq!(scale(1.5, 1.0), HypothesisVerdict::Undecided);
     }
 
     #[test]
@@ -203,16 +203,16 @@ mod tests {
             verdict("velocity", &context! { paper => paper, changed => of(velocity, error, lost), control => with })
         };
         let slow = [0.9, 1.0, 1.1];
-        assert_eq!(velocity(slow, [4.0, 6.0, 5.0], 0), Verdict::Confirmed);
-        assert_eq!(velocity(slow, [-4.0, -6.0, -5.0], 0), Verdict::Refuted);
-        assert_eq!(velocity(slow, [0.1, 0.1, 0.0], 0), Verdict::Refuted);
+        assert_eq!(velocity(slow, [4.0, 6.0, 5.0], 0), HypothesisVerdict::Confirmed);
+        assert_eq!(velocity(slow, [-4.0, -6.0, -5.0], 0), HypothesisVerdict::Refuted);
+        assert_eq!(velocity(slow, [0.1, 0.1, 0.0], 0), HypothesisVerdict::Refuted);
         // No objects, no parameter.
-        assert_eq!(velocity(slow, [4.0, 6.0, 5.0], 1), Verdict::Undecided);
+        assert_eq!(velocity(slow, [4.0, 6.0, 5.0], 1), HypothesisVerdict::Undecided);
         // Larger, but far too small.
-        assert_eq!(velocity(slow, [1.4, 1.2, 1.7], 0), Verdict::Refuted);
+        assert_eq!(velocity(slow, [1.4, 1.2, 1.7], 0), HypothesisVerdict::Refuted);
         // One seed is as good as with the refinement.
-        assert_eq!(velocity(slow, [4.0, 6.0, 0.1], 0), Verdict::Undecided);
+        assert_eq!(velocity(slow, [4.0, 6.0, 0.1], 0), HypothesisVerdict::Undecided);
         // A larger error, but not from the velocity.
-        assert_eq!(velocity([0.2, 0.2, 0.2], [4.0, 6.0, 5.0], 0), Verdict::Undecided);
+        assert_eq!(velocity([0.2, 0.2, 0.2], [4.0, 6.0, 5.0], 0), HypothesisVerdict::Undecided);
     }
 }

@@ -24,14 +24,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 
-use self::groups::Group;
+use self::groups::RunGroup;
 use self::results::Results;
 use paig::Error;
 use paig::runs::find::is_run;
 use paig::support::output::FileSet;
 use paig::support::{atomic, json_lines};
 
-pub use self::pictures::Pictures;
+pub use self::pictures::WithPictures;
 pub use self::template::{cell, code};
 
 /// How many runs were found.
@@ -48,11 +48,11 @@ pub struct RunCounts {
 /// # Errors
 /// A folder that cannot be listed or that the report would replace, no run at all, an output folder that cannot be
 /// written. A run that is damaged is no error: the report says so.
-pub fn write(folders: &[PathBuf], out: &Path, shown: Pictures) -> Result<RunCounts, Error> {
+pub fn write(folders: &[PathBuf], out: &Path, shown: WithPictures) -> Result<RunCounts, Error> {
     Ok(written(folders, out, shown)?)
 }
 
-fn written(folders: &[PathBuf], out: &Path, shown: Pictures) -> Result<RunCounts> {
+fn written(folders: &[PathBuf], out: &Path, shown: WithPictures) -> Result<RunCounts> {
     ensure!(!is_run(out), "{} is a run folder; choose another folder with --out", out.display());
     FILES.settle(out)?;
     FILES.check(out)?;
@@ -83,10 +83,10 @@ const HTML: &str = "report.html";
 fn fill(
     out: &Path,
     place: &Path,
-    groups: &[Group],
+    groups: &[RunGroup],
     unreadable: &[(PathBuf, anyhow::Error)],
     searched: &[String],
-    shown: Pictures,
+    shown: WithPictures,
 ) -> Result<()> {
     let records = records::write(out, groups)?;
     let pictures = pictures::write(out, groups, &records, shown)?;

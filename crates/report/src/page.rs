@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use minijinja::context;
 
-use super::groups::{Group, by_task};
-use super::pictures::{GroupPictures, Pictures};
+use super::groups::{RunGroup, by_task};
+use super::pictures::{GroupPictures, WithPictures};
 use super::protocol::protocol;
 use super::view::{of_group, of_task, value};
 use super::{hypotheses, template};
@@ -16,12 +16,12 @@ use paig::tasks::published::published;
 
 /// The whole report. `unreadable`: folders, and what is wrong with them; `records`: where those of each group's runs lie.
 pub(super) fn page(
-    groups: &[Group],
+    groups: &[RunGroup],
     unreadable: &[(PathBuf, anyhow::Error)],
     pictures: &[GroupPictures],
     records: &[Vec<PathBuf>],
     folders: &[String],
-    shown: Pictures,
+    shown: WithPictures,
 ) -> Result<String> {
     let of_groups = groups.iter().zip(pictures).zip(records);
     let views: Vec<_> =
@@ -34,7 +34,7 @@ pub(super) fn page(
     template::page(&context! {
         title => template::TITLE,
         folders => folders.to_vec(),
-        pictures => shown == Pictures::Shown,
+        pictures => shown == WithPictures::Shown,
         unreadable => unreadable.collect::<Vec<_>>(),
         losses => Loss::ALL.map(Loss::key).to_vec(),
         symbols => value(BTreeMap::from(Loss::ALL.map(|loss| (loss, loss.symbol())))),

@@ -6,10 +6,10 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 
 use super::criteria::{Status, status};
-use super::groups::{Group, Role};
+use super::groups::{GroupRole, RunGroup};
 use super::plots;
 use super::records;
-use paig::runs::run::Run;
+use paig::runs::run::StoredRun;
 use paig::support::storage::storage;
 use paig::viz::{self, CHART_HEIGHT, chart};
 
@@ -20,14 +20,14 @@ const OF_RUN: [&str; 4] = ["example0", "example1", "templates", "encoder_masks"]
 
 /// Whether a report has pictures. One without is small: its page and its numbers stand for themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pictures {
+pub enum WithPictures {
     Shown,
     LeftOut,
 }
 
 /// A picture by its name, with its place relative to the report.
 #[derive(Debug, Serialize)]
-pub(super) struct Picture {
+pub(super) struct ReportPicture {
     name: &'static str,
     path: String,
 }
@@ -36,30 +36,30 @@ pub(super) struct Picture {
 #[derive(Debug, Default, Serialize)]
 pub(super) struct GroupPictures {
     /// Over all seeds: losses, parameters, scores of the predicted frames.
-    seeds: Vec<Picture>,
+    seeds: Vec<ReportPicture>,
     /// Of the shown runs, each with its pictures in the order of the paper's figures.
-    runs: Vec<(u64, Status, Vec<Picture>)>,
+    runs: Vec<(u64, Status, Vec<ReportPicture>)>,
 }
 
 /// Draws the pictures of each group into their folder in `out` and copies those of single runs to their records (`places`).
 /// Without pictures the folder is empty: it replaces that of an earlier report.
 pub(super) fn write(
     out: &Path,
-    groups: &[Group],
+    groups: &[RunGroup],
     places: &[Vec<PathBuf>],
-    shown: Pictures,
+    shown: WithPictures,
 ) -> Result<Vec<GroupPictures>> {
     let folder = out.join(FOLDER);
     storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    if shown == Pictures::LeftOut {
+    if shown == WithPictures::LeftOut {
         return Ok(groups.iter().map(|_| GroupPictures::default()).collect());
     }
     let groups = groups.iter().zip(places).enumerate();
     groups.map(|(number, (group, places))| of_group(out, number, group, places)).collect()
 }
 
-fn of_group(out: &Path, number: usize, group: &Group, places: &[PathBuf]) -> Result<GroupPictures> {
-    let plain = group.role() == Role::Plain;
+fn of_group(out: &Path, number: usize, group: &RunGroup, places: &[PathBuf]) -> Result<GroupPictures> {
+    let plain = group.role() == GroupRole::Plain;
     let mut plots = vec![("parameters", plots::parameters(group))];
     if plain || group.learned().next().is_none() {
         plots.insert(0, ("losses", plots::losses(group)));
@@ -71,7 +71,7 @@ fn of_group(out: &Path, number: usize, group: &Group, places: &[PathBuf]) -> Res
     for (name, charts) in plots {
         let path = format!("{FOLDER}/{number}-{}-{name}.png", group.task.name);
         if chart::write(&out.join(&path), CHART_HEIGHT, charts)? {
-            pictures.seeds.push(Picture { name, path });
+            pictures.seeds.push(ReportPicture { name, path });
         }
     }
     if !plain {
@@ -88,13 +88,13 @@ fn of_group(out: &Path, number: usize, group: &Group, places: &[PathBuf]) -> Res
 }
 
 /// Copies what a run left into `out/place`; pictures that it did not make, or that cannot be read, are left out.
-fn of_run(out: &Path, place: &Path, run: &Run) -> Result<Vec<Picture>> {
+fn of_run(out: &Path, place: &Path, run: &StoredRun) -> Result<Vec<ReportPicture>> {
     let mut copied = Vec::new();
     for name in OF_RUN {
         let file = format!("{name}.png");
         let path = place.join(&file);
         if records::copy(&run.folder.join(&file), &out.join(&path))? {
-            copied.push(Picture { name, path: path.display().to_string() });
+            copied.push(ReportPicture { name, path: path.display().to_string() });
         }
     }
     Ok(copied)

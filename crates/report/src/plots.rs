@@ -4,10 +4,10 @@ use plotters::chart::SeriesLabelPosition;
 use plotters::style::RGBColor;
 
 use super::criteria::{Status, status};
-use super::groups::Group;
+use super::groups::RunGroup;
 use paig::network::cells::PhysicalParameter;
 use paig::network::physics_models::losses::Loss;
-use paig::runs::metrics::Kind;
+use paig::runs::metrics::RecordKind;
 use paig::tasks::published::published;
 use paig::viz::chart::{BLUE, Chart, GREEN, Line, ORANGE, RED, Span, Stroke};
 
@@ -20,7 +20,7 @@ const STATUSES: [(Status, &str, RGBColor); 4] = [
 ];
 
 /// The validation losses of all runs, with the paper's test losses where there are some.
-pub(super) fn losses(group: &Group) -> Vec<Chart> {
+pub(super) fn losses(group: &RunGroup) -> Vec<Chart> {
     let task = &group.task.name;
     let chart = |loss: Loss| Chart {
         title: format!("{task}: validation {}, every seed", loss.symbol()),
@@ -28,13 +28,13 @@ pub(super) fn losses(group: &Group) -> Vec<Chart> {
         values: "squared error of a frame",
         log: Some(true),
         legend: Some(SeriesLabelPosition::UpperRight),
-        ..courses(group, Some(Kind::Valid), loss.key())
+        ..courses(group, Some(RecordKind::Valid), loss.key())
     };
     Loss::ALL.map(chart).into()
 }
 
 /// The physical parameters of all runs with their true values.
-pub(super) fn parameters(group: &Group) -> Vec<Chart> {
+pub(super) fn parameters(group: &RunGroup) -> Vec<Chart> {
     let chart = |parameter: &PhysicalParameter| {
         let finished = group.finished().next().is_some();
         let truth = if finished { group.truth(parameter) } else { group.task.truth_of(&parameter.name) };
@@ -49,7 +49,7 @@ pub(super) fn parameters(group: &Group) -> Vec<Chart> {
 }
 
 /// The values of this name, a line for each run.
-fn courses(group: &Group, kind: Option<Kind>, name: &str) -> Chart {
+fn courses(group: &RunGroup, kind: Option<RecordKind>, name: &str) -> Chart {
     let line = |(of, label, colour): (Status, &str, RGBColor)| {
         let runs = group.runs.iter().filter(|run| status(run) == of);
         let pieces = runs.filter_map(|run| Some(run.known_course()?.points(kind, name))).collect();

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use super::groups::{Group, numbered};
+use super::groups::{RunGroup, numbered};
 use paig::runs::find::{FoundRuns, find_runs};
 use paig::runs::names::{CONFIG, RECORDS, SUMMARY};
 use paig::support::atomic;
@@ -40,7 +40,7 @@ pub(super) fn find(folders: &[PathBuf], out: &Path) -> Result<FoundRuns> {
 
 /// Copies the records of all runs into `out/records`, in the folders that `sweep` would give them: one for each run, in
 /// the order of the groups and of their runs.
-pub(super) fn write(out: &Path, groups: &[Group]) -> Result<Vec<Vec<PathBuf>>> {
+pub(super) fn write(out: &Path, groups: &[RunGroup]) -> Result<Vec<Vec<PathBuf>>> {
     let mut taken = BTreeSet::new();
     let mut unused =
         |place: String| numbered(place, |number| format!("-{number}"), |place| taken.insert(place.to_string()));
@@ -81,7 +81,7 @@ pub(super) fn copy(from: &Path, to: &Path) -> Result<bool> {
 }
 
 /// `RECIPE`, or `RECIPE-NAME` of a changed one: the name it was given, else what was changed.
-fn group_name(group: &Group) -> String {
+fn group_name(group: &RunGroup) -> String {
     let changes = || (!group.changes.is_empty()).then(|| group.changes.join("-"));
     let Some(name) = group.folder_name().or_else(changes) else { return group.recipe.clone() };
     let plain = |c: char| if c.is_ascii_alphanumeric() || "=._-".contains(c) { c } else { '-' };

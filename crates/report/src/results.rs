@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::groups::Group;
+use super::groups::RunGroup;
 use super::times::TimeToAnswer;
 use paig::network::cells::PhysicalParameter;
 use paig::network::physics_models::losses::Loss;
@@ -55,7 +55,7 @@ struct ParameterResults {
 }
 
 impl Results {
-    pub(super) fn of(groups: &[Group]) -> Self {
+    pub(super) fn of(groups: &[RunGroup]) -> Self {
         Results {
             format: FORMAT,
             tasks: groups.iter().map(TaskResults::of).collect(),
@@ -65,7 +65,7 @@ impl Results {
 }
 
 impl TaskResults {
-    fn of(group: &Group) -> Self {
+    fn of(group: &RunGroup) -> Self {
         let parameter = |parameter: &PhysicalParameter| {
             let learned = group.value(parameter)?;
             Some((parameter.name.to_string(), ParameterResults { truth: group.truth(parameter), learned }))

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::criteria::{self, Status};
-use super::groups::Group;
-use paig::runs::run::{Run, RunData};
+use super::groups::RunGroup;
+use paig::runs::run::{RunData, StoredRun};
 use paig::training::discover;
 
 /// When a finished run had what it was for, in seconds from the start of the training.
@@ -29,11 +29,11 @@ pub(super) struct TimeToAnswer {
 
 impl TimeToAnswer {
     /// Of the finished runs of a group whose course can be read.
-    pub(super) fn of(group: &Group) -> Vec<Self> {
+    pub(super) fn of(group: &RunGroup) -> Vec<Self> {
         group.finished().filter_map(|(run, _)| Self::of_run(group, run)).collect()
     }
 
-    fn of_run(group: &Group, run: &Run) -> Option<Self> {
+    fn of_run(group: &RunGroup, run: &StoredRun) -> Option<Self> {
         let (summary, course) = (run.summary.as_ref()?, run.course_of_its_weights()?);
         let within = |percent: f64| {
             let reached = group.learned().map(|parameter| {

@@ -9,12 +9,12 @@ use serde::Serialize;
 
 use super::commands::commands;
 use super::criteria;
-use super::groups::{Group, Role};
+use super::groups::{GroupRole, RunGroup};
 use super::pictures::GroupPictures;
 use super::times::TimeToAnswer;
 use paig::network::cells::PhysicalParameter;
 use paig::network::physics_models::losses::Loss;
-use paig::runs::run::{Run, RunData};
+use paig::runs::run::{RunData, StoredRun};
 use paig::runs::summary::{LearnedParameter, Summary};
 use paig::support::statistics::Spread;
 use paig::tasks::Task;
@@ -26,7 +26,7 @@ pub(super) fn value(data: impl Serialize) -> Value {
 }
 
 /// A task with the views of its groups.
-pub(super) fn of_task(task: &Task, groups: &[Group], views: &[Value]) -> Value {
+pub(super) fn of_task(task: &Task, groups: &[RunGroup], views: &[Value]) -> Value {
     let parameter = |parameter: &PhysicalParameter| {
         context! {
             symbol => &*parameter.name,
@@ -47,7 +47,7 @@ pub(super) fn of_task(task: &Task, groups: &[Group], views: &[Value]) -> Value {
 }
 
 /// A group of runs, whose records lie in these folders. Spreads are over the finished runs.
-pub(super) fn of_group(group: &Group, pictures: &GroupPictures, records: &[PathBuf]) -> Result<Value> {
+pub(super) fn of_group(group: &RunGroup, pictures: &GroupPictures, records: &[PathBuf]) -> Result<Value> {
     Ok(context! {
         task => &group.task.name,
         recipe => group.recipe.clone(),
@@ -82,7 +82,7 @@ pub(super) fn of_group(group: &Group, pictures: &GroupPictures, records: &[PathB
 }
 
 /// When the runs of a group had their answer, and how many of them ever had; seconds.
-fn answer(group: &Group) -> Value {
+fn answer(group: &RunGroup) -> Value {
     let times = TimeToAnswer::of(group);
     let spread = |of: fn(&TimeToAnswer) -> Option<f64>| {
         let known: Vec<f64> = times.iter().filter_map(of).collect();
@@ -97,7 +97,7 @@ fn answer(group: &Group) -> Value {
 }
 
 /// A parameter that a group learned; all none without one, and shares of a truth that is 0.
-pub(super) fn parameter(group: &Group, parameter: Option<&PhysicalParameter>) -> Value {
+pub(super) fn parameter(group: &RunGroup, parameter: Option<&PhysicalParameter>) -> Value {
     let error = |summary: &Summary| summary.error_percent(&parameter?.name);
     let ratio = group.spread(|summary| summary.parameters.get(&*parameter?.name)?.ratio());
     let learned = parameter.and_then(|parameter| group.value(parameter));
@@ -134,7 +134,7 @@ pub(super) fn paper(task: &Task, parameter: Option<&PhysicalParameter>) -> Value
     }
 }
 
-fn of_run(group: &Group, run: &Run) -> Value {
+fn of_run(group: &RunGroup, run: &StoredRun) -> Value {
     let course = run.known_course();
     let last = |loss: Loss| (loss, course.and_then(|course| course.last_validation(loss.key())));
     context! {
@@ -167,7 +167,7 @@ fn of_run(group: &Group, run: &Run) -> Value {
 
 /// How a parameter moved: its value at the start, half-way and at the last record; and whether it ended nearer to its truth
 /// than it started (below 0), as far from it (0) or further.
-fn movement(run: &Run, parameter: &PhysicalParameter) -> Option<Value> {
+fn movement(run: &StoredRun, parameter: &PhysicalParameter) -> Option<Value> {
     let course = run.known_course()?.start_middle_end(&parameter.name)?;
     let stated = run.summary.as_ref().and_then(|summary| summary.parameters.get(&*parameter.name));
     let truth = stated.map_or(run.config.task.truth_of(&parameter.name), |stated| stated.truth);
@@ -177,11 +177,12 @@ fn movement(run: &Run, parameter: &PhysicalParameter) -> Option<Value> {
 
 /// How far starts from other parameters lead from the same seeds of the recipe as it is: from different objects to the
 /// same numbers says less than from the same objects.
-fn pairs(groups: &[Group]) -> Value {
-    let of = |role: Role| groups.iter().filter(move |group| group.role() == role).flat_map(|group| group.finished());
-    let seeds = |run: &Run| (run.config.seed, run.data.as_ref().and_then(RunData::seed));
-    let same_seed = |run: &Run| of(Role::Plain).find(|(other, _)| seeds(other) == seeds(run));
-    let pairs: Vec<_> = of(Role::Start).filter_map(|(run, start)| Some((start, same_seed(run)?.1))).collect();
+fn pairs(groups: &[RunGroup]) -> Value {
+    let of =
+        |role: GroupRole| groups.iter().filter(move |group| group.role() == role).flat_map(|group| group.finished());
+    let seeds = |run: &StoredRun| (run.config.seed, run.data.as_ref().and_then(RunData::seed));
+    let same_seed = |run: &StoredRun| of(GroupRole::Plain).find(|(other, _)| seeds(other) == seeds(run));
+    let pairs: Vec<_> = of(GroupRole::Start).filter_map(|(run, start)| Some((start, same_seed(run)?.1))).collect();
     let farthest = groups[0].learned().filter_map(|parameter| {
         let learned = |summary: &Summary| Some(summary.parameters.get(&*parameter.name)?.learned);
         let apart = pairs.iter().filter_map(|(start, same)| Some((learned(start)? - learned(same)?).abs()));

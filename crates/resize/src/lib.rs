@@ -8,7 +8,7 @@ use fast_image_resize::{FilterType, ResizeAlg, ResizeOptions, Resizer};
 
 /// An RGB picture, `[height, width, 3]`, 8 bits each.
 #[derive(Debug, Clone, Copy)]
-pub struct Picture<'a> {
+pub struct RgbPicture<'a> {
     pub width: u32,
     pub height: u32,
     pub pixels: &'a [u8],
@@ -16,7 +16,7 @@ pub struct Picture<'a> {
 
 /// A rectangle of a picture, pixels.
 #[derive(Debug, Clone, Copy)]
-pub struct Rectangle {
+pub struct SourceRectangle {
     pub x: u32,
     pub y: u32,
     pub width: u32,
@@ -28,11 +28,11 @@ pub struct Rectangle {
 ///
 /// # Panics
 /// If the rectangle is empty or not within the picture, or the picture has not three bytes for each pixel.
-pub fn scaled(picture: Picture, rectangle: Rectangle, (width, height): (u32, u32)) -> Vec<u8> {
-    let Picture { width: columns, height: rows, pixels } = picture;
+pub fn scaled(picture: RgbPicture, rectangle: SourceRectangle, (width, height): (u32, u32)) -> Vec<u8> {
+    let RgbPicture { width: columns, height: rows, pixels } = picture;
     let whole = TypedImageRef::<U8x3>::from_buffer(columns, rows, pixels).expect("three bytes for each pixel");
     let mut result = TypedImage::<U8x3>::new(width, height);
-    let Rectangle { x, y, width, height } = rectangle;
+    let SourceRectangle { x, y, width, height } = rectangle;
     let [left, top, across, down] = [x, y, width, height].map(f64::from);
     let options =
         ResizeOptions::new().crop(left, top, across, down).resize_alg(ResizeAlg::Convolution(FilterType::Bilinear));

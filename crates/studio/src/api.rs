@@ -20,9 +20,9 @@ use crate::assets::asset;
 use crate::cards::Card;
 use crate::equations::EQUATIONS;
 use crate::examples::EXAMPLES;
-use crate::jobs::{Job, Progress};
+use crate::jobs::{ProcessStatus, ProjectJob};
 use crate::project::{Project, file_name};
-use crate::settings::{Settings, command_line};
+use crate::settings::{ProjectSettings, command_line};
 use crate::state::{self, COMMAND_OF, SETTINGS_OF};
 use crate::training::{IMPORT, PICTURE, RUN, TASK};
 use crate::uploads::receive;
@@ -101,7 +101,7 @@ async fn create(State(app): Shared, Json(new): Json<New>) -> Answer {
 }
 
 async fn project(State(app): Shared, extract::Path(name): extract::Path<String>) -> Answer {
-    Ok(Json(state::State::read(&app.project(&name)?)?).into_response())
+    Ok(Json(state::ProjectState::read(&app.project(&name)?)?).into_response())
 }
 
 async fn remove(State(app): Shared, extract::Path(name): extract::Path<String>) -> Answer {
@@ -116,13 +116,13 @@ async fn remove(State(app): Shared, extract::Path(name): extract::Path<String>) 
 async fn change_settings(
     State(app): Shared,
     extract::Path(name): extract::Path<String>,
-    Json(settings): Json<Settings>,
+    Json(settings): Json<ProjectSettings>,
 ) -> Answer {
     let project = app.project(&name)?;
     settings.check()?;
     project.equation(&settings)?;
     project.write_settings(&settings)?;
-    Ok(Json(state::State::read(&project)?).into_response())
+    Ok(Json(state::ProjectState::read(&project)?).into_response())
 }
 
 async fn upload(
@@ -212,24 +212,24 @@ async fn training_file(
 
 async fn stop(State(app): Shared, extract::Path(name): extract::Path<String>) -> Answer {
     let project = app.project(&name)?;
-    let running: Vec<_> = jobs(&project).into_iter().filter(|job| job.progress() == Progress::Running).collect();
+    let running: Vec<_> = jobs(&project).into_iter().filter(|job| job.progress() == ProcessStatus::Running).collect();
     if running.is_empty() {
         return Err(anyhow!("nothing is running").into());
     }
-    running.iter().try_for_each(Job::stop)?;
+    running.iter().try_for_each(ProjectJob::stop)?;
     Ok(StatusCode::ACCEPTED.into_response())
 }
 
 /// Jobs of a project that may be running.
-fn jobs(project: &Project) -> Vec<Job> {
-    let measured = project.measurements().last().map(|number| Job::new(project.measurement_folder(*number)));
-    let trained = project.trainings().last().map(|number| Job::new(project.training_folder(*number)));
+fn jobs(project: &Project) -> Vec<ProjectJob> {
+    let measured = project.measurements().last().map(|number| ProjectJob::new(project.measurement_folder(*number)));
+    let trained = project.trainings().last().map(|number| ProjectJob::new(project.training_folder(*number)));
     std::iter::once(project.preview_job()).chain(measured).chain(trained).collect()
 }
 
-fn ensure_idle(job: &Job) -> Result<(), Refusal> {
+fn ensure_idle(job: &ProjectJob) -> Result<(), Refusal> {
     match job.progress() {
-        Progress::Running => Err(Refusal(StatusCode::CONFLICT, "it is still running; stop it first".into())),
+        ProcessStatus::Running => Err(Refusal(StatusCode::CONFLICT, "it is still running; stop it first".into())),
         _ => Ok(()),
     }
 }
@@ -254,8 +254,8 @@ impl App {
         settings.check()?;
         let numbers = project.measurements();
         if let Some(last) = numbers.last() {
-            let job = Job::new(project.measurement_folder(*last));
-            ensure!(job.progress() != Progress::Running, "a measurement is running already");
+            let job = ProjectJob::new(project.measurement_folder(*last));
+            ensure!(job.progress() != ProcessStatus::Running, "a measurement is running already");
         }
         let number = numbers.last().map_or(1, |last| last + 1);
         let out = project.measurement_folder(number);
@@ -263,15 +263,18 @@ impl App {
         fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
         fs::write(out.join(COMMAND_OF), command_line(&arguments))?;
         fs::write(out.join(SETTINGS_OF), serde_json::to_vec_pretty(&settings)?)?;
-        Job::new(out).start(&self.program, &arguments)?;
+        ProjectJob::new(out).start(&self.program, &arguments)?;
         Ok(number)
     }
 
     /// Begins a training with the present settings, or goes on with the latest one.
     fn start_training(&self, project: &Project, resume: bool) -> Result<usize> {
         let latest = project.trainings().last().copied();
-        let job = |number: usize| Job::new(project.training_folder(number));
-        ensure!(latest.is_none_or(|last| job(last).progress() != Progress::Running), "a training is running already");
+        let job = |number: usize| ProjectJob::new(project.training_folder(number));
+        ensure!(
+            latest.is_none_or(|last| job(last).progress() != ProcessStatus::Running),
+            "a training is running already"
+        );
         let number = match (resume, latest) {
             (true, Some(last)) => last,
             (true, None) => bail!("there is no training to go on with"),

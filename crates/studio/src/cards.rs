@@ -5,10 +5,10 @@ use paig_video::measure::results::{Measurement, Outcome};
 use serde::Serialize;
 
 use crate::equations::equation;
-use crate::jobs::{Job, Progress};
-use crate::preview::Preview;
+use crate::jobs::{ProcessStatus, ProjectJob};
+use crate::preview::ProjectPreview;
 use crate::project::Project;
-use crate::settings::Settings;
+use crate::settings::ProjectSettings;
 
 /// Digits of a value.
 const DIGITS: i32 = 4;
@@ -32,7 +32,7 @@ impl Card {
     /// None of a project that cannot be read.
     pub fn of(project: &Project) -> Option<Self> {
         let (record, settings) = (project.record().ok()?, project.settings().ok()?);
-        let preview = Preview::read(&project.preview_folder());
+        let preview = ProjectPreview::read(&project.preview_folder());
         let picture = preview.facts.map(|facts| {
             let made = preview.made.pictures.min(facts.shown).max(1) - 1;
             made / 2 / facts.strip_step * facts.strip_step
@@ -40,7 +40,7 @@ impl Card {
         let latest = project.measurements().last().map(|number| project.measurement_folder(*number));
         let training = project.trainings().last().map(|number| project.training_folder(*number));
         let measurement = latest.as_ref().and_then(|folder| Measurement::read(folder).ok());
-        let runs = |job: Job| job.progress() == Progress::Running;
+        let runs = |job: ProjectJob| job.progress() == ProcessStatus::Running;
         Some(Card {
             name: project.name(),
             title: record.title,
@@ -50,13 +50,13 @@ impl Card {
             value: measurement.as_ref().and_then(value),
             outcome: measurement.and_then(|it| it.verdict).map(|verdict| verdict.outcome),
             running: runs(project.preview_job())
-                || latest.into_iter().chain(training).any(|folder| runs(Job::new(folder))),
+                || latest.into_iter().chain(training).any(|folder| runs(ProjectJob::new(folder))),
         })
     }
 }
 
 /// Title of the equation that was measured with, or else will be.
-fn title(settings: &Settings, measurement: Option<&Measurement>) -> Option<String> {
+fn title(settings: &ProjectSettings, measurement: Option<&Measurement>) -> Option<String> {
     let measured = measurement.and_then(|measurement| equation(&measurement.equation).ok());
     let title = measured.or_else(|| equation(&settings.equation).ok())?.title;
     let missing = settings.extended.filter(|_| measured.is_none());

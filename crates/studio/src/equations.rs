@@ -8,7 +8,7 @@ pub const AUTO: &str = "auto";
 
 /// An equation by its words.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Equation {
+pub struct EquationInfo {
     /// What `--equation` takes.
     pub key: &'static str,
     pub title: &'static str,
@@ -21,12 +21,12 @@ pub struct Equation {
 
 macro_rules! equations {
     ($($key:literal, $objects:literal, $title:literal, $formula:literal, $summary:literal;)+) => {
-        &[$(Equation { key: $key, objects: $objects, title: $title, formula: $formula, summary: $summary }),+]
+        &[$(EquationInfo { key: $key, objects: $objects, title: $title, formula: $formula, summary: $summary }),+]
     };
 }
 
 /// The choice by the program first, then the equations, the common ones first.
-pub const EQUATIONS: &[Equation] = equations![
+pub const EQUATIONS: &[EquationInfo] = equations![
     "auto", 0, "Choose for me", "the best of all below",
         "Fits every equation to the same positions, takes the one that predicts best, and names a missing term.";
     "falling", 0, "Fall or throw", "a = g", "Gravity alone: a ball that drops or is thrown. Finds g.";
@@ -70,7 +70,7 @@ pub const EQUATIONS: &[Equation] = equations![
 ///
 /// # Errors
 /// There is none.
-pub fn equation(key: &str) -> Result<&'static Equation> {
+pub fn equation(key: &str) -> Result<&'static EquationInfo> {
     EQUATIONS.iter().find(|it| it.key == key).with_context(|| format!("equation {key:?} is not among those offered"))
 }
 
@@ -78,7 +78,7 @@ pub fn equation(key: &str) -> Result<&'static Equation> {
 ///
 /// # Errors
 /// There is none, or none is chosen yet.
-pub fn definite(key: &str) -> Result<&'static Equation> {
+pub fn definite(key: &str) -> Result<&'static EquationInfo> {
     ensure!(key != AUTO, "training needs an equation: choose one, or press Find it first");
     equation(key)
 }

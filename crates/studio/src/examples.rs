@@ -3,11 +3,11 @@
 use anyhow::Result;
 use image::{Rgb, RgbImage};
 use paig_track::Size;
-use paig_track::synthetic::{Mover, Scene, Shadow};
+use paig_track::synthetic::{MovingEllipse, Shadow, SyntheticScene};
 use serde::Serialize;
 
-use crate::film::Film;
-use crate::settings::{Settings, Stick};
+use crate::film::RenderedVideo;
+use crate::settings::{ProjectSettings, Stick};
 
 /// Of the videos, pixels.
 const SIZE: Size = Size { width: 480, height: 360 };
@@ -61,8 +61,8 @@ struct Ruler {
 }
 
 /// An example's video before it is rendered.
-pub struct Made {
-    scene: Scene,
+pub struct ExampleScene {
+    scene: SyntheticScene,
     ruler: Ruler,
     equation: &'static str,
     /// Row of a floor, where there is one.
@@ -72,7 +72,7 @@ pub struct Made {
 }
 
 /// The example of this key.
-pub fn made(key: &str) -> Option<Made> {
+pub fn made(key: &str) -> Option<ExampleScene> {
     match key {
         "throw" => Some(throw()),
         "pendulum" => Some(pendulum()),
@@ -81,14 +81,14 @@ pub fn made(key: &str) -> Option<Made> {
     }
 }
 
-impl Made {
+impl ExampleScene {
     /// The video file.
     ///
     /// # Errors
     /// A frame that cannot be compressed.
     pub fn film(&self) -> Result<Vec<u8>> {
         let (width, height) = (SIZE.width as u32, SIZE.height as u32);
-        let mut film = Film::new((width, height), FPS);
+        let mut film = RenderedVideo::new((width, height), FPS);
         for (frame, ball) in self.scene.render().outer_iter().zip(&self.scene.movers[0].positions) {
             let mut picture = RgbImage::from_fn(width, height, |x, y| {
                 Rgb([0, 1, 2].map(|channel| frame[[y as usize, x as usize, channel]]))
@@ -107,14 +107,14 @@ impl Made {
     }
 
     /// What its author would set: the ruler is known, the equation too.
-    pub fn settings(&self) -> Settings {
+    pub fn settings(&self) -> ProjectSettings {
         let Ruler { top: [x, y], pixels, metres } = self.ruler;
         let floor = self.floor.map_or(y + pixels, f64::from);
-        Settings {
+        ProjectSettings {
             stick: Some(Stick { from: [x, y], to: [x, y + pixels], metres }),
             equation: self.equation.into(),
             origin: Some([ORIGIN, floor]),
-            ..Settings::default()
+            ..ProjectSettings::default()
         }
     }
 }
@@ -148,11 +148,17 @@ fn shade(picture: &mut RgbImage, x: u32, y: u32, share: f64) {
     }
 }
 
-fn scene(positions: Vec<[f64; 2]>, colour: [f64; 3], shadow: Shadow) -> Scene {
+fn scene(positions: Vec<[f64; 2]>, colour: [f64; 3], shadow: Shadow) -> SyntheticScene {
     // The renderer counts from the middle of a pixel.
     let positions = positions.into_iter().map(|place| place.map(|it| it - 0.5)).collect();
-    let mover = Mover { axes: [RADIUS, RADIUS], colour, texture: 24.0, shadow: Some(shadow), ..Mover::at(positions) };
-    Scene {
+    let mover = MovingEllipse {
+        axes: [RADIUS, RADIUS],
+        colour,
+        texture: 24.0,
+        shadow: Some(shadow),
+        ..MovingEllipse::at(positions)
+    };
+    SyntheticScene {
         size: SIZE,
         movers: vec![mover],
         background: [156.0, 160.0, 158.0],
@@ -160,17 +166,17 @@ fn scene(positions: Vec<[f64; 2]>, colour: [f64; 3], shadow: Shadow) -> Scene {
         shutter: 0.2,
         noise: 2.5,
         flicker: 0.004,
-        ..Scene::default()
+        ..SyntheticScene::default()
     }
 }
 
-fn throw() -> Made {
+fn throw() -> ExampleScene {
     let metre = 130.0;
     let places = (0..34).map(|frame| {
         let t = f64::from(frame) / f64::from(FPS);
         [40.0 + metre * 2.55 * t, 292.0 + metre * (0.5 * GRAVITY * t - 5.4) * t]
     });
-    Made {
+    ExampleScene {
         scene: scene(places.collect(), [206.0, 84.0, 44.0], shadow([16.0, 22.0], 0.72)),
         ruler: Ruler { top: [444.0, 190.0], pixels: metre, metres: 1.0 },
         equation: "falling",
@@ -179,7 +185,7 @@ fn throw() -> Made {
     }
 }
 
-fn pendulum() -> Made {
+fn pendulum() -> ExampleScene {
     let (metre, length, damping, pivot) = (330.0, 0.62, 0.12, [232.0, 64.0]);
     let (mut angle, mut speed) = (0.7_f64, 0.0);
     let step = 1.0 / f64::from(FPS) / SUBSTEPS as f64;
@@ -191,7 +197,7 @@ fn pendulum() -> Made {
             angle += step * speed;
         }
     }
-    Made {
+    ExampleScene {
         scene: scene(places, [58.0, 96.0, 176.0], shadow([15.0, 12.0], 0.74)),
         ruler: Ruler { top: [448.0, 150.0], pixels: 0.5 * metre, metres: 0.5 },
         equation: "damped_pendulum",
@@ -200,7 +206,7 @@ fn pendulum() -> Made {
     }
 }
 
-fn bounce() -> Made {
+fn bounce() -> ExampleScene {
     let (metre, floor, kept) = (190.0, 318.0, 0.8);
     // The middle of a ball that lies on the floor.
     let (mut height, mut speed) = (1.25_f64, 0.0);
@@ -216,7 +222,7 @@ fn bounce() -> Made {
             }
         }
     }
-    Made {
+    ExampleScene {
         scene: scene(places, [196.0, 170.0, 52.0], shadow([14.0, 16.0], 0.74)),
         ruler: Ruler { top: [448.0, floor - metre], pixels: metre, metres: 1.0 },
         equation: "bounce_on_a_floor",

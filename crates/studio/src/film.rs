@@ -13,15 +13,15 @@ const HAS_INDEX: u32 = 0x10;
 const KEY_FRAME: u32 = 0x10;
 
 /// A video of pictures of one size.
-pub struct Film {
+pub struct RenderedVideo {
     size: (u32, u32),
     fps: u32,
     frames: Vec<Vec<u8>>,
 }
 
-impl Film {
+impl RenderedVideo {
     pub fn new(size: (u32, u32), fps: u32) -> Self {
-        Film { size, fps, frames: Vec::new() }
+        RenderedVideo { size, fps, frames: Vec::new() }
     }
 
     /// # Errors
@@ -86,20 +86,20 @@ fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use image::Rgb;
-    use paig_video::import::sources::Video;
+    use paig_video::import::sources::SourceVideo;
 
     use super::*;
 
     #[test]
     fn a_film_is_read_back() {
-        let mut film = Film::new((64, 48), 30);
+        let mut film = RenderedVideo::new((64, 48), 30);
         for number in 0..5 {
             film.add(&RgbImage::from_pixel(64, 48, Rgb([40 * number, 90, 200]))).unwrap();
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.avi");
         std::fs::write(&path, film.bytes()).unwrap();
-        let video = Video::open(&path).unwrap();
+        let video = SourceVideo::open(&path).unwrap();
         assert_eq!((video.width, video.height, video.frames), (64, 48, 5));
         let times = video.times.clone().unwrap();
         assert!((times[4] - 4.0 / 30.0).abs() < 1e-4, "{times:?}");

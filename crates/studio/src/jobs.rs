@@ -28,22 +28,22 @@ const PAUSE: Duration = Duration::from_millis(10);
 
 /// A process by the folder it works for.
 #[derive(Debug, Clone)]
-pub struct Job {
+pub struct ProjectJob {
     folder: PathBuf,
 }
 
 /// Whether a job is under way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Progress {
+pub enum ProcessStatus {
     /// It was never started.
     None,
     Running,
     Ended,
 }
 
-impl Job {
+impl ProjectJob {
     pub fn new(folder: PathBuf) -> Self {
-        Job { folder }
+        ProjectJob { folder }
     }
 
     /// Starts a program. Its output goes to the log, which it holds locked.
@@ -51,7 +51,7 @@ impl Job {
     /// # Errors
     /// It runs already, the folder cannot be written, the program cannot be started.
     pub fn start(&self, program: &Path, arguments: &[String]) -> Result<()> {
-        if self.progress() == Progress::Running {
+        if self.progress() == ProcessStatus::Running {
             bail!("it is running already");
         }
         fs::create_dir_all(&self.folder)
@@ -78,11 +78,11 @@ impl Job {
         Ok(())
     }
 
-    pub fn progress(&self) -> Progress {
-        let Ok(log) = File::open(self.folder.join(LOG)) else { return Progress::None };
+    pub fn progress(&self) -> ProcessStatus {
+        let Ok(log) = File::open(self.folder.join(LOG)) else { return ProcessStatus::None };
         match log.try_lock_shared() {
-            Err(TryLockError::WouldBlock) => Progress::Running,
-            _ => Progress::Ended,
+            Err(TryLockError::WouldBlock) => ProcessStatus::Running,
+            _ => ProcessStatus::Ended,
         }
     }
 
@@ -91,7 +91,7 @@ impl Job {
     /// # Errors
     /// The job does not run.
     pub fn stop(&self) -> Result<()> {
-        if self.progress() != Progress::Running {
+        if self.progress() != ProcessStatus::Running {
             bail!("it is not running");
         }
         let process: i32 = fs::read_to_string(self.folder.join(PROCESS))?.trim().parse()?;
@@ -150,13 +150,13 @@ mod tests {
 
     use super::*;
 
-    fn shell(job: &Job, text: &str) -> Result<()> {
+    fn shell(job: &ProjectJob, text: &str) -> Result<()> {
         job.start(Path::new("/bin/sh"), &["-c".into(), text.into()])
     }
 
-    fn wait(job: &Job) {
+    fn wait(job: &ProjectJob) {
         let begun = Instant::now();
-        while job.progress() == Progress::Running {
+        while job.progress() == ProcessStatus::Running {
             assert!(begun.elapsed() < Duration::from_secs(60), "it does not end");
             std::thread::sleep(Duration::from_millis(10));
         }
@@ -165,15 +165,15 @@ mod tests {
     #[test]
     fn a_job_is_found_again_by_its_folder_and_can_be_stopped() {
         let folder = tempfile::tempdir().unwrap();
-        let job = Job::new(folder.path().join("job"));
-        assert_eq!(job.progress(), Progress::None);
+        let job = ProjectJob::new(folder.path().join("job"));
+        assert_eq!(job.progress(), ProcessStatus::None);
         shell(&job, "trap 'echo asked; exit 130' INT; while :; do sleep 0.1; done").unwrap();
-        let again = Job::new(folder.path().join("job"));
-        assert_eq!(again.progress(), Progress::Running);
+        let again = ProjectJob::new(folder.path().join("job"));
+        assert_eq!(again.progress(), ProcessStatus::Running);
         assert!(shell(&again, "true").is_err(), "two at a time");
         again.stop().unwrap();
         wait(&again);
-        assert_eq!(again.progress(), Progress::Ended);
+        assert_eq!(again.progress(), ProcessStatus::Ended);
         assert!(again.was_stopped() && again.stop().is_err());
         shell(&job, "true").unwrap();
         assert!(!job.was_stopped());
@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn a_job_that_fails_leaves_its_reason() {
         let folder = tempfile::tempdir().unwrap();
-        let job = Job::new(folder.path().join("job"));
+        let job = ProjectJob::new(folder.path().join("job"));
         shell(&job, "echo first; echo 'error: no such thing' >&2; exit 2").unwrap();
         wait(&job);
         assert_eq!(job.reason(), "no such thing");

@@ -24,5 +24,5 @@ mod training;
 mod uploads;
 
 pub use preview::prepare;
-pub use server::{Options, Studio};
+pub use server::{ServerOptions, Studio};
 pub use training::train;

@@ -10,8 +10,8 @@ use anyhow::{Context, Result, anyhow};
 use image::codecs::jpeg::JpegEncoder;
 use image::{RgbImage, imageops};
 use paig::support::atomic;
-use paig_track::Options;
-use paig_video::import::sources::Video;
+use paig_track::TrackingOptions;
+use paig_video::import::sources::SourceVideo;
 use paig_video::track::track;
 use serde::{Deserialize, Serialize};
 
@@ -39,7 +39,7 @@ const PROPOSALS: &str = "proposals.json";
 
 /// Facts of a video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Facts {
+pub struct VideoFacts {
     pub width: u32,
     pub height: u32,
     pub frames: usize,
@@ -54,22 +54,22 @@ pub struct Facts {
 
 /// Pictures that are made so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Made {
+pub struct PreviewProgress {
     pub pictures: usize,
 }
 
 /// What is known so far.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Preview {
-    pub facts: Option<Facts>,
-    pub made: Made,
+pub struct ProjectPreview {
+    pub facts: Option<VideoFacts>,
+    pub made: PreviewProgress,
     pub proposals: Option<Proposals>,
 }
 
-impl Preview {
+impl ProjectPreview {
     /// What a process has left in a folder until now.
     pub fn read(folder: &Path) -> Self {
-        Preview {
+        ProjectPreview {
             facts: read(&folder.join(VIDEO)),
             made: read(&folder.join(PROGRESS)).unwrap_or_default(),
             proposals: read(&folder.join(PROPOSALS)),
@@ -109,8 +109,8 @@ pub fn prepare(folder: &Path) -> Result<()> {
         }
     }
     let path = project.source()?;
-    let video = Video::open(&path)?.timed(None);
-    let facts = Facts {
+    let video = SourceVideo::open(&path)?.timed(None);
+    let facts = VideoFacts {
         width: video.width,
         height: video.height,
         frames: video.frames,
@@ -129,15 +129,15 @@ pub fn prepare(folder: &Path) -> Result<()> {
 }
 
 /// A video in which nothing can be followed is shown all the same.
-fn proposals(video: &Video) -> Proposals {
-    let options = Options { objects: MOST_MOVERS, ..Options::default() };
+fn proposals(video: &SourceVideo) -> Proposals {
+    let options = TrackingOptions { objects: MOST_MOVERS, ..TrackingOptions::default() };
     match track(video, &options) {
         Ok(followed) => propose(&followed, (video.width, video.height)),
         Err(error) => Proposals::none(format!("{error:#}")),
     }
 }
 
-fn pictures(video: &Video, facts: &Facts, out: &Path) -> Result<()> {
+fn pictures(video: &SourceVideo, facts: &VideoFacts, out: &Path) -> Result<()> {
     let mut frames = video.decode()?;
     for number in 0..facts.shown {
         let frame = frames.frame(number)?;
@@ -146,7 +146,7 @@ fn pictures(video: &Video, facts: &Facts, out: &Path) -> Result<()> {
             write_picture(&out.join(format!("small-{number}.jpg")), &frame, SMALL_SIDE)?;
         }
         if number % NOTED == 0 || number + 1 == facts.shown {
-            write(&out.join(PROGRESS), &Made { pictures: number + 1 })?;
+            write(&out.join(PROGRESS), &PreviewProgress { pictures: number + 1 })?;
         }
     }
     Ok(())

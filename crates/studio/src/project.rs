@@ -11,8 +11,8 @@ use paig_video::measure::results::{EXTENDED, Measurement};
 use serde::{Deserialize, Serialize};
 
 use crate::equations::{AUTO, definite, equation};
-use crate::jobs::Job;
-use crate::settings::Settings;
+use crate::jobs::ProjectJob;
+use crate::settings::ProjectSettings;
 
 const RECORD: &str = "project.json";
 const SETTINGS: &str = "settings.json";
@@ -30,7 +30,7 @@ const MOST_ALIKE: usize = 10_000;
 
 /// What a project is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Record {
+pub struct ProjectRecord {
     pub format: u32,
     /// The video's name, for people.
     pub title: String,
@@ -60,10 +60,10 @@ impl Project {
                 Ok(()) => {
                     let created = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
                     let title = title.chars().filter(|c| !c.is_control()).take(LONGEST_TITLE).collect();
-                    let record = Record { format: FORMAT, title, created, example: example.map(Into::into) };
+                    let record = ProjectRecord { format: FORMAT, title, created, example: example.map(Into::into) };
                     let project = Project { folder };
                     project.write(RECORD, &record)?;
-                    project.write_settings(&Settings::default())?;
+                    project.write_settings(&ProjectSettings::default())?;
                     project.source_folder()?;
                     return Ok(project);
                 }
@@ -118,19 +118,19 @@ impl Project {
 
     /// # Errors
     /// A damaged file.
-    pub fn record(&self) -> Result<Record> {
+    pub fn record(&self) -> Result<ProjectRecord> {
         self.read(RECORD)
     }
 
     /// # Errors
     /// A damaged file.
-    pub fn settings(&self) -> Result<Settings> {
+    pub fn settings(&self) -> Result<ProjectSettings> {
         self.read(SETTINGS)
     }
 
     /// # Errors
     /// A full disk.
-    pub fn write_settings(&self, settings: &Settings) -> Result<()> {
+    pub fn write_settings(&self, settings: &ProjectSettings) -> Result<()> {
         self.write(SETTINGS, settings)
     }
 
@@ -176,8 +176,8 @@ impl Project {
     }
 
     /// Makes the previews.
-    pub fn preview_job(&self) -> Job {
-        Job::new(self.preview_folder())
+    pub fn preview_job(&self) -> ProjectJob {
+        ProjectJob::new(self.preview_folder())
     }
 
     /// Numbers of the measurements, ascending.
@@ -205,7 +205,7 @@ impl Project {
     ///
     /// # Errors
     /// An unknown name, a measurement that has no such file.
-    pub fn equation(&self, settings: &Settings) -> Result<String> {
+    pub fn equation(&self, settings: &ProjectSettings) -> Result<String> {
         let Some(number) = settings.extended else { return Ok(equation(&settings.equation)?.key.into()) };
         let file = self.measurement_folder(number).join(EXTENDED);
         ensure!(file.is_file(), "measurement {number} names no missing term; choose an equation");
@@ -216,7 +216,7 @@ impl Project {
     ///
     /// # Errors
     /// None is chosen yet.
-    pub fn equation_to_train(&self, settings: &Settings) -> Result<String> {
+    pub fn equation_to_train(&self, settings: &ProjectSettings) -> Result<String> {
         if settings.extended.is_some() || settings.equation != AUTO {
             return self.equation(settings);
         }

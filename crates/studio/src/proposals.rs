@@ -15,7 +15,7 @@ const FLAT: f64 = 0.08;
 
 /// A mover.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Mover {
+pub struct ProposedMover {
     /// `[frame, x, y]` wherever it is seen, pixels of the video from its top left corner.
     pub path: Vec<(usize, f64, f64)>,
     pub diameter: f64,
@@ -23,7 +23,7 @@ pub struct Mover {
 
 /// A part in which a mover moves freely.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Piece {
+pub struct ProposedPiece {
     pub mover: usize,
     pub start: usize,
     pub end: usize,
@@ -34,8 +34,8 @@ pub struct Piece {
 /// Proposals for a video, and remarks on its time and camera.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Proposals {
-    pub movers: Vec<Mover>,
-    pub pieces: Vec<Piece>,
+    pub movers: Vec<ProposedMover>,
+    pub pieces: Vec<ProposedPiece>,
     /// Place of the piece in which the motion is longest.
     pub best: Option<usize>,
     /// Key of an equation.
@@ -61,7 +61,7 @@ pub fn propose(followed: &Followed, size: (u32, u32)) -> Proposals {
     let best =
         (0..pieces.len()).max_by_key(|place| (pieces[*place].mover == 0, pieces[*place].end - pieces[*place].start));
     let equation = best.map(|place| {
-        let Piece { mover, start, end, .. } = pieces[place];
+        let ProposedPiece { mover, start, end, .. } = pieces[place];
         let path: Vec<[f64; 2]> = movers[mover]
             .path
             .iter()
@@ -77,18 +77,23 @@ pub fn propose(followed: &Followed, size: (u32, u32)) -> Proposals {
     Proposals { movers, pieces, best, equation, remarks, failure: None }
 }
 
-fn mover(track: &Track, origin: [f64; 2]) -> Mover {
+fn mover(track: &Track, origin: [f64; 2]) -> ProposedMover {
     let place =
         |axis: usize, position: [f64; 2]| ((position[axis] - origin[axis] + HALF_PIXEL) * 100.0).round() / 100.0;
     let seen = track.points.iter().filter_map(|point| Some((point.frame, point.measurement?.position)));
-    Mover {
+    ProposedMover {
         path: seen.map(|(frame, position)| (frame, place(0, position), place(1, position))).collect(),
         diameter: track.diameter,
     }
 }
 
-fn piece(segment: &Segment) -> Piece {
-    Piece { mover: segment.track, start: segment.frames.start, end: segment.frames.end, reason: segment.reason() }
+fn piece(segment: &Segment) -> ProposedPiece {
+    ProposedPiece {
+        mover: segment.track,
+        start: segment.frames.start,
+        end: segment.frames.end,
+        reason: segment.reason(),
+    }
 }
 
 /// The equation that a path looks like, by how often it turns, pixels with y down.

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use axum::middleware;
-use paig_video::import::sources::Video;
+use paig_video::import::sources::SourceVideo;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 
@@ -21,7 +21,7 @@ const THREADS: usize = 2;
 
 /// How the page is served.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct ServerOptions {
     /// Folder of the projects; made if it does not exist.
     pub workspace: PathBuf,
     /// Of 127.0.0.1; 0 for one that is free.
@@ -43,8 +43,8 @@ pub struct Studio {
 impl Studio {
     /// # Errors
     /// A folder that cannot be made, a port that is taken.
-    pub fn bind(options: Options) -> Result<Self> {
-        let Options { workspace, port, upload_limit, program } = options;
+    pub fn bind(options: ServerOptions) -> Result<Self> {
+        let ServerOptions { workspace, port, upload_limit, program } = options;
         fs::create_dir_all(&workspace).with_context(|| format!("cannot make the folder {}", workspace.display()))?;
         let mut runtime = tokio::runtime::Builder::new_multi_thread();
         let runtime =
@@ -62,7 +62,7 @@ impl Studio {
     /// A video that cannot be read or copied.
     pub fn add(&self, video: &Path) -> Result<String> {
         // What is no video is refused at once, not in the page.
-        Video::open(video)?;
+        SourceVideo::open(video)?;
         let title = video.file_name().unwrap_or(video.as_os_str()).to_string_lossy();
         let project = Project::create(&self.app.workspace, &title, None)?;
         let folder = project.source_folder()?;

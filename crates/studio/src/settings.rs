@@ -36,7 +36,7 @@ pub struct Mark {
 /// What is measured of a video, and how.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct ProjectSettings {
     /// First frame and the one after the last; all frames if absent.
     pub frames: Option<[usize; 2]>,
     /// Frames a second, in place of the video's own times.
@@ -58,9 +58,9 @@ pub struct Settings {
     pub ignore: Vec<[usize; 4]>,
 }
 
-impl Default for Settings {
+impl Default for ProjectSettings {
     fn default() -> Self {
-        Settings {
+        ProjectSettings {
             frames: None,
             fps: None,
             crop: None,
@@ -76,7 +76,7 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
+impl ProjectSettings {
     /// # Errors
     /// Numbers that are not finite or beyond all videos, a stick without length.
     pub fn check(&self) -> Result<()> {
@@ -175,12 +175,12 @@ mod tests {
 
     #[test]
     fn settings_become_options_of_the_command() {
-        let settings = Settings {
+        let settings = ProjectSettings {
             frames: Some([3, 90]),
             stick: Some(Stick { from: [10.04, 20.0], to: [10.0, 220.0], metres: 1.5 }),
             origin: Some([5.0, 6.55]),
             marks: vec![Mark { frame: 4, at: [1.0, 2.0] }],
-            ..Settings::default()
+            ..ProjectSettings::default()
         };
         settings.check().unwrap();
         let line = command_line(&settings.measure("my videos/a.mp4".as_ref(), "falling", "out".as_ref()));
@@ -193,17 +193,17 @@ mod tests {
     fn settings_that_lead_nowhere_are_refused() {
         let stick = |to, metres| Some(Stick { from: [0.0; 2], to, metres });
         let wrong = [
-            Settings { frames: Some([9, 9]), ..Settings::default() },
-            Settings { stick: stick([0.0; 2], 1.0), ..Settings::default() },
-            Settings { stick: stick([9.0; 2], 0.0), ..Settings::default() },
-            Settings { stick: stick([f64::NAN; 2], 1.0), ..Settings::default() },
-            Settings { objects: 0, ..Settings::default() },
-            Settings { fps: Some(-1.0), ..Settings::default() },
-            Settings { crop: Some([0, 0, 0, 9]), ..Settings::default() },
+            ProjectSettings { frames: Some([9, 9]), ..ProjectSettings::default() },
+            ProjectSettings { stick: stick([0.0; 2], 1.0), ..ProjectSettings::default() },
+            ProjectSettings { stick: stick([9.0; 2], 0.0), ..ProjectSettings::default() },
+            ProjectSettings { stick: stick([f64::NAN; 2], 1.0), ..ProjectSettings::default() },
+            ProjectSettings { objects: 0, ..ProjectSettings::default() },
+            ProjectSettings { fps: Some(-1.0), ..ProjectSettings::default() },
+            ProjectSettings { crop: Some([0, 0, 0, 9]), ..ProjectSettings::default() },
         ];
         for settings in wrong {
             assert!(settings.check().is_err(), "{settings:?}");
         }
-        assert!(serde_json::from_str::<Settings>("{\"equations\": \"falling\"}").is_err());
+        assert!(serde_json::from_str::<ProjectSettings>("{\"equations\": \"falling\"}").is_err());
     }
 }

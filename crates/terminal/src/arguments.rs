@@ -31,7 +31,7 @@ pub struct ScoredRun {
     split: String,
     /// Weights of the last checkpoint, or those with the best validation score of the last phase
     #[arg(long, default_value = "last")]
-    checkpoint: Weights,
+    checkpoint: WeightsChoice,
     /// cpu, cuda or cuda:n
     #[arg(long, default_value = "cpu")]
     device: String,
@@ -42,16 +42,16 @@ pub struct ScoredRun {
 
 /// Which of a run's weights.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum Weights {
+enum WeightsChoice {
     Last,
     Best,
 }
 
-impl From<Weights> for SavedWeights {
-    fn from(weights: Weights) -> Self {
+impl From<WeightsChoice> for SavedWeights {
+    fn from(weights: WeightsChoice) -> Self {
         match weights {
-            Weights::Last => SavedWeights::Last,
-            Weights::Best => SavedWeights::Best,
+            WeightsChoice::Last => SavedWeights::Last,
+            WeightsChoice::Best => SavedWeights::Best,
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::io::IsTerminal;
 use std::sync::{Mutex, PoisonError};
 
-use crate::progress::Progress;
+use crate::progress::PhaseProgress;
 use crate::say;
 use paig::generators::{Counts, GeneratorEvent};
 
@@ -12,17 +12,17 @@ const PLAIN_LINES: usize = 4;
 
 /// What is shown of the file at hand.
 #[derive(Debug, Default)]
-pub struct Display {
-    progress: Mutex<Option<Progress>>,
+pub struct GenerateDisplay {
+    progress: Mutex<Option<PhaseProgress>>,
 }
 
-impl Display {
+impl GenerateDisplay {
     /// Shows an event, from whatever thread.
     pub fn show(&self, event: GeneratorEvent) {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
             GeneratorEvent::Begins { frames, total } => {
-                *progress = Some(Progress::new(&format!("{frames} frames"), total as u64, 0));
+                *progress = Some(PhaseProgress::new(&format!("{frames} frames"), total as u64, 0));
             }
             GeneratorEvent::Ready { clips, total } => {
                 let Some(progress) = &*progress else { return };
@@ -33,7 +33,7 @@ impl Display {
                 }
             }
             GeneratorEvent::Wrote { path, clips: Counts { train, valid, test }, frames, seconds } => {
-                progress.take().iter().for_each(Progress::finish);
+                progress.take().iter().for_each(PhaseProgress::finish);
                 let path = path.display();
                 say!("wrote {path} ({train} + {valid} + {test} clips of {frames} frames, {seconds:.1} s)");
             }

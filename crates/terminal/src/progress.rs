@@ -64,12 +64,12 @@ const TICK: Duration = Duration::from_millis(120);
 
 /// Progress of one phase.
 #[derive(Debug)]
-pub struct Progress {
+pub struct PhaseProgress {
     bar: ProgressBar,
     terminal: bool,
 }
 
-impl Progress {
+impl PhaseProgress {
     /// A bar of `steps` steps, standing at `done`.
     pub fn new(name: &str, steps: u64, done: u64) -> Self {
         let terminal = std::io::stderr().is_terminal();
@@ -79,7 +79,7 @@ impl Progress {
         bar.set_style(style);
         bar.set_prefix(name.to_string());
         bar.set_position(done);
-        Progress { bar, terminal }
+        PhaseProgress { bar, terminal }
     }
 
     /// Something that takes a while, nobody knows how long.
@@ -89,7 +89,7 @@ impl Progress {
         bar.set_style(ProgressStyle::with_template("{prefix:>9} {spinner} {elapsed}").expect("the template is sound"));
         bar.set_prefix(name.to_string());
         bar.enable_steady_tick(TICK);
-        Progress { bar, terminal }
+        PhaseProgress { bar, terminal }
     }
 
     /// One step further.

@@ -13,7 +13,7 @@ use paig::training::config::Config;
 use paig::training::layers::Overrides;
 
 use crate::ending::exit_code;
-use crate::generate_display::Display;
+use crate::generate_display::GenerateDisplay;
 use crate::screen::Screen;
 use crate::{environment, interrupt, say, usage};
 
@@ -69,7 +69,7 @@ impl RunArgs {
         let run = self.request(task).open()?;
         let Config { task, data, .. } = &run.config;
         if self.generate && !data.train_path().exists() {
-            let display = Display::default();
+            let display = GenerateDisplay::default();
             let job = DatasetJob::plain(task, PathBuf::from(&data.folder))?;
             generate(&job, &|event| display.show(event))?;
         }

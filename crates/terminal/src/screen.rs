@@ -11,7 +11,7 @@ use paig::tasks::Task;
 use paig::training::recorder;
 
 use crate::environment::banner;
-use crate::progress::Progress;
+use crate::progress::PhaseProgress;
 use crate::say;
 use crate::table::{print_frames_and_states, print_results};
 
@@ -19,13 +19,13 @@ use crate::table::{print_frames_and_states, print_results};
 #[derive(Debug)]
 pub struct Screen<'a> {
     program: Program<'a>,
-    progress: Option<Progress>,
-    run: Option<Shown>,
+    progress: Option<PhaseProgress>,
+    run: Option<RunHeading>,
 }
 
 /// What is shown of the run throughout.
 #[derive(Debug)]
-struct Shown {
+struct RunHeading {
     folder: String,
     task: Task,
 }
@@ -50,11 +50,11 @@ impl<'a> Screen<'a> {
         if let Some([now, most]) = run.memory {
             say!("memory - {} now, about {} in all", memory::gib(now), memory::gib(most));
         }
-        self.run = Some(Shown { folder, task: run.config.task.clone() });
+        self.run = Some(RunHeading { folder, task: run.config.task.clone() });
     }
 
     fn finish_bar(&mut self) {
-        self.progress.take().iter().for_each(Progress::finish);
+        self.progress.take().iter().for_each(PhaseProgress::finish);
     }
 }
 
@@ -67,7 +67,8 @@ impl Observer for Screen<'_> {
                 say!("resuming after step {steps} ({checkpoint})");
             }
             Event::PhaseBegins { phase, done, of } => {
-                self.progress = Some(if *of > 0 { Progress::new(phase, *of, *done) } else { Progress::busy(phase) });
+                self.progress =
+                    Some(if *of > 0 { PhaseProgress::new(phase, *of, *done) } else { PhaseProgress::busy(phase) });
             }
             Event::Step { loss, model, seconds_left } => {
                 if let Some(progress) = &self.progress {
@@ -87,9 +88,9 @@ impl Observer for Screen<'_> {
             Event::PhaseEnds { .. } | Event::Ended(_) => self.finish_bar(),
             Event::Begun(Stage::Scoring) => {
                 say!("checking what was learned on held-out clips, scoring the test clips, drawing pictures");
-                self.progress = Some(Progress::busy("scoring"));
+                self.progress = Some(PhaseProgress::busy("scoring"));
             }
-            Event::Begun(Stage::Pictures) => self.progress = Some(Progress::busy("pictures")),
+            Event::Begun(Stage::Pictures) => self.progress = Some(PhaseProgress::busy("pictures")),
             Event::Scored { model, results } => {
                 let task = &self.run.as_ref().expect("a run begins before it is scored").task;
                 print_frames_and_states(&task.system, &results.scores);

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::registration::{Fit, register, search};
+use crate::registration::{Registration, register, search};
 use crate::statistics::median;
 use crate::template::Template;
 use crate::window::{Layout, Window};
@@ -18,7 +18,7 @@ const LEAST_MOVERS: usize = 6;
 const LEARNED_MISFIT: f64 = 1.3;
 
 /// Start of the registration in one frame.
-pub(crate) struct Start {
+pub(crate) struct RegistrationStart {
     pub(crate) window: Window,
     /// Expected position, pixels.
     pub(crate) position: [f64; 2],
@@ -30,11 +30,15 @@ pub(crate) struct Start {
 
 /// Registers all frames. Returns a fit for each start, with positions in pixels and covariances in pixels^2, and the
 /// final template.
-pub(crate) fn registered(starts: &[Start], layout: Layout, noise: f64) -> (Vec<Option<Fit>>, Template) {
+pub(crate) fn registered(
+    starts: &[RegistrationStart],
+    layout: Layout,
+    noise: f64,
+) -> (Vec<Option<Registration>>, Template) {
     let bin = layout.bin;
     let mut positions: Vec<[f64; 2]> = starts.iter().map(|s| s.window.cells(s.position, bin)).collect();
     let mut learned = movers(starts, (0..starts.len()).filter(|&i| starts[i].typical).collect());
-    let mut fits: Vec<Option<Fit>> = vec![None; starts.len()];
+    let mut fits: Vec<Option<Registration>> = vec![None; starts.len()];
     let mut template = None;
     for round in 0..ROUNDS {
         let pairs: Vec<(&Window, [f64; 2])> =
@@ -75,7 +79,7 @@ pub(crate) fn registered(starts: &[Start], layout: Layout, noise: f64) -> (Vec<O
         .into_iter()
         .zip(starts)
         .map(|(fit, start)| {
-            fit.map(|fit| Fit {
+            fit.map(|fit| Registration {
                 position: start.window.pixels(fit.position, bin),
                 covariance: fit.covariance * area,
                 ..fit
@@ -86,7 +90,7 @@ pub(crate) fn registered(starts: &[Start], layout: Layout, noise: f64) -> (Vec<O
 }
 
 /// Those of the frames in which the object moves, or all where they are few.
-fn movers(starts: &[Start], frames: Vec<usize>) -> Vec<usize> {
+fn movers(starts: &[RegistrationStart], frames: Vec<usize>) -> Vec<usize> {
     let moving: Vec<usize> = frames.iter().copied().filter(|&i| starts[i].moving > LEAST_MOVING).collect();
     if moving.len() >= LEAST_MOVERS { moving } else { frames }
 }

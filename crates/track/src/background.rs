@@ -32,7 +32,7 @@ const LANES: usize = 16;
 const LEAST_NOISE: f32 = 0.7;
 
 /// Frames kept to estimate the background.
-pub(crate) struct Samples {
+pub(crate) struct KeptFrames {
     size: Size,
     /// Frame indices and bytes, `[height, width, 3]`.
     frames: Vec<(usize, Vec<u8>)>,
@@ -41,7 +41,7 @@ pub(crate) struct Samples {
 
 /// Scene without its moving objects.
 #[derive(Debug, Clone)]
-pub struct Background {
+pub struct StaticScene {
     /// Levels, `[height, width, 3]`.
     pub levels: Array3<f32>,
     /// Reciprocal of the noise, 1/levels, `[height, width]`; zero where a region is ignored.
@@ -50,7 +50,7 @@ pub struct Background {
     pub noise: f32,
 }
 
-impl Samples {
+impl KeptFrames {
     /// Frames of a range to sample, evenly spread.
     pub(crate) fn chosen(range: &Range<usize>, size: Size, bytes: usize) -> Vec<usize> {
         let room = (bytes / (size.pixels() * 3)).clamp(LEAST_SAMPLED, MOST_SAMPLED);
@@ -75,7 +75,7 @@ impl Samples {
     }
 
     /// Background of all samples. The exposures of the samples are fitted on the way.
-    pub(crate) fn background(&mut self, ignore: &[Region]) -> Background {
+    pub(crate) fn background(&mut self, ignore: &[Region]) -> StaticScene {
         let mut background = self.estimate(None);
         self.expose(&background);
         let steady = self.exposures.iter().all(|e| e.change() < 0.5);
@@ -87,20 +87,20 @@ impl Samples {
         background
     }
 
-    fn expose(&mut self, background: &Background) {
+    fn expose(&mut self, background: &StaticScene) {
         let levels = background.levels.as_slice().expect("levels are contiguous");
         self.exposures = self.frames.par_iter().map(|(_, bytes)| Exposure::fit(bytes, levels)).collect();
     }
 
     /// Background from the samples in which a pixel is not occupied. A pixel occupied in nearly all samples keeps the
     /// median of all.
-    pub(crate) fn unoccupied(&self, occupied: &[Mask], ignore: &[Region]) -> Background {
+    pub(crate) fn unoccupied(&self, occupied: &[Mask], ignore: &[Region]) -> StaticScene {
         let mut background = self.estimate(Some(occupied));
         background.ignore(ignore);
         background
     }
 
-    fn estimate(&self, occupied: Option<&[Mask]>) -> Background {
+    fn estimate(&self, occupied: Option<&[Mask]>) -> StaticScene {
         let Size { width, height } = self.size;
         let tables: Vec<[[f32; 256]; 3]> = self.exposures.iter().map(Exposure::tables).collect();
         let least = (self.frames.len() / 12).max(3);
@@ -141,7 +141,7 @@ impl Samples {
             let mut other = self.other_states(&levels, &tables, limit);
             remove_resting(&mut levels, &mut other, 1.5 * limit);
         }
-        Background {
+        StaticScene {
             levels,
             precision: Array2::from_shape_vec((height, width), precision).expect("one value for each pixel"),
             noise: typical,
@@ -187,7 +187,7 @@ impl Samples {
     }
 }
 
-impl Background {
+impl StaticScene {
     /// Size of the frame.
     pub fn size(&self) -> Size {
         Size { width: self.levels.shape()[1], height: self.levels.shape()[0] }
@@ -296,7 +296,7 @@ mod tests {
     use super::*;
 
     /// A square of 4 pixels that rests at x = 2 for 60 % of 30 frames, then at x = 12.
-    fn resting() -> Samples {
+    fn resting() -> KeptFrames {
         let frame = |frame: usize| {
             let left = if frame < 18 { 2 } else { 12 };
             let level = |place: usize| {
@@ -305,7 +305,7 @@ mod tests {
             };
             (frame, (0..16 * 20 * 3).map(level).collect())
         };
-        Samples::new(Size { width: 20, height: 16 }, (0..30).map(frame).collect())
+        KeptFrames::new(Size { width: 20, height: 16 }, (0..30).map(frame).collect())
     }
 
     #[test]

@@ -15,7 +15,7 @@ const GAP: f64 = 2.5;
 
 /// Position and velocity, pixels per usual step.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct State {
+pub(crate) struct PointState {
     pub(crate) position: [f64; 2],
     pub(crate) velocity: [f64; 2],
     /// Root mean square distance of the positions from their parabola, corrected for its parameters, pixels.
@@ -26,19 +26,19 @@ pub(crate) struct State {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Boundary {
     pub(crate) frame: usize,
-    pub(crate) before: State,
-    pub(crate) after: State,
+    pub(crate) before: PointState,
+    pub(crate) after: PointState,
 }
 
 /// Boundaries of a track.
-pub(crate) struct Around {
+pub(crate) struct TrackBoundaries {
     /// Noise of a position, pixels.
     pub(crate) noise: f64,
     /// All boundaries without a gap around them.
     pub(crate) boundaries: Vec<Boundary>,
 }
 
-impl Around {
+impl TrackBoundaries {
     /// Boundaries between the frames of a track that show something new; `None` where it has too few.
     pub(crate) fn of(track: &Track, base: &TimeBase) -> Option<Self> {
         let found: Vec<(usize, [f64; 2])> = track
@@ -63,7 +63,7 @@ fn boundary(found: &[(usize, [f64; 2])], time: impl Fn(usize) -> f64) -> Option<
         return None;
     }
     let middle = 0.5 * (times[SIDE - 1] + times[SIDE]);
-    let state = |range: Range<usize>| -> Option<State> {
+    let state = |range: Range<usize>| -> Option<PointState> {
         let rows = DMatrix::from_fn(SIDE, 3, |row, power| (times[range.start + row] - middle).powi(power as i32));
         let decomposed = rows.clone().svd(true, true);
         let mut square = 0.0;
@@ -75,7 +75,7 @@ fn boundary(found: &[(usize, [f64; 2])], time: impl Fn(usize) -> f64) -> Option<
         });
         let [Some(x), Some(y)] = fitted else { return None };
         let residual = (square / (2 * (SIDE - 3)) as f64).sqrt();
-        Some(State { position: [x[0], y[0]], velocity: [x[1], y[1]], residual })
+        Some(PointState { position: [x[0], y[0]], velocity: [x[1], y[1]], residual })
     };
     Some(Boundary { frame: found[SIDE].0, before: state(0..SIDE)?, after: state(SIDE..2 * SIDE)? })
 }

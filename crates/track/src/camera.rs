@@ -5,14 +5,14 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use crate::edges::{Edges, Registered};
-use crate::error::Error;
+use crate::error::TrackError;
 use crate::mosaic::{Mosaic, outline};
 use crate::similarity::Similarity;
 use crate::statistics::{median, quantile};
 use crate::still;
 use crate::survey::{Coarse, Survey};
 use crate::texture::texture_stays;
-use crate::video::{Size, Video, map_frames};
+use crate::video::{FrameSource, Size, map_frames};
 
 /// Displacements, pixels, at the 70th and the 98th percentile of the frames, below which a camera stands. The first is the
 /// accuracy of what follows an object; the second lets one knock pass.
@@ -39,7 +39,7 @@ const LEAST_FRAMES: usize = 8;
 /// How a camera moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Motion {
+pub enum CameraMotion {
     /// The background stays where it is.
     Standing,
     /// The background has too few corners to see a motion of the camera; it is taken to stand.
@@ -52,8 +52,8 @@ pub enum Motion {
 
 /// Motion of the camera over the tracked frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Camera {
-    pub motion: Motion,
+pub struct CameraPath {
+    pub motion: CameraMotion,
     /// Tracked frames: the longest scene of those asked for.
     pub frames: Range<usize>,
     /// First frames of the other scenes: the video is cut there.
@@ -71,7 +71,7 @@ pub struct Camera {
     pub displacement: f64,
 }
 
-impl Camera {
+impl CameraPath {
     /// Pose of a tracked frame.
     pub fn pose(&self, frame: usize) -> Option<&Similarity> {
         self.poses.get(frame.checked_sub(self.frames.start)?)
@@ -79,7 +79,7 @@ impl Camera {
 
     /// Whether frames are resampled into the frame of the background.
     pub fn moves(&self) -> bool {
-        matches!(self.motion, Motion::Trembling | Motion::Panning)
+        matches!(self.motion, CameraMotion::Trembling | CameraMotion::Panning)
     }
 
     /// One line for a person.
@@ -95,12 +95,14 @@ impl Camera {
             count => format!("; the background is not found in {count} frames, which have no positions"),
         };
         let motion = match self.motion {
-            Motion::Standing => "the camera stands".into(),
-            Motion::Unknown => {
+            CameraMotion::Standing => "the camera stands".into(),
+            CameraMotion::Unknown => {
                 "the background has too few marks to see whether the camera moves; it is taken to stand".into()
             }
-            Motion::Trembling => format!("the camera trembles by up to {pixels:.1} pixels; frames are stabilised"),
-            Motion::Panning => {
+            CameraMotion::Trembling => {
+                format!("the camera trembles by up to {pixels:.1} pixels; frames are stabilised")
+            }
+            CameraMotion::Panning => {
                 format!(
                     "the camera moves by up to {pixels:.0} pixels; positions are given on the background around frame {}",
                     self.reference
@@ -112,28 +114,28 @@ impl Camera {
 }
 
 /// A camera, and where it moves the scene's background.
-pub(crate) struct Found {
-    pub(crate) camera: Camera,
+pub(crate) struct CameraEstimate {
+    pub(crate) camera: CameraPath,
     pub(crate) mosaic: Option<Mosaic>,
 }
 
 /// Decides how the camera moves over the frames of a survey, and registers all frames where it does.
 ///
 /// # Errors
-/// [`Error::Camera`] where the camera moves and frames cannot be registered; errors of the source.
+/// [`TrackError::Camera`] where the camera moves and frames cannot be registered; errors of the source.
 /// `samples` are frames and their bytes from which the background is pieced together.
 pub(crate) fn find(
-    video: &dyn Video,
+    video: &dyn FrameSource,
     survey: &Survey,
     samples: &[(usize, Vec<u8>)],
     range: Range<usize>,
-) -> Result<Found, Error> {
+) -> Result<CameraEstimate, TrackError> {
     let (frames, cuts) = longest(survey, range);
     if frames.len() < LEAST_FRAMES {
-        return Err(Error::TooFewFrames { least: LEAST_FRAMES, found: frames.len() });
+        return Err(TrackError::TooFewFrames { least: LEAST_FRAMES, found: frames.len() });
     }
-    let standing = |motion: Motion| Found {
-        camera: Camera {
+    let standing = |motion: CameraMotion| CameraEstimate {
+        camera: CameraPath {
             motion,
             frames: frames.clone(),
             cuts: cuts.clone(),
@@ -146,22 +148,22 @@ pub(crate) fn find(
         mosaic: None,
     };
     match judged(survey, &frames) {
-        Judged::Unknown => return Ok(standing(Motion::Unknown)),
-        Judged::Standing => return Ok(standing(Motion::Standing)),
-        Judged::Moving if still(survey, &frames) => return Ok(standing(Motion::Standing)),
-        Judged::Moving => {}
+        CameraJudgement::Unknown => return Ok(standing(CameraMotion::Unknown)),
+        CameraJudgement::Standing => return Ok(standing(CameraMotion::Standing)),
+        CameraJudgement::Moving if still(survey, &frames) => return Ok(standing(CameraMotion::Standing)),
+        CameraJudgement::Moving => {}
     }
     let coarse = survey.register_all(video, &frames)?;
     let sampled: Vec<usize> = samples.iter().map(|(frame, _)| *frame).collect();
-    let start = Start::new(survey, &coarse, &frames, &sampled)?;
+    let start = CameraStart::new(survey, &coarse, &frames, &sampled)?;
     let moving = registered(video, (survey.size, samples), &frames, start)?;
     if !is_moving(&moving.displacements) || !moving.fits_better() {
-        return Ok(standing(Motion::Standing));
+        return Ok(standing(CameraMotion::Standing));
     }
     let shorter = survey.size.width.min(survey.size.height) as f64;
     let displacement = quantile(&mut moving.displacements.clone(), 1.0).unwrap_or(0.0);
-    let camera = Camera {
-        motion: if displacement < TREMBLES * shorter { Motion::Trembling } else { Motion::Panning },
+    let camera = CameraPath {
+        motion: if displacement < TREMBLES * shorter { CameraMotion::Trembling } else { CameraMotion::Panning },
         frames,
         cuts,
         poses: moving.poses,
@@ -170,7 +172,7 @@ pub(crate) fn find(
         origin: moving.origin,
         displacement,
     };
-    Ok(Found { camera, mosaic: Some(moving.mosaic) })
+    Ok(CameraEstimate { camera, mosaic: Some(moving.mosaic) })
 }
 
 /// Longest scene within a range, and the first frames of the later scenes.
@@ -183,28 +185,28 @@ fn longest(survey: &Survey, range: Range<usize>) -> (Range<usize>, Vec<usize>) {
     (longest, cuts)
 }
 
-enum Judged {
+enum CameraJudgement {
     Unknown,
     Standing,
     Moving,
 }
 
-fn judged(survey: &Survey, frames: &Range<usize>) -> Judged {
+fn judged(survey: &Survey, frames: &Range<usize>) -> CameraJudgement {
     let within: Vec<&Coarse> = survey.coarse.iter().filter(|c| frames.contains(&c.frame)).collect();
     let poses: Vec<(usize, Similarity)> = within.iter().filter_map(|c| c.pose.map(|pose| (c.scene, pose))).collect();
     // Before a plain wall, what has corners is the object.
     let textured = within.iter().filter(|c| c.textured).count() * 2 >= within.len();
     if poses.len() * 2 < within.len() {
-        return if textured { Judged::Moving } else { Judged::Unknown };
+        return if textured { CameraJudgement::Moving } else { CameraJudgement::Unknown };
     }
     let first = poses[0].0;
     if poses.iter().any(|(scene, _)| *scene != first) {
-        return Judged::Moving;
+        return CameraJudgement::Moving;
     }
     let poses: Vec<Similarity> = poses.iter().map(|(_, pose)| pose.enlarged(survey.factor)).collect();
     let reference = middle(&poses, survey.size, |_| true);
     let displacements: Vec<f64> = poses.iter().map(|pose| displaced(pose, &poses[reference], survey.size)).collect();
-    if is_moving(&displacements) { Judged::Moving } else { Judged::Standing }
+    if is_moving(&displacements) { CameraJudgement::Moving } else { CameraJudgement::Standing }
 }
 
 /// Whether texture or marks all over the frame stay where they are, whatever moves before them.
@@ -242,7 +244,7 @@ fn displaced(pose: &Similarity, reference: &Similarity, size: Size) -> f64 {
 }
 
 /// Poses of all frames from corners, and the frame of the background.
-struct Start {
+struct CameraStart {
     /// From each frame to the background.
     poses: Vec<Similarity>,
     known: Vec<bool>,
@@ -253,10 +255,10 @@ struct Start {
     reach: f64,
 }
 
-impl Start {
-    fn new(survey: &Survey, coarse: &[Coarse], frames: &Range<usize>, sampled: &[usize]) -> Result<Self, Error> {
+impl CameraStart {
+    fn new(survey: &Survey, coarse: &[Coarse], frames: &Range<usize>, sampled: &[usize]) -> Result<Self, TrackError> {
         let size = survey.size;
-        let refuse = |frame: usize, reason: String| Err(Error::Camera { frame, reason });
+        let refuse = |frame: usize, reason: String| Err(TrackError::Camera { frame, reason });
         let scene = most_common(coarse.iter().filter(|c| c.pose.is_some()).map(|c| c.scene));
         let found: Vec<Option<Similarity>> = coarse
             .iter()
@@ -346,7 +348,7 @@ fn filled(poses: &[Option<Similarity>]) -> Vec<Similarity> {
 }
 
 /// Registrations of all frames on the background.
-struct Moving {
+struct Registrations {
     poses: Vec<Similarity>,
     unregistered: Vec<usize>,
     displacements: Vec<f64>,
@@ -357,7 +359,7 @@ struct Moving {
     mosaic: Mosaic,
 }
 
-impl Moving {
+impl Registrations {
     /// Whether the frames that moved fit the background better where they were found.
     fn fits_better(&self) -> bool {
         let moved = self.displacements.iter().zip(&self.gains).filter(|(far, _)| **far > STANDS[0]);
@@ -367,12 +369,12 @@ impl Moving {
 }
 
 fn registered(
-    video: &dyn Video,
+    video: &dyn FrameSource,
     (size, samples): (Size, &[(usize, Vec<u8>)]),
     frames: &Range<usize>,
-    start: Start,
-) -> Result<Moving, Error> {
-    let Start { mut poses, known, reference, origin, canvas, reach } = start;
+    start: CameraStart,
+) -> Result<Registrations, TrackError> {
+    let CameraStart { mut poses, known, reference, origin, canvas, reach } = start;
     let place = |frame: usize| frame - frames.start;
     let samples: Vec<&(usize, Vec<u8>)> =
         samples.iter().filter(|(frame, _)| frames.contains(frame) && known[place(*frame)]).collect();
@@ -418,9 +420,9 @@ fn registered(
     if (unregistered.len() as f64) > (1.0 - least) * fine.len() as f64 {
         let count = unregistered.len();
         let reason = format!("its edges do not fit the background in {count} of {} frames", fine.len());
-        return Err(Error::Camera { frame: unregistered[0], reason });
+        return Err(TrackError::Camera { frame: unregistered[0], reason });
     }
     let poses = filled(&fine);
     let displacements = poses.iter().map(displaced).collect();
-    Ok(Moving { poses, unregistered, displacements, gains, reference, origin, mosaic })
+    Ok(Registrations { poses, unregistered, displacements, gains, reference, origin, mosaic })
 }

@@ -1,11 +1,11 @@
 //! Movers of a video: paths through the detections, ranked.
 
-use crate::background::{Background, Samples};
+use crate::background::{KeptFrames, StaticScene};
 use crate::components::Blob;
 use crate::detection::Detection;
-use crate::linking::{Node, paths};
+use crate::linking::{LinkNode, paths};
 use crate::mask::Mask;
-use crate::options::Options;
+use crate::options::TrackingOptions;
 use crate::pieces::{Stop, pieces};
 use crate::quality;
 use crate::shadow::Core;
@@ -27,7 +27,7 @@ const OCCUPIED_MARGIN: u32 = 3;
 
 /// Path of one mover.
 #[derive(Debug, Clone)]
-pub(crate) struct Candidate {
+pub(crate) struct PathCandidate {
     /// Index of the detection and of its blob, in order of time.
     pub(crate) nodes: Vec<(usize, usize)>,
     pub(crate) score: f64,
@@ -43,7 +43,7 @@ pub(crate) struct Candidate {
     pub(crate) border: f64,
 }
 
-impl Candidate {
+impl PathCandidate {
     /// Score that counts movement and smoothness.
     pub(crate) fn rank(&self) -> f64 {
         self.score * (self.extent / MOVING).min(1.0) * (1.0 - self.chance).max(0.05)
@@ -63,13 +63,13 @@ impl Candidate {
 }
 
 /// Paths through the detections by descending rank.
-pub(crate) fn candidates(detections: &[Detection], size: Size, options: &Options) -> Vec<Candidate> {
+pub(crate) fn candidates(detections: &[Detection], size: Size, options: &TrackingOptions) -> Vec<PathCandidate> {
     let mut places = Vec::new();
     let mut nodes = Vec::new();
     for (index, detection) in detections.iter().enumerate() {
         for (blob_index, (blob, core)) in detection.blobs.iter().enumerate() {
             places.push((index, blob_index));
-            nodes.push(Node {
+            nodes.push(LinkNode {
                 frame: detection.frame,
                 centre: blob.centre,
                 weight: blob.weight,
@@ -79,12 +79,12 @@ pub(crate) fn candidates(detections: &[Detection], size: Size, options: &Options
         }
     }
     let scale = LONGEST_STEP * (size.width as f64).hypot(size.height as f64);
-    let mut found: Vec<Candidate> = paths(&nodes, &options.hints, scale, MOST_PATHS)
+    let mut found: Vec<PathCandidate> = paths(&nodes, &options.hints, scale, MOST_PATHS)
         .into_iter()
         .flat_map(|path| {
             let stop = |&node: &usize| {
                 let core = &detections[places[node].0].blobs[places[node].1].1;
-                let Node { frame, centre, diameter, .. } = nodes[node];
+                let LinkNode { frame, centre, diameter, .. } = nodes[node];
                 Stop { frame, centre, diameter, colour: core.colour }
             };
             let stops: Vec<Stop> = path.nodes.iter().map(stop).collect();
@@ -99,7 +99,7 @@ pub(crate) fn candidates(detections: &[Detection], size: Size, options: &Options
     found
 }
 
-fn candidate(nodes: Vec<(usize, usize)>, score: f64, detections: &[Detection], size: Size) -> Candidate {
+fn candidate(nodes: Vec<(usize, usize)>, score: f64, detections: &[Detection], size: Size) -> PathCandidate {
     let blobs: Vec<&(Blob, Core)> = nodes.iter().map(|&(d, b)| &detections[d].blobs[b]).collect();
     let middle = |value: &dyn Fn(&(Blob, Core)) -> f64| {
         let mut values: Vec<f64> = blobs.iter().map(|b| value(b)).collect();
@@ -113,7 +113,7 @@ fn candidate(nodes: Vec<(usize, usize)>, score: f64, detections: &[Detection], s
     };
     let positions: Vec<Option<[f64; 2]>> = blobs.iter().map(|b| Some(b.0.centre)).collect();
     let at_border = blobs.iter().filter(|b| b.0.touches_border(size.width, size.height)).count();
-    Candidate {
+    PathCandidate {
         score,
         extent: range(0).hypot(range(1)) / diameter,
         chance: quality::chance(&positions).unwrap_or(0.5).min(1.0),
@@ -128,9 +128,9 @@ fn candidate(nodes: Vec<(usize, usize)>, score: f64, detections: &[Detection], s
 ///
 /// An object that rests in most frames is part of the median background: while it is away, a region that never moves
 /// shows where it rested. Frames without the first mover count as occupied there.
-pub(crate) fn occupied(samples: &Samples, detections: &[Detection], candidates: &[Candidate]) -> Vec<Mask> {
+pub(crate) fn occupied(samples: &KeptFrames, detections: &[Detection], candidates: &[PathCandidate]) -> Vec<Mask> {
     let first = detections.first().map_or(0, |d| d.frame);
-    let moves = |c: &&Candidate| c.extent >= OCCUPIES;
+    let moves = |c: &&PathCandidate| c.extent >= OCCUPIES;
     let mut resting = Mask::default();
     for candidate in candidates.iter().filter(|c| !moves(c) && c.nodes.len() > 2) {
         for (_, blob, _) in candidate.along(detections) {
@@ -159,7 +159,7 @@ pub(crate) fn occupied(samples: &Samples, detections: &[Detection], candidates: 
 }
 
 /// Pixels in which two backgrounds differ by more than four times the noise.
-pub(crate) fn changed(one: &Background, other: &Background) -> usize {
+pub(crate) fn changed(one: &StaticScene, other: &StaticScene) -> usize {
     let differs = |(a, b): (&f32, &f32)| (a - b).abs() > 4.0 * one.noise;
     let pairs = one.levels.iter().zip(other.levels.iter()).collect::<Vec<_>>();
     pairs.chunks_exact(3).filter(|pixel| pixel.iter().any(|&pair| differs(pair))).count()

@@ -4,15 +4,15 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::background::{Background, Samples};
+use crate::background::{KeptFrames, StaticScene};
 use crate::components::{Blob, components};
 use crate::difference::{difference, gaussian};
-use crate::error::Error;
+use crate::error::TrackError;
 use crate::exposure::Exposure;
-use crate::options::Options;
+use crate::options::TrackingOptions;
 use crate::shadow::{Core, core};
 use crate::statistics::{median, quantile};
-use crate::video::{Video, map_frames};
+use crate::video::{FrameSource, map_frames};
 
 /// Most regions kept of a frame.
 const MOST_BLOBS: usize = 6;
@@ -35,8 +35,12 @@ pub(crate) struct Detection {
 /// Threshold of moving regions in units of the noise, from the peaks of the samples' differences.
 ///
 /// # Errors
-/// [`Error::NothingMoves`] where no peak exceeds `least_peak`.
-pub(crate) fn threshold(samples: &Samples, background: &Background, options: &Options) -> Result<f32, Error> {
+/// [`TrackError::NothingMoves`] where no peak exceeds `least_peak`.
+pub(crate) fn threshold(
+    samples: &KeptFrames,
+    background: &StaticScene,
+    options: &TrackingOptions,
+) -> Result<f32, TrackError> {
     let kernel = gaussian(options.blur);
     let peaks: Vec<f64> = samples
         .frames()
@@ -50,7 +54,7 @@ pub(crate) fn threshold(samples: &Samples, background: &Background, options: &Op
     // One frame with a flash or a cut does not decide.
     let high = quantile(&mut peaks.clone(), 0.95).unwrap_or(0.0);
     if high < f64::from(options.least_peak) {
-        return Err(Error::NothingMoves { peak: high as f32 });
+        return Err(TrackError::NothingMoves { peak: high as f32 });
     }
     let mut moving: Vec<f64> = peaks.into_iter().filter(|&peak| peak > EMPTY * high).collect();
     let typical = median(&mut moving).unwrap_or(high);
@@ -62,12 +66,12 @@ pub(crate) fn threshold(samples: &Samples, background: &Background, options: &Op
 /// # Errors
 /// Errors of the source.
 pub(crate) fn detect(
-    video: &dyn Video,
+    video: &dyn FrameSource,
     range: Range<usize>,
-    background: &Background,
+    background: &StaticScene,
     threshold: f32,
-    options: &Options,
-) -> Result<Vec<Detection>, Error> {
+    options: &TrackingOptions,
+) -> Result<Vec<Detection>, TrackError> {
     let kernel = gaussian(options.blur);
     let width = background.size().width;
     let work = |frame: usize, bytes: &[u8]| {
@@ -85,11 +89,11 @@ pub(crate) fn detect(
     };
     let found = map_frames(video, &|frame| range.contains(&frame), work)?;
     if found.len() < range.len() {
-        return Err(Error::MissingFrame { frame: range.start + found.len() });
+        return Err(TrackError::MissingFrame { frame: range.start + found.len() });
     }
     Ok(found.into_iter().map(|(_, detection)| detection).collect())
 }
 
-fn exposure(bytes: &[u8], background: &Background) -> Exposure {
+fn exposure(bytes: &[u8], background: &StaticScene) -> Exposure {
     Exposure::fit(bytes, background.levels.as_slice().expect("levels are contiguous"))
 }

@@ -1,12 +1,12 @@
 //! Difference of a frame from the background, in units of the noise.
 
-use crate::background::Background;
+use crate::background::StaticScene;
 use crate::exposure::Exposure;
 
 /// Largest |frame - background| over the channels times the precision, blurred; `[height, width]`.
 ///
 /// The frame is first brought to the background's exposure.
-pub(crate) fn difference(frame: &[u8], background: &Background, exposure: &Exposure, kernel: &[f32]) -> Vec<f32> {
+pub(crate) fn difference(frame: &[u8], background: &StaticScene, exposure: &Exposure, kernel: &[f32]) -> Vec<f32> {
     let tables = exposure.tables();
     let levels = background.levels.as_slice().expect("levels are contiguous");
     let precision = background.precision.as_slice().expect("precision is contiguous");

@@ -5,7 +5,7 @@ use thiserror::Error;
 /// Reasons why a video yields no track.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
-pub enum Error {
+pub enum TrackError {
     /// The background needs several frames of one scene.
     #[error("expected at least {least} frames, found {found}")]
     TooFewFrames { least: usize, found: usize },

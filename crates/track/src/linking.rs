@@ -25,7 +25,7 @@ const HINT: f64 = 1000.0;
 
 /// What linking needs of a blob.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Node {
+pub(crate) struct LinkNode {
     pub(crate) frame: usize,
     pub(crate) centre: [f64; 2],
     pub(crate) weight: f64,
@@ -37,14 +37,14 @@ pub(crate) struct Node {
 
 /// Path through nodes.
 #[derive(Debug, Clone)]
-pub(crate) struct Path {
+pub(crate) struct LinkPath {
     /// Indices of the nodes, one a frame at most, in order of time.
     pub(crate) nodes: Vec<usize>,
     pub(crate) score: f64,
 }
 
 #[derive(Clone, Copy)]
-struct Edge {
+struct Link {
     from: usize,
     score: f64,
     /// Edge of `from` on the best path before this one.
@@ -53,7 +53,7 @@ struct Edge {
 
 /// Up to `most` disjoint paths by descending score. `nodes` are sorted by frame. `scale` is the longest plausible step
 /// of one frame, pixels.
-pub(crate) fn paths(nodes: &[Node], hints: &[Hint], scale: f64, most: usize) -> Vec<Path> {
+pub(crate) fn paths(nodes: &[LinkNode], hints: &[Hint], scale: f64, most: usize) -> Vec<LinkPath> {
     let rewards = rewards(nodes, hints);
     let mut free = vec![true; nodes.len()];
     let mut found = Vec::new();
@@ -66,7 +66,7 @@ pub(crate) fn paths(nodes: &[Node], hints: &[Hint], scale: f64, most: usize) -> 
 }
 
 /// Median over the frames of the heaviest weight.
-fn heaviest(nodes: &[Node]) -> f64 {
+fn heaviest(nodes: &[LinkNode]) -> f64 {
     let mut weights: Vec<f64> = nodes
         .chunk_by(|a, b| a.frame == b.frame)
         .map(|frame| frame.iter().map(|node| node.weight).fold(0.0, f64::max))
@@ -75,15 +75,15 @@ fn heaviest(nodes: &[Node]) -> f64 {
 }
 
 /// Reward of every node: its weight against the heaviest ones, or its likeness to the hinted nodes where there are any.
-fn rewards(nodes: &[Node], hints: &[Hint]) -> Vec<f64> {
-    let hinted = |node: &Node| {
+fn rewards(nodes: &[LinkNode], hints: &[Hint]) -> Vec<f64> {
+    let hinted = |node: &LinkNode| {
         let near =
             |hint: &Hint| hint.frame == node.frame && distance(hint.position, node.centre) < node.diameter.max(4.0);
         hints.iter().any(near)
     };
     let mut chosen: Vec<f64> = nodes.iter().filter(|node| hinted(node)).map(|node| node.weight).collect();
     let (typical, heavy) = crate::statistics::median(&mut chosen).map_or((heaviest(nodes), false), |w| (w, true));
-    let reward = |node: &Node| {
+    let reward = |node: &LinkNode| {
         let ratio = node.weight / typical;
         let likeness = if heavy && ratio > 1.0 { 1.0 / ratio } else { ratio };
         likeness.clamp(0.01, 1.0).sqrt() * node.preference + if hinted(node) { HINT } else { 0.0 }
@@ -95,7 +95,7 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-fn best(nodes: &[Node], rewards: &[f64], free: &[bool], scale: f64) -> Option<Path> {
+fn best(nodes: &[LinkNode], rewards: &[f64], free: &[bool], scale: f64) -> Option<LinkPath> {
     let frames: Vec<std::ops::Range<usize>> = nodes
         .chunk_by(|a, b| a.frame == b.frame)
         .scan(0, |start, frame| {
@@ -104,17 +104,17 @@ fn best(nodes: &[Node], rewards: &[f64], free: &[bool], scale: f64) -> Option<Pa
             Some(range)
         })
         .collect();
-    let mut edges: Vec<Vec<Edge>> = vec![Vec::new(); nodes.len()];
+    let mut edges: Vec<Vec<Link>> = vec![Vec::new(); nodes.len()];
     let mut end: Option<(usize, usize)> = None;
     for (place, frame) in frames.iter().enumerate() {
         for to in frame.clone().filter(|&to| free[to]) {
             let earlier = frames[place.saturating_sub(REACH)..place].iter().flat_map(Clone::clone);
             for from in earlier.filter(|&from| free[from]) {
                 let own = rewards[to] - step(&nodes[from], &nodes[to], scale);
-                let fresh = Edge { from, score: own + rewards[from], before: None };
+                let fresh = Link { from, score: own + rewards[from], before: None };
                 let edge = edges[from].iter().enumerate().fold(fresh, |best, (index, before)| {
                     let score = before.score + own - turn(&nodes[before.from], &nodes[from], &nodes[to]);
-                    if score > best.score { Edge { from, score, before: Some(index) } } else { best }
+                    if score > best.score { Link { from, score, before: Some(index) } } else { best }
                 });
                 edges[to].push(edge);
                 if end.is_none_or(|(node, index)| edges[node][index].score < edge.score) {
@@ -133,11 +133,11 @@ fn best(nodes: &[Node], rewards: &[f64], free: &[bool], scale: f64) -> Option<Pa
         (node, index) = (edge.from, before);
     }
     path.reverse();
-    Some(Path { nodes: path, score })
+    Some(LinkPath { nodes: path, score })
 }
 
 /// Penalty of an edge: missing frames, change of weight, and steps beyond `scale`.
-fn step(from: &Node, to: &Node, scale: f64) -> f64 {
+fn step(from: &LinkNode, to: &LinkNode, scale: f64) -> f64 {
     let frames = (to.frame - from.frame) as f64;
     let gap = (GAP * (frames - 1.0)).min(MOST_GAP);
     let change = (CHANGE * (from.weight / to.weight).ln().abs()).min(MOST_CHANGE);
@@ -146,7 +146,7 @@ fn step(from: &Node, to: &Node, scale: f64) -> f64 {
 }
 
 /// Penalty for the difference of a step from the velocity of the step before.
-fn turn(first: &Node, second: &Node, third: &Node) -> f64 {
+fn turn(first: &LinkNode, second: &LinkNode, third: &LinkNode) -> f64 {
     let (before, after) = ((second.frame - first.frame) as f64, (third.frame - second.frame) as f64);
     let velocity = [0, 1].map(|axis| (second.centre[axis] - first.centre[axis]) / before);
     let expected = [0, 1].map(|axis| second.centre[axis] + velocity[axis] * after);
@@ -158,8 +158,8 @@ fn turn(first: &Node, second: &Node, third: &Node) -> f64 {
 mod tests {
     use super::*;
 
-    fn node(frame: usize, x: f64, y: f64, weight: f64) -> Node {
-        Node { frame, centre: [x, y], weight, diameter: 6.0, preference: 1.0 }
+    fn node(frame: usize, x: f64, y: f64, weight: f64) -> LinkNode {
+        LinkNode { frame, centre: [x, y], weight, diameter: 6.0, preference: 1.0 }
     }
 
     #[test]
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn a_bounce_and_a_gap_do_not_end_a_path() {
-        let nodes: Vec<Node> = (0..30)
+        let nodes: Vec<LinkNode> = (0..30)
             .filter(|f| !(12..15).contains(f))
             .map(|f| node(f, 5.0 * f as f64, 100.0 - 6.0 * (f as f64 - 20.0).abs(), 50.0))
             .collect();
@@ -203,7 +203,7 @@ mod tests {
 
     #[test]
     fn a_hint_chooses_the_lighter_mover() {
-        let nodes: Vec<Node> = (0..20)
+        let nodes: Vec<LinkNode> = (0..20)
             .flat_map(|f| [node(f, 50.0, 4.0 * f as f64, 100.0), node(f, 150.0, 3.0 * f as f64, 10.0)])
             .collect();
         let hint = Hint { frame: 7, position: [151.0, 22.0] };

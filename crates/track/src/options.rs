@@ -25,7 +25,7 @@ pub struct Region {
 /// Settings of tracking. The defaults suit videos of 10 to 5000 frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Options {
+pub struct TrackingOptions {
     /// Frames to track; all where absent.
     pub frames: Option<Range<usize>>,
     /// Most objects to return.
@@ -51,7 +51,7 @@ pub struct Options {
     pub window_bytes: usize,
 }
 
-impl Default for Options {
+impl Default for TrackingOptions {
     fn default() -> Self {
         Self {
             frames: None,

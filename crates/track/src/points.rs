@@ -1,12 +1,12 @@
 //! Points of a track from registrations and regions.
 
-use crate::candidates::Candidate;
+use crate::candidates::PathCandidate;
 use crate::detection::Detection;
 use crate::quality::jitter;
-use crate::registration::Fit;
-use crate::start::Course;
+use crate::registration::Registration;
+use crate::start::ExpectedPath;
 use crate::statistics::{median, scale_about_zero};
-use crate::track::{Measurement, Method, Point, Visibility};
+use crate::track::{Method, Point, TrackPoint, Visibility};
 
 /// Least contrast, relative to the template, of a visible object.
 const LEAST_CONTRAST: f64 = 0.4;
@@ -26,14 +26,15 @@ const LEAST_DEVIATION: f64 = 0.1;
 /// Points of all frames, and the median distance of template and centroid, pixels.
 pub(crate) fn points(
     detections: &[Detection],
-    candidate: &Candidate,
-    course: &Course,
-    fits: &[Option<Fit>],
+    candidate: &PathCandidate,
+    course: &ExpectedPath,
+    fits: &[Option<Registration>],
 ) -> (Vec<Point>, f64) {
-    let seen = |fit: &Fit| fit.contrast > LEAST_CONTRAST && fit.misfit < MOST_MISFIT && fit.inside > LEAST_INSIDE;
+    let seen =
+        |fit: &Registration| fit.contrast > LEAST_CONTRAST && fit.misfit < MOST_MISFIT && fit.inside > LEAST_INSIDE;
     let frames = course.frames();
     let has_region = |frame: usize| candidate.nodes.iter().any(|node| detections[node.0].frame == frame);
-    let good: Vec<([f64; 2], &Fit)> = course
+    let good: Vec<([f64; 2], &Registration)> = course
         .positions
         .iter()
         .zip(fits)
@@ -87,14 +88,14 @@ pub(crate) fn points(
         if let Some(fit) = fit.filter(|fit| rigid && seen(fit)) {
             let covariance = fit.covariance * correlation;
             point.visibility = if fit.inside < WHOLE { Visibility::CutOff } else { Visibility::Visible };
-            point.measurement = Some(Measurement {
+            point.measurement = Some(TrackPoint {
                 position: fit.position,
                 covariance: [[covariance[(0, 0)], covariance[(0, 1)]], [covariance[(1, 0)], covariance[(1, 1)]]],
                 method: Method::Template,
             });
         } else if has_region(frame) && (!rigid || course.typical[frame - frames.start]) {
             point.visibility = Visibility::Visible;
-            point.measurement = Some(Measurement {
+            point.measurement = Some(TrackPoint {
                 position: [start[0] + offset[0], start[1] + offset[1]],
                 covariance: [[deviation[0].powi(2), 0.0], [0.0, deviation[1].powi(2)]],
                 method: Method::Centroid,

@@ -22,7 +22,7 @@ const BLOCK: usize = 6;
 
 /// Position of the template in a window and how well it fits.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Fit {
+pub(crate) struct Registration {
     /// Cell coordinates of the template's centre.
     pub(crate) position: [f64; 2],
     /// Covariance for uncorrelated residuals, cells^2.
@@ -150,7 +150,7 @@ fn coarse_cost(window: &Window, template: &Template, layout: Layout, position: [
 }
 
 /// Registers a window from `start`. `None` where the template lies outside the frame or the normal matrix is singular.
-pub(crate) fn register(window: &Window, template: &Template, layout: Layout, start: [f64; 2]) -> Option<Fit> {
+pub(crate) fn register(window: &Window, template: &Template, layout: Layout, start: [f64; 2]) -> Option<Registration> {
     let mut position = start;
     let mut contrast = 1.0;
     for _ in 0..STEPS {
@@ -217,7 +217,13 @@ fn normal_equations(render: &Render, window: &Window, contrast: f64, scale: f64)
 }
 
 /// Covariance and quality at the final position.
-fn assess(template: &Template, window: &Window, layout: Layout, position: [f64; 2], contrast: f64) -> Option<Fit> {
+fn assess(
+    template: &Template,
+    window: &Window,
+    layout: Layout,
+    position: [f64; 2],
+    contrast: f64,
+) -> Option<Registration> {
     let render = Render::new(template, layout, position);
     let across = render.cover.width.div_ceil(BLOCK);
     let mut blocks = vec![Vector2::<f64>::zeros(); across * render.cover.height.div_ceil(BLOCK)];
@@ -254,7 +260,7 @@ fn assess(template: &Template, window: &Window, layout: Layout, position: [f64; 
     let meat = blocks.iter().fold(Matrix2::zeros(), |sum, g| sum + g * g.transpose());
     let correlation = (inverse * meat * inverse).trace() / covariance.trace();
     let inside = energy_share(template, &render, window) / whole.max(1e-12);
-    Some(Fit { position, covariance, correlation, contrast, misfit: left / energy.max(1e-12), inside })
+    Some(Registration { position, covariance, correlation, contrast, misfit: left / energy.max(1e-12), inside })
 }
 
 /// Energy of the template's contrast over the cells that lie inside the frame.

@@ -14,7 +14,7 @@ const SMOOTHER: f64 = 0.6;
 const MOST_SWAPS: usize = 40;
 
 /// Connected pixels with two states, none of which has an edge inside.
-struct Region {
+struct RestingRegion {
     pixels: Vec<usize>,
     /// Pixels of the region and their neighbours beyond it.
     border: Vec<(usize, usize)>,
@@ -27,7 +27,7 @@ pub(crate) fn remove_resting(levels: &mut Array3<f32>, other: &mut Array3<f32>, 
     let regions = regions(levels, other, alike);
     let mut changed = 0;
     for _ in 0..MOST_SWAPS {
-        let gain = |region: &Region| {
+        let gain = |region: &RestingRegion| {
             let (now, then) = (steps(region, levels, levels), steps(region, other, levels));
             if then < SMOOTHER * now { now - then } else { 0.0 }
         };
@@ -49,7 +49,7 @@ pub(crate) fn remove_resting(levels: &mut Array3<f32>, other: &mut Array3<f32>, 
     changed
 }
 
-fn regions(levels: &Array3<f32>, other: &Array3<f32>, alike: f32) -> Vec<Region> {
+fn regions(levels: &Array3<f32>, other: &Array3<f32>, alike: f32) -> Vec<RestingRegion> {
     let (height, width, _) = levels.dim();
     let two_states = |place: usize| !other[[place / width, place % width, 0]].is_nan();
     let close = |image: &Array3<f32>, a: usize, b: usize| {
@@ -62,7 +62,7 @@ fn regions(levels: &Array3<f32>, other: &Array3<f32>, alike: f32) -> Vec<Region>
         if visited[seed] || !two_states(seed) {
             continue;
         }
-        let mut region = Region { pixels: vec![seed], border: Vec::new() };
+        let mut region = RestingRegion { pixels: vec![seed], border: Vec::new() };
         visited[seed] = true;
         let mut next = 0;
         while next < region.pixels.len() {
@@ -86,7 +86,7 @@ fn regions(levels: &Array3<f32>, other: &Array3<f32>, alike: f32) -> Vec<Region>
 }
 
 /// Sum over the border of the differences between the inner pixels of one image and the outer ones of another.
-fn steps(region: &Region, inner: &Array3<f32>, outer: &Array3<f32>) -> f64 {
+fn steps(region: &RestingRegion, inner: &Array3<f32>, outer: &Array3<f32>) -> f64 {
     let width = inner.dim().1;
     let pair = |&(place, beside): &(usize, usize)| -> f64 {
         let step = |c| inner[[place / width, place % width, c]] - outer[[beside / width, beside % width, c]];

@@ -1,6 +1,6 @@
 //! Roles of the movers: objects, their shadows, and hands that reach in.
 
-use crate::candidates::Candidate;
+use crate::candidates::PathCandidate;
 use crate::detection::Detection;
 use crate::track::Role;
 
@@ -17,10 +17,10 @@ const AT_BORDER: f64 = 0.6;
 const VISIT: f64 = 0.5;
 
 /// Candidates with their roles: objects first, each group by rank.
-pub(crate) fn roles(candidates: Vec<Candidate>, detections: &[Detection]) -> Vec<(Role, Candidate)> {
+pub(crate) fn roles(candidates: Vec<PathCandidate>, detections: &[Detection]) -> Vec<(Role, PathCandidate)> {
     let role = |index: usize| {
         let own = &candidates[index];
-        let casts = |other: &Candidate| other.shadow < NO_SHADOW && moves_with(own, other, detections);
+        let casts = |other: &PathCandidate| other.shadow < NO_SHADOW && moves_with(own, other, detections);
         if own.shadow > SHADOW && candidates.iter().enumerate().any(|(i, other)| i != index && casts(other)) {
             Role::Shadow
         } else if own.border > AT_BORDER && (own.nodes.len() as f64) < VISIT * detections.len() as f64 {
@@ -30,14 +30,14 @@ pub(crate) fn roles(candidates: Vec<Candidate>, detections: &[Detection]) -> Vec
         }
     };
     let roles: Vec<Role> = (0..candidates.len()).map(role).collect();
-    let mut found: Vec<(Role, Candidate)> = roles.into_iter().zip(candidates).collect();
+    let mut found: Vec<(Role, PathCandidate)> = roles.into_iter().zip(candidates).collect();
     found.sort_by_key(|(role, _)| *role != Role::Object);
     found
 }
 
 /// Whether a candidate is seen together with another and moves alike.
-fn moves_with(own: &Candidate, other: &Candidate, detections: &[Detection]) -> bool {
-    let steps = |candidate: &Candidate| -> Vec<(usize, [f64; 2])> {
+fn moves_with(own: &PathCandidate, other: &PathCandidate, detections: &[Detection]) -> bool {
+    let steps = |candidate: &PathCandidate| -> Vec<(usize, [f64; 2])> {
         let nodes: Vec<_> = candidate.along(detections).map(|(d, blob, _)| (d.frame, blob.centre)).collect();
         nodes
             .windows(2)

@@ -4,7 +4,7 @@
 //! Positions are moved to the time of the middle row along the parabola through the neighbouring ones, so that all objects of a
 //! frame share its time.
 
-use crate::camera::Camera;
+use crate::camera::CameraPath;
 use crate::time_base::TimeBase;
 use crate::track::Track;
 use crate::video::Size;
@@ -14,7 +14,7 @@ const NEAR: f64 = 2.5;
 
 /// Corrects a track. `readout` is the time from the first to the last row of a frame, seconds; negative where the last row comes
 /// first.
-pub(crate) fn correct(track: &mut Track, camera: &Camera, time: &TimeBase, size: Size, readout: f64) {
+pub(crate) fn correct(track: &mut Track, camera: &CameraPath, time: &TimeBase, size: Size, readout: f64) {
     let Some(times) = &time.times else { return };
     // When each position was filmed, and when its frame's middle row was.
     let filmed: Vec<Option<(f64, f64, [f64; 2])>> = track
@@ -57,9 +57,9 @@ fn interpolated(known: &[(f64, [f64; 2])], axis: usize, time: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::synthetic::{Mover, Scene};
+    use crate::synthetic::{MovingEllipse, SyntheticScene};
     use crate::test_videos::Filmed;
-    use crate::{Options, track};
+    use crate::{TrackingOptions, track};
 
     const RATE: f64 = 30.0;
 
@@ -76,9 +76,9 @@ mod tests {
             }
             place
         };
-        let scene = Scene { seed: 5, ..Scene::of(Mover::at((0..48).map(filmed).collect())) };
+        let scene = SyntheticScene { seed: 5, ..SyntheticScene::of(MovingEllipse::at((0..48).map(filmed).collect())) };
         let clip = Filmed::new(&scene, RATE);
-        let found = track(&clip, &Options { objects: 1, readout, ..Options::default() }).unwrap();
+        let found = track(&clip, &TrackingOptions { objects: 1, readout, ..TrackingOptions::default() }).unwrap();
         let points = found.tracks[0].points.iter().filter_map(|point| Some((point.frame, point.measurement?.position)));
         let away: Vec<[f64; 2]> = points
             .map(|(frame, [x, y])| {

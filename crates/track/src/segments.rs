@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use crate::boundary::{Around, SIDE, size};
+use crate::boundary::{SIDE, TrackBoundaries, size};
 use crate::statistics::{median, quantile};
-use crate::track::{Measurement, Point, Role, Track, Tracking};
+use crate::track::{Point, Role, Track, TrackPoint, Tracking};
 use crate::video::Size;
 
 /// Longest gap without a position within a segment, frames.
@@ -93,7 +93,7 @@ pub fn segments(tracking: &Tracking) -> Vec<Segment> {
 
 /// State of an object in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
+enum ObjectState {
     Free,
     Missing,
     Held,
@@ -111,7 +111,7 @@ fn of_track(tracking: &Tracking, index: usize, track: &Track) -> Vec<Segment> {
     let mut found = Vec::new();
     let mut place = 0;
     while place < points.len() {
-        if states[place] != State::Free {
+        if states[place] != ObjectState::Free {
             place += 1;
             continue;
         }
@@ -121,9 +121,9 @@ fn of_track(tracking: &Tracking, index: usize, track: &Track) -> Vec<Segment> {
             // A short gap is an occlusion.
             let next = (end..points.len().min(end + GAP + 1))
                 .take_while(|&k| !broken(k) || k == end)
-                .find(|&k| states[k] != State::Missing);
+                .find(|&k| states[k] != ObjectState::Missing);
             match next {
-                Some(k) if states[k] == State::Free => end = k + 1,
+                Some(k) if states[k] == ObjectState::Free => end = k + 1,
                 _ => break,
             }
         }
@@ -152,17 +152,17 @@ fn extent(points: &[Point]) -> f64 {
     if positions.is_empty() { 0.0 } else { range(0).hypot(range(1)) }
 }
 
-fn states(tracking: &Tracking, track: &Track) -> Vec<State> {
+fn states(tracking: &Tracking, track: &Track) -> Vec<ObjectState> {
     let points = &track.points;
-    let mut states: Vec<State> =
-        points.iter().map(|p| if p.measurement.is_some() { State::Free } else { State::Missing }).collect();
+    let mut states: Vec<ObjectState> =
+        points.iter().map(|p| if p.measurement.is_some() { ObjectState::Free } else { ObjectState::Missing }).collect();
     rest(tracking, track, &mut states);
     // A hand near the object, or over it.
     let visitors: Vec<&Track> = tracking.tracks.iter().filter(|t| t.role == Role::Visitor).collect();
     let mut misfits: Vec<f64> = points.iter().filter_map(|p| p.misfit).collect();
     let usual = median(&mut misfits).unwrap_or(1.0).max(0.05);
     for (place, point) in points.iter().enumerate() {
-        let Some(Measurement { position, .. }) = point.measurement else { continue };
+        let Some(TrackPoint { position, .. }) = point.measurement else { continue };
         let touches = |visitor: &&Track| {
             let Some(hand) = visitor.points.get(place).and_then(|p| p.measurement.map(|m| m.position)) else {
                 return false;
@@ -170,7 +170,7 @@ fn states(tracking: &Tracking, track: &Track) -> Vec<State> {
             size([hand[0] - position[0], hand[1] - position[1]]) < 0.6 * (visitor.diameter + track.diameter)
         };
         if visitors.iter().any(touches) {
-            states[place] = State::Held;
+            states[place] = ObjectState::Held;
         }
     }
     let covered = |place: usize| points[place].misfit.is_some_and(|m| m > COVERED * usual && m > 0.3);
@@ -178,7 +178,7 @@ fn states(tracking: &Tracking, track: &Track) -> Vec<State> {
     while place < points.len() {
         let run = (place..points.len()).take_while(|&k| covered(k)).count();
         if run >= COVERED_FRAMES {
-            states[place..place + run].fill(State::Held);
+            states[place..place + run].fill(ObjectState::Held);
         }
         place += run.max(1);
     }
@@ -186,7 +186,7 @@ fn states(tracking: &Tracking, track: &Track) -> Vec<State> {
 }
 
 /// Marks the frames in which the object rests: little extent over some time, and no curvature, which a turning point has.
-fn rest(tracking: &Tracking, track: &Track, states: &mut [State]) {
+fn rest(tracking: &Tracking, track: &Track, states: &mut [ObjectState]) {
     let points = &track.points;
     let noise = track.quality.jitter.unwrap_or(track.quality.deviation);
     let noise = noise[0].max(noise[1]).max(0.05);
@@ -209,26 +209,26 @@ fn rest(tracking: &Tracking, track: &Track, states: &mut [State]) {
             outer - mean(&there[third..there.len() - third], axis)
         });
         if size(bend) < 3.0 * noise / (third as f64).sqrt() {
-            states[start..end].fill(State::Resting);
+            states[start..end].fill(ObjectState::Resting);
         }
     }
 }
 
 /// Why motion begins or ends at a boundary of the states.
-fn limit(tracking: &Tracking, track: &Track, states: &[State], boundary: usize, ends: bool) -> Limit {
+fn limit(tracking: &Tracking, track: &Track, states: &[ObjectState], boundary: usize, ends: bool) -> Limit {
     let points = &track.points;
     if tracking.time.breaks.contains(&(points[0].frame + boundary)) && (0..points.len()).contains(&boundary) {
         return Limit::Cut;
     }
-    let beyond: Vec<State> = if ends {
+    let beyond: Vec<ObjectState> = if ends {
         states[boundary..].iter().copied().take(GAP + 1).collect()
     } else {
         states[..boundary].iter().rev().copied().take(GAP + 1).collect()
     };
     let inner = if ends { boundary - 1 } else { boundary };
-    match beyond.iter().find(|state| **state != State::Missing) {
-        Some(State::Held) => Limit::Hand,
-        Some(State::Resting) => Limit::Rest,
+    match beyond.iter().find(|state| **state != ObjectState::Missing) {
+        Some(ObjectState::Held) => Limit::Hand,
+        Some(ObjectState::Resting) => Limit::Rest,
         _ if at_border(tracking, track, inner, ends) => Limit::Border,
         _ if beyond.is_empty() => Limit::Video,
         _ => Limit::Lost,
@@ -257,7 +257,9 @@ fn at_border(tracking: &Tracking, track: &Track, place: usize, ends: bool) -> bo
 
 /// Frames within a range at which the velocity changes at once.
 fn impacts(tracking: &Tracking, track: &Track, frames: &Range<usize>) -> Vec<usize> {
-    let Some(Around { noise, boundaries }) = Around::of(track, &tracking.time) else { return Vec::new() };
+    let Some(TrackBoundaries { noise, boundaries }) = TrackBoundaries::of(track, &tracking.time) else {
+        return Vec::new();
+    };
     let mut speeds: Vec<f64> = boundaries.iter().map(|b| size(b.before.velocity)).collect();
     let usual = quantile(&mut speeds, 0.5).unwrap_or(0.0);
     // Where motion begins, the parabola before is one of rest.
@@ -283,14 +285,14 @@ fn impacts(tracking: &Tracking, track: &Track, frames: &Range<usize>) -> Vec<usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::{Mover, Scene};
+    use crate::synthetic::{MovingEllipse, SyntheticScene};
     use crate::test_videos::Filmed;
-    use crate::{Options, track};
+    use crate::{TrackingOptions, track};
 
     fn of(positions: Vec<[f64; 2]>) -> Vec<Segment> {
-        let scene = Scene { seed: 11, ..Scene::of(Mover::at(positions)) };
+        let scene = SyntheticScene { seed: 11, ..SyntheticScene::of(MovingEllipse::at(positions)) };
         let clip = Filmed::new(&scene, 60.0);
-        segments(&track(&clip, &Options { objects: 1, ..Options::default() }).unwrap())
+        segments(&track(&clip, &TrackingOptions { objects: 1, ..TrackingOptions::default() }).unwrap())
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Pixels of a moving region that are a shadow: the background, darkened by nearly one ratio in all channels.
 
-use crate::background::Background;
+use crate::background::StaticScene;
 use crate::exposure::Exposure;
 use crate::mask::Mask;
 
@@ -27,7 +27,7 @@ pub(crate) struct Core {
 }
 
 /// Separates the shadow from a region of a frame, `[height, width, 3]`.
-pub(crate) fn core(frame: &[u8], background: &Background, exposure: &Exposure, mask: &Mask) -> Core {
+pub(crate) fn core(frame: &[u8], background: &StaticScene, exposure: &Exposure, mask: &Mask) -> Core {
     let tables = exposure.tables();
     let width = background.size().width;
     let levels = background.levels.as_slice().expect("levels are contiguous");
@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn a_ball_is_separated_from_the_shadow_beside_it() {
         let levels = Array3::from_shape_fn((20, 40, 3), |(y, x, c)| 120.0 + ((x * 7 + y * 5 + c * 3) % 23) as f32);
-        let background = Background { levels, precision: Array2::ones((20, 40)), noise: 1.0 };
+        let background = StaticScene { levels, precision: Array2::ones((20, 40)), noise: 1.0 };
         let frame: Vec<u8> = background
             .levels
             .indexed_iter()

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::candidates::Candidate;
+use crate::candidates::PathCandidate;
 use crate::detection::Detection;
 use crate::statistics::median;
 
@@ -12,7 +12,7 @@ const PARTLY_SHADOW: Range<f64> = 0.12..0.75;
 const TYPICAL: f64 = 1.6;
 
 /// Expected positions of a mover from the first to the last frame of its path.
-pub(crate) struct Course {
+pub(crate) struct ExpectedPath {
     /// First frame.
     pub(crate) first: usize,
     /// Positions `[x, y]`, pixels.
@@ -25,7 +25,7 @@ pub(crate) struct Course {
     pub(crate) reach: [f64; 2],
 }
 
-impl Course {
+impl ExpectedPath {
     /// Frames of the course.
     pub(crate) fn frames(&self) -> Range<usize> {
         self.first..self.first + self.positions.len()
@@ -33,7 +33,7 @@ impl Course {
 }
 
 /// Region of one frame, without its shadow where the mover has one.
-struct Region {
+struct FrameRegion {
     frame: usize,
     centre: [f64; 2],
     reach: [f64; 2],
@@ -41,9 +41,9 @@ struct Region {
 }
 
 /// Expected positions of a candidate; frames without a region are interpolated.
-pub(crate) fn course(candidate: &Candidate, detections: &[Detection]) -> Course {
+pub(crate) fn course(candidate: &PathCandidate, detections: &[Detection]) -> ExpectedPath {
     let without_shadow = PARTLY_SHADOW.contains(&candidate.shadow);
-    let regions: Vec<Region> = candidate
+    let regions: Vec<FrameRegion> = candidate
         .along(detections)
         .map(|(detection, blob, core)| {
             let [left, top, right, bottom] = blob.bounds.map(|b| b as f64);
@@ -52,7 +52,7 @@ pub(crate) fn course(candidate: &Candidate, detections: &[Detection]) -> Course 
                 Some(centre) if without_shadow => (core.reach, centre),
                 _ => whole,
             };
-            Region { frame: detection.frame, centre, reach, weight: blob.weight }
+            FrameRegion { frame: detection.frame, centre, reach, weight: blob.weight }
         })
         .collect();
     let moves = speeds(&regions, candidate.diameter);
@@ -78,15 +78,15 @@ pub(crate) fn course(candidate: &Candidate, detections: &[Detection]) -> Course 
     if typical.iter().filter(|&&t| t).count() < 4 {
         typical.fill(true);
     }
-    Course { first, positions, typical, moving, reach }
+    ExpectedPath { first, positions, typical, moving, reach }
 }
 
-fn is_typical(region: &Region, weight: f64) -> bool {
+fn is_typical(region: &FrameRegion, weight: f64) -> bool {
     (weight / TYPICAL..weight * TYPICAL).contains(&region.weight)
 }
 
 /// How much the mover moves in each region's frame, between 0.02 and 1: an object in a hand moves less than a free one.
-fn speeds(regions: &[Region], diameter: f64) -> Vec<f64> {
+fn speeds(regions: &[FrameRegion], diameter: f64) -> Vec<f64> {
     (0..regions.len())
         .map(|i| {
             let (a, b) = (&regions[i.saturating_sub(1)], &regions[(i + 1).min(regions.len() - 1)]);
@@ -97,7 +97,7 @@ fn speeds(regions: &[Region], diameter: f64) -> Vec<f64> {
         .collect()
 }
 
-fn weighted_median(regions: &[Region], weights: &[f64], value: impl Fn(&Region) -> f64) -> f64 {
+fn weighted_median(regions: &[FrameRegion], weights: &[f64], value: impl Fn(&FrameRegion) -> f64) -> f64 {
     let mut pairs: Vec<(f64, f64)> = regions.iter().zip(weights).map(|(r, &w)| (value(r), w)).collect();
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * weights.iter().sum::<f64>();

@@ -1,15 +1,15 @@
 //! A video of a moving camera as a standing one would film it.
 
-use crate::camera::Camera;
-use crate::error::Error;
+use crate::camera::CameraPath;
+use crate::error::TrackError;
 use crate::mosaic::Mosaic;
-use crate::time_base::Clock;
-use crate::video::{Size, Video, Visitor};
+use crate::time_base::StatedTime;
+use crate::video::{FrameSource, Size, Visitor};
 
 /// Frames resampled into the frame of the background. Where a frame does not reach, the background shows.
 pub(crate) struct Steady<'a> {
-    pub(crate) video: &'a dyn Video,
-    pub(crate) camera: &'a Camera,
+    pub(crate) video: &'a dyn FrameSource,
+    pub(crate) camera: &'a CameraPath,
     pub(crate) mosaic: &'a Mosaic,
 }
 
@@ -21,7 +21,7 @@ impl Steady<'_> {
     }
 }
 
-impl Video for Steady<'_> {
+impl FrameSource for Steady<'_> {
     fn size(&self) -> Size {
         self.mosaic.size
     }
@@ -30,15 +30,15 @@ impl Video for Steady<'_> {
         self.video.frames()
     }
 
-    fn clock(&self) -> Clock {
+    fn clock(&self) -> StatedTime {
         self.video.clock()
     }
 
-    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), Error> {
+    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), TrackError> {
         self.video.visit(wanted, &mut |frame, bytes| {
             let expected = self.video.size().pixels() * 3;
             if bytes.len() != expected {
-                return Err(Error::FrameSize { frame, expected, found: bytes.len() });
+                return Err(TrackError::FrameSize { frame, expected, found: bytes.len() });
             }
             visitor(frame, &self.frame(frame, bytes))
         })

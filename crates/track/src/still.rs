@@ -112,17 +112,17 @@ fn all_over(marks: &[(usize, [f64; 2])], image: &Plane) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::{Mover, Scene};
+    use crate::synthetic::{MovingEllipse, SyntheticScene};
     use crate::test_videos::reduced_images;
 
     /// An object over two thirds of the frame that swings and turns by some pixels, before a wall with marks.
-    fn large() -> Scene {
-        Scene::of(Mover {
+    fn large() -> SyntheticScene {
+        SyntheticScene::of(MovingEllipse {
             positions: (0..40).map(|f| [160.0 + 9.0 * (f as f64 * 0.4).sin(), 120.0]).collect(),
             angles: (0..40).map(|f| 0.05 * (f as f64 * 0.3).cos()).collect(),
             axes: [150.0, 105.0],
             texture: 60.0,
-            ..Mover::default()
+            ..MovingEllipse::default()
         })
     }
 
@@ -137,7 +137,10 @@ mod tests {
     fn a_camera_that_follows_an_object_leaves_no_marks_all_over_the_frame() {
         let positions: Vec<[f64; 2]> = (0..40).map(|f| [160.0 + 6.0 * f as f64, 120.0]).collect();
         let camera = positions.iter().map(|p| [160.0 - p[0], 0.0, 0.0]).collect();
-        let scene = Scene { camera, ..Scene::of(Mover { axes: [60.0, 50.0], texture: 60.0, ..Mover::at(positions) }) };
+        let scene = SyntheticScene {
+            camera,
+            ..SyntheticScene::of(MovingEllipse { axes: [60.0, 50.0], texture: 60.0, ..MovingEllipse::at(positions) })
+        };
         assert_eq!(poses(&reduced_images(&scene)), None);
     }
 }

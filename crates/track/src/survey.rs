@@ -3,13 +3,13 @@
 use std::ops::Range;
 
 use crate::corners::{Corner, corners, displaced};
-use crate::error::Error;
+use crate::error::TrackError;
 use crate::grey::{pyramid, reduced, reduction};
 use crate::pictures::{Change, change};
 use crate::plane::Plane;
 use crate::similarity::Similarity;
 use crate::statistics::quantile;
-use crate::video::{Size, Video};
+use crate::video::{FrameSource, Size};
 
 /// Frames that are registered before it is known that the camera moves.
 const LOOKED_AT: usize = 450;
@@ -89,8 +89,13 @@ impl Survey {
     /// Reads the frames of a range, registers every `stride`-th and keeps those listed in `keep` (ascending).
     ///
     /// # Errors
-    /// Errors of the source; [`Error::FrameSize`] and [`Error::MissingFrame`] for a source that contradicts itself.
-    pub(crate) fn read(video: &dyn Video, range: Range<usize>, stride: usize, keep: &[usize]) -> Result<Self, Error> {
+    /// Errors of the source; [`TrackError::FrameSize`] and [`TrackError::MissingFrame`] for a source that contradicts itself.
+    pub(crate) fn read(
+        video: &dyn FrameSource,
+        range: Range<usize>,
+        stride: usize,
+        keep: &[usize],
+    ) -> Result<Self, TrackError> {
         let size = video.size();
         let factor = reduction(size);
         let (changes, coarse, kept, images) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -103,7 +108,7 @@ impl Survey {
         video.visit(&|frame| range.contains(&frame), &mut |frame, bytes| {
             let expected = size.pixels() * 3;
             if bytes.len() != expected {
-                return Err(Error::FrameSize { frame, expected, found: bytes.len() });
+                return Err(TrackError::FrameSize { frame, expected, found: bytes.len() });
             }
             let image = reduced(bytes, size, factor);
             survey.changes.push(change(frame, before.as_ref().map(|[a, b]| (a, b)), &image));
@@ -126,7 +131,7 @@ impl Survey {
             Ok(())
         })?;
         if survey.changes.len() < range.len() {
-            return Err(Error::MissingFrame { frame: first + survey.changes.len() });
+            return Err(TrackError::MissingFrame { frame: first + survey.changes.len() });
         }
         Ok(survey)
     }
@@ -135,7 +140,11 @@ impl Survey {
     ///
     /// # Errors
     /// As [`Survey::read`].
-    pub(crate) fn register_all(&self, video: &dyn Video, range: &Range<usize>) -> Result<Vec<Coarse>, Error> {
+    pub(crate) fn register_all(
+        &self,
+        video: &dyn FrameSource,
+        range: &Range<usize>,
+    ) -> Result<Vec<Coarse>, TrackError> {
         let images: Vec<&(usize, Reduced)> = self.images.iter().filter(|(frame, _)| range.contains(frame)).collect();
         if images.len() < range.len() {
             return Ok(Self::read(video, range.clone(), 1, &[])?.coarse);
@@ -206,7 +215,7 @@ struct Registrar {
 }
 
 /// Motion of the background from a key frame.
-struct Motion {
+struct BackgroundMotion {
     map: Similarity,
     followed: usize,
     agreeing: usize,
@@ -241,7 +250,10 @@ impl Registrar {
             && let Some((last, pose)) = self.last.take()
         {
             let last = Key::new(last, pose);
-            found = motion(&last, &pyramid, Similarity::IDENTITY).filter(Motion::is_good).map(|m| (pose, m)).or(found);
+            found = motion(&last, &pyramid, Similarity::IDENTITY)
+                .filter(BackgroundMotion::is_good)
+                .map(|m| (pose, m))
+                .or(found);
         }
         let Some((from, motion)) = found.filter(|(_, motion)| motion.spread && motion.cells >= LEAST_CELLS) else {
             self.lost += 1;
@@ -271,7 +283,7 @@ impl Registrar {
     }
 }
 
-impl Motion {
+impl BackgroundMotion {
     fn is_good(&self) -> bool {
         self.agreeing * 2 >= self.followed && self.cells >= 2 * LEAST_CELLS && self.spread
     }
@@ -279,7 +291,7 @@ impl Motion {
 
 /// Motion of the background from a key frame to another: that of the corners that stay at the expected place where they are
 /// widely spread, else that of the most widely spread group.
-fn motion(key: &Key, pyramid: &[Plane], guess: Similarity) -> Option<Motion> {
+fn motion(key: &Key, pyramid: &[Plane], guess: Similarity) -> Option<BackgroundMotion> {
     let expected: Vec<[f64; 2]> = key.corners.iter().map(|corner| guess.apply(corner.at)).collect();
     let places = displaced(&key.pyramid, pyramid, &key.corners, &expected);
     let (mut pairs, mut cells) = (Vec::new(), Vec::new());
@@ -334,16 +346,22 @@ fn motion(key: &Key, pyramid: &[Plane], guess: Similarity) -> Option<Motion> {
     let all_over = all_over && agreeing.iter().filter(at_border).count() >= AT_BORDER;
     // What stays where it was is no object that moves.
     let stays = map.displacement(key.pyramid[0].width, key.pyramid[0].height) < AGREES;
-    Some(Motion { map, followed: count, agreeing: agreeing.len(), cells: spread(&map), spread: all_over || stays })
+    Some(BackgroundMotion {
+        map,
+        followed: count,
+        agreeing: agreeing.len(),
+        cells: spread(&map),
+        spread: all_over || stays,
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::{Mover, Scene};
+    use crate::synthetic::{MovingEllipse, SyntheticScene};
     use crate::video::Clip;
 
-    fn survey(scene: &Scene) -> Vec<Coarse> {
+    fn survey(scene: &SyntheticScene) -> Vec<Coarse> {
         let clip = Clip::new(scene.render()).unwrap();
         Survey::read(&clip, 0..scene.frames(), 1, &[]).unwrap().coarse
     }
@@ -362,7 +380,8 @@ mod tests {
     fn a_large_object_before_a_standing_camera_leaves_the_background_where_it_is() {
         let positions = (0..40).map(|f| [60.0 + 5.0 * f64::from(f), 120.0]).collect();
         // 100 pixels wide and high: two thirds of the frame's height.
-        let scene = Scene::of(Mover { axes: [80.0, 90.0], texture: 60.0, ..Mover::at(positions) });
+        let scene =
+            SyntheticScene::of(MovingEllipse { axes: [80.0, 90.0], texture: 60.0, ..MovingEllipse::at(positions) });
         let furthest = furthest(&survey(&scene), |_| [0.0; 2]);
         assert!(furthest < 0.15, "{furthest}");
     }
@@ -371,9 +390,9 @@ mod tests {
     fn a_pan_is_followed_over_more_than_a_frame() {
         let camera = |frame: usize| [-9.0 * frame as f64, 25.0 * (frame as f64 * 0.2).sin()];
         let positions = (0..60).map(|f| [150.0 + 9.0 * f as f64, 120.0]).collect();
-        let scene = Scene {
+        let scene = SyntheticScene {
             camera: (0..60).map(|f| [camera(f)[0], camera(f)[1], 0.0]).collect(),
-            ..Scene::of(Mover::at(positions))
+            ..SyntheticScene::of(MovingEllipse::at(positions))
         };
         // Seven key frames, each registered to a few hundredths of a pixel.
         let furthest = furthest(&survey(&scene), camera);

@@ -19,7 +19,7 @@ pub struct Shadow {
 
 /// Textured ellipse that moves. `Default` is a disc of 12 pixels.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Mover {
+pub struct MovingEllipse {
     /// Centre in each frame at mid-exposure, pixels.
     pub positions: Vec<[f64; 2]>,
     /// Angle in each frame, radians; 0 where absent.
@@ -33,7 +33,7 @@ pub struct Mover {
     pub shadow: Option<Shadow>,
 }
 
-impl Default for Mover {
+impl Default for MovingEllipse {
     fn default() -> Self {
         Self {
             positions: Vec::new(),
@@ -46,7 +46,7 @@ impl Default for Mover {
     }
 }
 
-impl Mover {
+impl MovingEllipse {
     /// A disc of 12 pixels with its centre at these places.
     pub fn at(positions: Vec<[f64; 2]>) -> Self {
         Self { positions, ..Self::default() }
@@ -65,10 +65,10 @@ impl Mover {
 
 /// Scene to render.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Scene {
+pub struct SyntheticScene {
     pub size: Size,
     /// Drawn in this order, with as many positions each.
-    pub movers: Vec<Mover>,
+    pub movers: Vec<MovingEllipse>,
     /// Mean colour of the background, levels.
     pub background: [f64; 3],
     /// Contrast of the background's texture, levels.
@@ -89,7 +89,7 @@ pub struct Scene {
     pub seed: u64,
 }
 
-impl Default for Scene {
+impl Default for SyntheticScene {
     fn default() -> Self {
         Self {
             size: Size { width: 320, height: 240 },
@@ -107,9 +107,9 @@ impl Default for Scene {
     }
 }
 
-impl Scene {
+impl SyntheticScene {
     /// A mover before a background with the standard settings.
-    pub fn of(mover: Mover) -> Self {
+    pub fn of(mover: MovingEllipse) -> Self {
         Self { movers: vec![mover], ..Self::default() }
     }
 
@@ -120,7 +120,7 @@ impl Scene {
     /// Renders all frames, `[frames, height, width, 3]`.
     pub fn render(&self) -> Array4<u8> {
         let Size { width, height } = self.size;
-        let renderer = Renderer::new(self);
+        let renderer = SyntheticRenderer::new(self);
         let mut bytes = vec![0; self.frames() * height * width * 3];
         let images = bytes.par_chunks_mut(height * width * 3).enumerate();
         images.for_each(|(frame, image)| renderer.frame(frame, image));
@@ -177,26 +177,26 @@ impl Scene {
 
 /// Renders the frames of a scene one by one.
 #[derive(Debug)]
-pub struct Renderer<'a> {
-    scene: &'a Scene,
+pub struct SyntheticRenderer<'a> {
+    scene: &'a SyntheticScene,
     /// Of a camera that stands.
     background: Option<Array3<f64>>,
     /// Quantiles of the standard normal distribution in random order: quicker to draw from than a formula.
     normal: Vec<f64>,
 }
 
-impl<'a> Renderer<'a> {
-    pub fn new(scene: &'a Scene) -> Self {
+impl<'a> SyntheticRenderer<'a> {
+    pub fn new(scene: &'a SyntheticScene) -> Self {
         let stands = scene.camera.is_empty() && scene.shake == 0.0;
         let background = stands.then(|| scene.background(&Similarity::IDENTITY));
-        let mut random = Random::new(scene.seed);
-        Renderer { scene, background, normal: (0..1 << 16).map(|_| random.normal()).collect() }
+        let mut random = SplitMix64::new(scene.seed);
+        SyntheticRenderer { scene, background, normal: (0..1 << 16).map(|_| random.normal()).collect() }
     }
 
     /// Renders one frame into `image`, `[height, width, 3]`.
     pub fn frame(&self, frame: usize, image: &mut [u8]) {
         let scene = self.scene;
-        let mut random = Random::new(scene.seed ^ (frame as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let mut random = SplitMix64::new(scene.seed ^ (frame as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
         let [x, y, angle] = scene.camera.get(frame).copied().unwrap_or([0.0; 3]);
         let translation = [x + scene.shake * random.normal(), y + scene.shake * random.normal()];
         let camera = Similarity { a: angle.cos(), b: angle.sin(), u: translation[0], v: translation[1] };
@@ -249,14 +249,14 @@ fn texture(at: [f64; 2], cell: f64, seed: u64) -> f64 {
 /// Value in -1..1 of a lattice point.
 fn lattice(x: i64, y: i64, seed: u64) -> f64 {
     let key = (x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (y as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F);
-    2.0 * Random::new(key ^ seed.wrapping_mul(0x1656_67B1_9E37_79F9)).uniform() - 1.0
+    2.0 * SplitMix64::new(key ^ seed.wrapping_mul(0x1656_67B1_9E37_79F9)).uniform() - 1.0
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014).
 #[derive(Debug)]
-struct Random(u64);
+struct SplitMix64(u64);
 
-impl Random {
+impl SplitMix64 {
     fn new(seed: u64) -> Self {
         Self(seed)
     }
@@ -286,11 +286,11 @@ mod tests {
 
     #[test]
     fn the_centroid_of_a_plain_disc_is_its_position() {
-        let scene = Scene {
+        let scene = SyntheticScene {
             size: Size { width: 120, height: 90 },
             background_texture: 0.0,
             noise: 0.0,
-            ..Scene::of(Mover { texture: 0.0, ..Mover::at(vec![[60.3, 41.7]; 2]) })
+            ..SyntheticScene::of(MovingEllipse { texture: 0.0, ..MovingEllipse::at(vec![[60.3, 41.7]; 2]) })
         };
         let frames = scene.render();
         let (mut total, mut moment) = (0.0, [0.0; 2]);
@@ -309,7 +309,7 @@ mod tests {
 
     #[test]
     fn noise_has_its_standard_deviation() {
-        let mut random = Random::new(5);
+        let mut random = SplitMix64::new(5);
         let values: Vec<f64> = (0..20_000).map(|_| random.normal()).collect();
         let square = values.iter().map(|v| v * v).sum::<f64>() / 20_000.0;
         // Three standard errors of a variance: 3 sqrt(2 / 20000).

@@ -58,12 +58,14 @@ impl Template {
         let size = |contrast: &[f64; 3]| contrast.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
         let mut sizes: Vec<f64> = medians.iter().map(size).collect();
         let strong = quantile(&mut sizes, 0.9).unwrap_or(0.0).max(4.0 * floor);
-        let cells: Vec<Cell> = medians
+        let cells: Vec<TemplateCell> = medians
             .into_par_iter()
             .enumerate()
-            .map(|(cell, start)| Cell::fit(&aligned, cell, start, (size(&start) / (0.5 * strong)).min(1.0), floor))
+            .map(|(cell, start)| {
+                TemplateCell::fit(&aligned, cell, start, (size(&start) / (0.5 * strong)).min(1.0), floor)
+            })
             .collect();
-        let plane = |value: &dyn Fn(&Cell) -> f64| Plane {
+        let plane = |value: &dyn Fn(&TemplateCell) -> f64| Plane {
             width,
             height,
             values: cells.iter().map(|cell| value(cell) as f32).collect(),
@@ -99,7 +101,7 @@ impl Template {
 }
 
 /// Model of one cell.
-struct Cell {
+struct TemplateCell {
     cover: f64,
     paint: [f64; 3],
     contrast: [f64; 3],
@@ -118,20 +120,20 @@ fn medians(aligned: &[Aligned], cell: usize) -> [f64; 3] {
 }
 
 /// One frame at one cell, by channel.
-struct Sample {
+struct CellSample {
     difference: [f64; 3],
     background: [f64; 3],
 }
 
-impl Cell {
+impl TemplateCell {
     /// Fits difference = contrast - cover * (background - mean background) by reweighted least squares.
     fn fit(aligned: &[Aligned], cell: usize, start: [f64; 3], prior: f64, floor: f64) -> Self {
-        let samples: Vec<Sample> = aligned
+        let samples: Vec<CellSample> = aligned
             .iter()
             .filter(|frame| frame.valid.values[cell] > 0.99)
             .map(|frame| {
                 let pick = |planes: &[Plane; 3]| [0, 1, 2].map(|c| f64::from(planes[c].values[cell]));
-                Sample { difference: pick(&frame.difference), background: pick(&frame.background) }
+                CellSample { difference: pick(&frame.difference), background: pick(&frame.background) }
             })
             .collect();
         if samples.len() < 3 {
@@ -153,7 +155,7 @@ impl Cell {
     }
 
     /// Weighted fit; `paint` holds the mean background.
-    fn weighted(samples: &[Sample], weights: &[f64], sizes: &[f64], prior: f64, floor: f64) -> Self {
+    fn weighted(samples: &[CellSample], weights: &[f64], sizes: &[f64], prior: f64, floor: f64) -> Self {
         let total: f64 = weights.iter().sum::<f64>().max(1e-9);
         let squares: f64 = weights.iter().zip(sizes).map(|(w, s)| w * s * s).sum();
         let variance = (squares / total).max(floor * floor);
@@ -172,7 +174,7 @@ impl Cell {
     }
 
     /// Root mean square residual of a sample over the channels; `paint` holds the mean background.
-    fn residual(&self, sample: &Sample) -> f64 {
+    fn residual(&self, sample: &CellSample) -> f64 {
         let residual = |c: usize| {
             let predicted = self.contrast[c] - self.cover * (sample.background[c] - self.paint[c]);
             sample.difference[c] - predicted
@@ -181,7 +183,7 @@ impl Cell {
     }
 }
 
-fn average(samples: &[Sample], weights: &[f64], of: impl Fn(&Sample) -> [f64; 3]) -> [f64; 3] {
+fn average(samples: &[CellSample], weights: &[f64], of: impl Fn(&CellSample) -> [f64; 3]) -> [f64; 3] {
     let total: f64 = weights.iter().sum::<f64>().max(1e-9);
     [0, 1, 2].map(|c| samples.iter().zip(weights).map(|(sample, w)| w * of(sample)[c]).sum::<f64>() / total)
 }
@@ -212,7 +214,7 @@ mod tests {
                 }
             })
             .collect();
-        let cell = Cell::fit(&aligned, 0, medians(&aligned, 0), 1.0, 0.5);
+        let cell = TemplateCell::fit(&aligned, 0, medians(&aligned, 0), 1.0, 0.5);
         // The prior of 0.3 around 1 weighs 0.5^2 / 0.3^2 = 2.8 against a sum of squares of 12000.
         assert!((cell.cover - cover).abs() < 1e-3, "{}", cell.cover);
         for (paint, level) in cell.paint.iter().zip(object) {

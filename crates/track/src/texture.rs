@@ -84,22 +84,22 @@ fn smaller(matrix: &Matrix2<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::{Mover, Scene};
+    use crate::synthetic::{MovingEllipse, SyntheticScene};
     use crate::test_videos::reduced_images;
 
-    fn swinging() -> Scene {
-        Scene::of(Mover::at((0..30).map(|f| [160.0 + 80.0 * (f as f64 * 0.3).sin(), 120.0]).collect()))
+    fn swinging() -> SyntheticScene {
+        SyntheticScene::of(MovingEllipse::at((0..30).map(|f| [160.0 + 80.0 * (f as f64 * 0.3).sin(), 120.0]).collect()))
     }
 
     #[test]
     fn texture_stays_behind_an_object_and_under_noise() {
-        assert!(texture_stays(&reduced_images(&Scene { noise: 6.0, ..swinging() })));
+        assert!(texture_stays(&reduced_images(&SyntheticScene { noise: 6.0, ..swinging() })));
     }
 
     #[test]
     fn texture_does_not_stay_before_a_camera_that_trembles_by_a_pixel() {
         let camera = (0..30).map(|f| [1.5 * (f as f64 * 0.9).sin(), 1.5 * (f as f64 * 0.7).cos(), 0.0]).collect();
-        assert!(!texture_stays(&reduced_images(&Scene { camera, ..swinging() })));
+        assert!(!texture_stays(&reduced_images(&SyntheticScene { camera, ..swinging() })));
     }
 
     #[test]

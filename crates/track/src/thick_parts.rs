@@ -13,13 +13,13 @@ const MOST_OF_IT: f64 = 0.85;
 const LEAST_SHARE: f64 = 0.08;
 
 /// Pixels of a bounding box with a margin of one.
-struct Grid {
+struct PixelGrid {
     width: usize,
     origin: [usize; 2],
     inside: Vec<bool>,
 }
 
-impl Grid {
+impl PixelGrid {
     fn new(blob: &Blob) -> Self {
         let [left, top, right, bottom] = blob.bounds;
         let (width, height) = (right - left + 3, bottom - top + 3);
@@ -82,7 +82,7 @@ impl Grid {
 /// Masks of the thick parts of a region, or the region's own where it is thick throughout.
 pub(crate) fn thick_parts(blob: &Blob) -> Vec<Mask> {
     let whole = || vec![blob.mask.clone()];
-    let grid = Grid::new(blob);
+    let grid = PixelGrid::new(blob);
     let outside: Vec<u32> = grid.inside.iter().map(|&inside| u32::from(!inside)).collect();
     let (depth, _) = grid.distances(&outside);
     let radius = depth.iter().fold(0.0_f32, |m, &d| m.max(d));

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::background::Background;
-use crate::camera::Camera;
+use crate::background::StaticScene;
+use crate::camera::CameraPath;
 use crate::quality::Quality;
 use crate::time_base::TimeBase;
 
@@ -33,7 +33,7 @@ pub enum Method {
 
 /// Position of an object in one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Measurement {
+pub struct TrackPoint {
     /// `[x, y]`, pixels; pixel centres have integer coordinates, y points down.
     pub position: [f64; 2],
     /// Covariance `[[xx, xy], [xy, yy]]`, pixels^2.
@@ -48,7 +48,7 @@ pub struct Point {
     pub frame: usize,
     pub visibility: Visibility,
     /// Position where the object is visible or cut off.
-    pub measurement: Option<Measurement>,
+    pub measurement: Option<TrackPoint>,
     /// Centroid of the moving region `[x, y]`, pixels: the start of the registration.
     pub centroid: Option<[f64; 2]>,
     /// Residual energy over the template's energy; absent where no registration converged.
@@ -88,9 +88,9 @@ pub struct Track {
 pub struct Tracking {
     /// Movers by descending rank; objects come before shadows and visitors.
     pub tracks: Vec<Track>,
-    pub background: Background,
+    pub background: StaticScene,
     /// Motion of the camera. Positions are given in the frame of the background.
-    pub camera: Camera,
+    pub camera: CameraPath,
     /// When the frames were filmed.
     pub time: TimeBase,
     /// Median share of a frame's pixels that differ from the background.

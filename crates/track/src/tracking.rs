@@ -2,24 +2,24 @@
 
 use std::ops::Range;
 
-use crate::appearance::{Start, registered};
-use crate::background::{Background, Samples};
-use crate::camera::{self, Camera, Found};
-use crate::candidates::{Candidate, candidates, changed, occupied};
+use crate::appearance::{RegistrationStart, registered};
+use crate::background::{KeptFrames, StaticScene};
+use crate::camera::{self, CameraEstimate, CameraPath};
+use crate::candidates::{PathCandidate, candidates, changed, occupied};
 use crate::detection::{Detection, detect, threshold};
-use crate::error::Error;
-use crate::options::{Hint, Options};
+use crate::error::TrackError;
+use crate::options::{Hint, TrackingOptions};
 use crate::points::points;
 use crate::quality;
 use crate::roles::roles;
 use crate::rolling_shutter;
-use crate::start::{Course, course};
+use crate::start::{ExpectedPath, course};
 use crate::statistics::median;
 use crate::steady::Steady;
 use crate::survey::Survey;
 use crate::time_base::TimeBase;
 use crate::track::{Point, Role, Track, Tracking, Visibility};
-use crate::video::{Size, Video, map_frames};
+use crate::video::{FrameSource, Size, map_frames};
 use crate::window::{Layout, Window};
 
 /// Fewest frames of a video.
@@ -36,42 +36,42 @@ const CHANGED: f64 = 0.05;
 /// Tracks the movers of a video.
 ///
 /// # Errors
-/// [`Error::TooFewFrames`], [`Error::FrameTooSmall`] and [`Error::Range`] for unsuitable videos and ranges,
-/// [`Error::Camera`] for a camera that moves so that frames cannot be registered, [`Error::NothingMoves`] and
-/// [`Error::NoPath`] where there is no mover, and errors of the source.
-pub fn track(video: &dyn Video, options: &Options) -> Result<Tracking, Error> {
+/// [`TrackError::TooFewFrames`], [`TrackError::FrameTooSmall`] and [`TrackError::Range`] for unsuitable videos and ranges,
+/// [`TrackError::Camera`] for a camera that moves so that frames cannot be registered, [`TrackError::NothingMoves`] and
+/// [`TrackError::NoPath`] where there is no mover, and errors of the source.
+pub fn track(video: &dyn FrameSource, options: &TrackingOptions) -> Result<Tracking, TrackError> {
     let size = video.size();
     if size.width.min(size.height) < LEAST_SIDE {
-        return Err(Error::FrameTooSmall { least: LEAST_SIDE, width: size.width, height: size.height });
+        return Err(TrackError::FrameTooSmall { least: LEAST_SIDE, width: size.width, height: size.height });
     }
     let range = options.frames.clone().unwrap_or(0..video.frames());
     if range.start > range.end || range.end > video.frames() {
-        return Err(Error::Range { first: range.start, end: range.end, frames: video.frames() });
+        return Err(TrackError::Range { first: range.start, end: range.end, frames: video.frames() });
     }
     if range.len() < LEAST_FRAMES {
-        return Err(Error::TooFewFrames { least: LEAST_FRAMES, found: range.len() });
+        return Err(TrackError::TooFewFrames { least: LEAST_FRAMES, found: range.len() });
     }
-    let chosen = Samples::chosen(&range, size, options.background_bytes);
+    let chosen = KeptFrames::chosen(&range, size, options.background_bytes);
     let mut survey = Survey::read(video, range.clone(), Survey::stride(range.len()), &chosen)?;
     let kept = std::mem::take(&mut survey.kept);
-    let Found { camera, mosaic } = camera::find(video, &survey, &kept, range)?;
+    let CameraEstimate { camera, mosaic } = camera::find(video, &survey, &kept, range)?;
     let kept = kept.into_iter().filter(|(frame, _)| camera.frames.contains(frame));
     let mut time = TimeBase::new(&video.clock(), options.slow_motion);
     time.look(&survey.changes);
     let tracking = match mosaic {
         None => {
-            let samples = Samples::new(size, kept.collect());
+            let samples = KeptFrames::new(size, kept.collect());
             follow(video, samples, camera, options)?
         }
         Some(mosaic) => {
             let steady = Steady { video, camera: &camera, mosaic: &mosaic };
             let kept = kept.map(|(frame, bytes)| (frame, steady.frame(frame, &bytes))).collect();
-            let samples = Samples::new(mosaic.size, kept);
+            let samples = KeptFrames::new(mosaic.size, kept);
             let hint = |hint: &Hint| {
                 let position = camera.pose(hint.frame).map_or(hint.position, |pose| pose.apply(hint.position));
                 Hint { position, ..*hint }
             };
-            let options = Options { hints: options.hints.iter().map(hint).collect(), ..options.clone() };
+            let options = TrackingOptions { hints: options.hints.iter().map(hint).collect(), ..options.clone() };
             let mut tracking = follow(&steady, samples, camera.clone(), &options)?;
             for track in &mut tracking.tracks {
                 let reach = 0.5 * track.diameter;
@@ -103,7 +103,7 @@ fn timed(mut tracking: Tracking, mut time: TimeBase) -> Tracking {
 }
 
 /// Removes the position of an object that reaches beyond its frame, or whose frame is not registered.
-fn within_frame(point: &mut Point, camera: &Camera, size: Size, reach: f64) {
+fn within_frame(point: &mut Point, camera: &CameraPath, size: Size, reach: f64) {
     let (Some(measurement), Some(pose)) = (point.measurement, camera.pose(point.frame)) else { return };
     let [x, y] = pose.inverse().apply(measurement.position);
     let (right, bottom) = (size.width as f64 - 1.0 - reach, size.height as f64 - 1.0 - reach);
@@ -115,12 +115,17 @@ fn within_frame(point: &mut Point, camera: &Camera, size: Size, reach: f64) {
 }
 
 /// Tracks the movers of a video whose camera stands.
-fn follow(video: &dyn Video, samples: Samples, camera: Camera, options: &Options) -> Result<Tracking, Error> {
-    let scene = Scene::find(video, samples, &camera.frames, options)?;
+fn follow(
+    video: &dyn FrameSource,
+    samples: KeptFrames,
+    camera: CameraPath,
+    options: &TrackingOptions,
+) -> Result<Tracking, TrackError> {
+    let scene = SceneMovers::find(video, samples, &camera.frames, options)?;
     let ranked = roles(scene.candidates, &scene.detections);
     let best = ranked.iter().map(|(_, candidate)| candidate.rank()).fold(0.0, f64::max);
     let ranked: Vec<_> = ranked.into_iter().filter(|(_, c)| c.rank() >= NEGLIGIBLE * best).collect();
-    let courses: Vec<(Course, Layout)> = ranked
+    let courses: Vec<(ExpectedPath, Layout)> = ranked
         .iter()
         .take(options.objects)
         .map(|(_, candidate)| {
@@ -132,10 +137,10 @@ fn follow(video: &dyn Video, samples: Samples, camera: Camera, options: &Options
     let windows = cut(video, &scene.detections, &scene.background, &courses)?;
     let mut tracks = Vec::new();
     for (((role, candidate), (course, layout)), windows) in ranked.iter().zip(courses).zip(windows) {
-        let starts: Vec<Start> = windows
+        let starts: Vec<RegistrationStart> = windows
             .into_iter()
             .enumerate()
-            .map(|(i, window)| Start {
+            .map(|(i, window)| RegistrationStart {
                 window,
                 position: course.positions[i],
                 typical: course.typical[i],
@@ -145,7 +150,7 @@ fn follow(video: &dyn Video, samples: Samples, camera: Camera, options: &Options
         let (fits, _) = registered(&starts, layout, f64::from(scene.background.noise));
         let (mut points, disagreement) = points(&scene.detections, candidate, &course, &fits);
         quality::calibrate(&mut points);
-        let rival = ranked.iter().map(|(_, c)| c).filter(|c| !std::ptr::eq(*c, candidate)).map(Candidate::rank);
+        let rival = ranked.iter().map(|(_, c)| c).filter(|c| !std::ptr::eq(*c, candidate)).map(PathCandidate::rank);
         let quality = quality::Quality {
             disagreement,
             extent: candidate.extent,
@@ -166,14 +171,19 @@ fn follow(video: &dyn Video, samples: Samples, camera: Camera, options: &Options
 }
 
 /// Background, moving regions and their paths.
-struct Scene {
-    background: Background,
+struct SceneMovers {
+    background: StaticScene,
     detections: Vec<Detection>,
-    candidates: Vec<Candidate>,
+    candidates: Vec<PathCandidate>,
 }
 
-impl Scene {
-    fn find(video: &dyn Video, mut samples: Samples, range: &Range<usize>, options: &Options) -> Result<Self, Error> {
+impl SceneMovers {
+    fn find(
+        video: &dyn FrameSource,
+        mut samples: KeptFrames,
+        range: &Range<usize>,
+        options: &TrackingOptions,
+    ) -> Result<Self, TrackError> {
         let background = samples.background(&options.ignore);
         let mut scene = Self::detect(video, range, &samples, background, options)?;
         for _ in 0..BACKGROUND_ROUNDS {
@@ -189,17 +199,17 @@ impl Scene {
     }
 
     fn detect(
-        video: &dyn Video,
+        video: &dyn FrameSource,
         range: &Range<usize>,
-        samples: &Samples,
-        background: Background,
-        options: &Options,
-    ) -> Result<Self, Error> {
+        samples: &KeptFrames,
+        background: StaticScene,
+        options: &TrackingOptions,
+    ) -> Result<Self, TrackError> {
         let threshold = threshold(samples, &background, options)?;
         let detections = detect(video, range.clone(), &background, threshold, options)?;
         let candidates = candidates(&detections, video.size(), options);
         if candidates.is_empty() {
-            return Err(Error::NoPath { blobs: detections.iter().map(|d| d.blobs.len()).sum() });
+            return Err(TrackError::NoPath { blobs: detections.iter().map(|d| d.blobs.len()).sum() });
         }
         Ok(Self { background, detections, candidates })
     }
@@ -207,16 +217,16 @@ impl Scene {
 
 /// Windows of each course, in order of its frames.
 fn cut(
-    video: &dyn Video,
+    video: &dyn FrameSource,
     detections: &[Detection],
-    background: &Background,
-    courses: &[(Course, Layout)],
-) -> Result<Vec<Vec<Window>>, Error> {
+    background: &StaticScene,
+    courses: &[(ExpectedPath, Layout)],
+) -> Result<Vec<Vec<Window>>, TrackError> {
     let start = detections[0].frame;
     let wanted = |frame: usize| courses.iter().any(|(course, _)| course.frames().contains(&frame));
     let work = |frame: usize, bytes: &[u8]| -> Vec<Option<Window>> {
         let exposure = &detections[frame - start].exposure;
-        let window = |(course, layout): &(Course, Layout)| {
+        let window = |(course, layout): &(ExpectedPath, Layout)| {
             let frames = course.frames();
             frames.contains(&frame).then(|| {
                 let position = course.positions[frame - frames.start];

@@ -3,8 +3,8 @@
 use ndarray::{Array4, ArrayView4};
 use rayon::prelude::*;
 
-use crate::error::Error;
-use crate::time_base::Clock;
+use crate::error::TrackError;
+use crate::time_base::StatedTime;
 
 /// Frames held at once by a parallel pass.
 const BATCH: usize = 16;
@@ -24,11 +24,11 @@ impl Size {
 }
 
 /// Calls that receive a frame's index and its bytes, `[height, width, 3]` row by row, RGB.
-pub type Visitor<'a> = dyn FnMut(usize, &[u8]) -> Result<(), Error> + 'a;
+pub type Visitor<'a> = dyn FnMut(usize, &[u8]) -> Result<(), TrackError> + 'a;
 
 /// Source of decoded frames. A pass visits frames in order; tracking makes three to five passes and never holds the
 /// whole video.
-pub trait Video: Sync {
+pub trait FrameSource: Sync {
     /// Size of every frame.
     fn size(&self) -> Size;
 
@@ -36,15 +36,15 @@ pub trait Video: Sync {
     fn frames(&self) -> usize;
 
     /// What the source states about time.
-    fn clock(&self) -> Clock {
-        Clock::default()
+    fn clock(&self) -> StatedTime {
+        StatedTime::default()
     }
 
     /// Visits the frames for which `wanted` holds, in ascending order.
     ///
     /// # Errors
-    /// [`Error::Source`] where decoding fails; the visitor's errors are passed on.
-    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), Error>;
+    /// [`TrackError::Source`] where decoding fails; the visitor's errors are passed on.
+    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), TrackError>;
 }
 
 /// From the middle of a pixel, where positions count from, to its corner, where users measure a video from.
@@ -60,10 +60,10 @@ impl Clip {
     /// Wraps frames, `[frames, height, width, 3]`.
     ///
     /// # Errors
-    /// [`Error::Source`] where the last axis is not RGB.
-    pub fn new(frames: Array4<u8>) -> Result<Self, Error> {
+    /// [`TrackError::Source`] where the last axis is not RGB.
+    pub fn new(frames: Array4<u8>) -> Result<Self, TrackError> {
         if frames.shape()[3] != 3 {
-            return Err(Error::Source(format!("expected 3 channels, found {}", frames.shape()[3])));
+            return Err(TrackError::Source(format!("expected 3 channels, found {}", frames.shape()[3])));
         }
         let frames = if frames.is_standard_layout() { frames } else { frames.as_standard_layout().into_owned() };
         Ok(Self { frames })
@@ -75,7 +75,7 @@ impl Clip {
     }
 }
 
-impl Video for Clip {
+impl FrameSource for Clip {
     fn size(&self) -> Size {
         Size { width: self.frames.shape()[2], height: self.frames.shape()[1] }
     }
@@ -84,10 +84,10 @@ impl Video for Clip {
         self.frames.shape()[0]
     }
 
-    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), Error> {
+    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), TrackError> {
         for (index, frame) in self.frames.outer_iter().enumerate() {
             if wanted(index) {
-                let bytes = frame.to_slice().ok_or_else(|| Error::Source("frames are not contiguous".into()))?;
+                let bytes = frame.to_slice().ok_or_else(|| TrackError::Source("frames are not contiguous".into()))?;
                 visitor(index, bytes)?;
             }
         }
@@ -98,12 +98,12 @@ impl Video for Clip {
 /// Applies `work` to the wanted frames in parallel and returns the results with their frame indices, in order.
 ///
 /// # Errors
-/// Errors of the source; [`Error::FrameSize`] for a frame of another size.
+/// Errors of the source; [`TrackError::FrameSize`] for a frame of another size.
 pub(crate) fn map_frames<T: Send>(
-    video: &dyn Video,
+    video: &dyn FrameSource,
     wanted: &dyn Fn(usize) -> bool,
     work: impl Fn(usize, &[u8]) -> T + Sync,
-) -> Result<Vec<(usize, T)>, Error> {
+) -> Result<Vec<(usize, T)>, TrackError> {
     let expected = video.size().pixels() * 3;
     let mut results = Vec::new();
     let mut batch: Vec<(usize, Vec<u8>)> = Vec::with_capacity(BATCH);
@@ -112,7 +112,7 @@ pub(crate) fn map_frames<T: Send>(
     };
     video.visit(wanted, &mut |frame, bytes| {
         if bytes.len() != expected {
-            return Err(Error::FrameSize { frame, expected, found: bytes.len() });
+            return Err(TrackError::FrameSize { frame, expected, found: bytes.len() });
         }
         batch.push((frame, bytes.to_vec()));
         if batch.len() == BATCH {
@@ -139,6 +139,6 @@ mod tests {
 
     #[test]
     fn frames_without_three_channels_are_rejected() {
-        assert!(matches!(Clip::new(Array4::zeros((2, 4, 4, 1))), Err(Error::Source(_))));
+        assert!(matches!(Clip::new(Array4::zeros((2, 4, 4, 1))), Err(TrackError::Source(_))));
     }
 }

@@ -40,7 +40,7 @@ pub(crate) fn warped(frame: &[u8], from: Size, map: &Similarity, to: Size, fill:
     rows.par_chunks_mut(columns * 3).enumerate().for_each(|(row, out)| {
         let line = prolonged(&frame[row * from.width * 3..][..from.width * 3]);
         let start = slope * left as f64 - b / a * (row as f64 - v) + u;
-        for Run { range, first, part } in runs(start, slope, 1, columns) {
+        for FilterRun { range, first, part } in runs(start, slope, 1, columns) {
             // What no pixel of the result needs is left out.
             let (low, high) = (first - 1 + MARGIN as i64, (from.width + MARGIN) as i64 + MARGIN as i64);
             let skipped = (-(low + range.start as i64)).clamp(0, range.len() as i64) as usize;
@@ -59,7 +59,7 @@ pub(crate) fn warped(frame: &[u8], from: Size, map: &Similarity, to: Size, fill:
     bytes.par_chunks_mut(to.width * 3).zip(&spans).enumerate().for_each(|(y, (out, span))| {
         let mut values = vec![0.0; 3 * span.len()];
         let start = b * span.start as f64 + a * y as f64 + v;
-        for Run { range, first, part } in runs(start, b, 0, span.len()) {
+        for FilterRun { range, first, part } in runs(start, b, 0, span.len()) {
             // A run of this pass keeps to its rows.
             let taps = [-1, 0, 1, 2].map(|tap| {
                 let row = (first + tap).clamp(0, from.height as i64 - 1) as usize;
@@ -84,7 +84,7 @@ fn prolonged(row: &[u8]) -> Vec<f32> {
 }
 
 /// Places whose neighbouring samples advance evenly.
-struct Run {
+struct FilterRun {
     range: Range<usize>,
     /// Sample before place 0, by the run's pace; and the way from there to the first place of the run.
     first: i64,
@@ -92,7 +92,7 @@ struct Run {
 }
 
 /// Runs of the places `start + slope * k` for `k` in `0..count`, whose whole part advances by `pace` from one to the next.
-fn runs(start: f64, slope: f64, pace: i64, count: usize) -> impl Iterator<Item = Run> {
+fn runs(start: f64, slope: f64, pace: i64, count: usize) -> impl Iterator<Item = FilterRun> {
     let rate = slope - pace as f64;
     let place = move |k: usize| start + rate * k as f64;
     let mut next = 0;
@@ -107,7 +107,7 @@ fn runs(start: f64, slope: f64, pace: i64, count: usize) -> impl Iterator<Item =
                 _ => f64::INFINITY,
             };
             next = (end.min(count as f64) as usize).clamp(begin + 1, count);
-            Run { range: begin..next, first: whole as i64, part: (place(begin) - whole) as f32 }
+            FilterRun { range: begin..next, first: whole as i64, part: (place(begin) - whole) as f32 }
         })
     })
 }

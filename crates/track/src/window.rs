@@ -1,6 +1,6 @@
 //! Windows of the video around an object, one a frame.
 
-use crate::background::Background;
+use crate::background::StaticScene;
 use crate::exposure::Exposure;
 use crate::plane::Plane;
 
@@ -63,7 +63,7 @@ impl Window {
     /// Cuts the window around `centre`, pixels, out of a frame, `[height, width, 3]`.
     pub(crate) fn cut(
         frame: &[u8],
-        background: &Background,
+        background: &StaticScene,
         exposure: &Exposure,
         layout: Layout,
         centre: [f64; 2],
@@ -126,10 +126,10 @@ mod tests {
     use super::*;
     use ndarray::{Array2, Array3};
 
-    fn ramp() -> (Background, Vec<u8>) {
+    fn ramp() -> (StaticScene, Vec<u8>) {
         let levels = Array3::from_shape_fn((30, 40, 3), |(y, x, _)| (x + 2 * y) as f32);
         let frame = levels.iter().map(|&v| v as u8 + 10).collect();
-        (Background { levels, precision: Array2::ones((30, 40)), noise: 1.0 }, frame)
+        (StaticScene { levels, precision: Array2::ones((30, 40)), noise: 1.0 }, frame)
     }
 
     #[test]

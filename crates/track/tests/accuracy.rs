@@ -1,11 +1,11 @@
 //! Accuracy and calibration on synthetic videos with known positions.
 
-use paig_track::synthetic::{Mover, Scene, Shadow};
-use paig_track::{Camera, Clip, Method, Motion, Options, Similarity, Size, Track, Visibility, track};
+use paig_track::synthetic::{MovingEllipse, Shadow, SyntheticScene};
+use paig_track::{CameraMotion, CameraPath, Clip, Method, Similarity, Size, Track, TrackingOptions, Visibility, track};
 
 /// Errors of the visible frames along x and y, less their median (the template's centre is a convention), and the same in
 /// units of the standard deviation.
-fn errors(found: &Track, scene: &Scene) -> (Vec<[f64; 2]>, Vec<f64>) {
+fn errors(found: &Track, scene: &SyntheticScene) -> (Vec<[f64; 2]>, Vec<f64>) {
     let mut errors = Vec::new();
     let mut deviations = Vec::new();
     for point in found.points.iter().filter(|p| p.visibility == Visibility::Visible) {
@@ -26,9 +26,9 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 /// Median error and variance of the normalised errors of the first track.
-fn accuracy(scene: &Scene) -> (f64, f64, Track) {
+fn accuracy(scene: &SyntheticScene) -> (f64, f64, Track) {
     let clip = Clip::new(scene.render()).unwrap();
-    let first = track(&clip, &Options::default()).unwrap().tracks.remove(0);
+    let first = track(&clip, &TrackingOptions::default()).unwrap().tracks.remove(0);
     let (errors, normalised) = errors(&first, scene);
     assert!(errors.len() * 10 >= scene.frames() * 8, "only {} frames are visible", errors.len());
     let size = median(errors.iter().map(|e| e[0].hypot(e[1])).collect());
@@ -48,7 +48,7 @@ fn throw(frames: usize) -> Vec<[f64; 2]> {
 
 #[test]
 fn a_pendulum_before_a_textured_wall_is_found_to_a_tenth_of_a_pixel() {
-    let scene = Scene::of(Mover::at(pendulum(120)));
+    let scene = SyntheticScene::of(MovingEllipse::at(pendulum(120)));
     let (size, variance, found) = accuracy(&scene);
     assert!(size < 0.1, "{size}");
     assert!((0.5..1.6).contains(&variance), "{variance}");
@@ -58,11 +58,11 @@ fn a_pendulum_before_a_textured_wall_is_found_to_a_tenth_of_a_pixel() {
 #[test]
 fn a_shadow_drift_and_flicker_do_not_move_a_thrown_ball() {
     let shadow = Shadow { offset: [14.0, 18.0], axes: [12.0, 9.0], light: 0.7 };
-    let scene = Scene {
+    let scene = SyntheticScene {
         drift: -0.15,
         flicker: 0.01,
         seed: 4,
-        ..Scene::of(Mover { shadow: Some(shadow), ..Mover::at(throw(50)) })
+        ..SyntheticScene::of(MovingEllipse { shadow: Some(shadow), ..MovingEllipse::at(throw(50)) })
     };
     let (size, variance, _) = accuracy(&scene);
     assert!(size < 0.1, "{size}");
@@ -72,8 +72,8 @@ fn a_shadow_drift_and_flicker_do_not_move_a_thrown_ball() {
 
 #[test]
 fn a_small_fast_ball_with_motion_blur_is_found() {
-    let ball = Mover { axes: [4.0, 4.0], texture: 0.0, ..Mover::at(throw(50)) };
-    let scene = Scene { shutter: 0.6, seed: 8, ..Scene::of(ball) };
+    let ball = MovingEllipse { axes: [4.0, 4.0], texture: 0.0, ..MovingEllipse::at(throw(50)) };
+    let scene = SyntheticScene { shutter: 0.6, seed: 8, ..SyntheticScene::of(ball) };
     let (size, variance, _) = accuracy(&scene);
     assert!(size < 0.1, "{size}");
     assert!((0.4..2.0).contains(&variance), "{variance}");
@@ -81,7 +81,7 @@ fn a_small_fast_ball_with_motion_blur_is_found() {
 
 #[test]
 fn a_shaking_camera_is_held_still() {
-    let scene = Scene { shake: 1.2, seed: 3, ..Scene::of(Mover::at(pendulum(60))) };
+    let scene = SyntheticScene { shake: 1.2, seed: 3, ..SyntheticScene::of(MovingEllipse::at(pendulum(60))) };
     let (size, _, _) = accuracy(&scene);
     assert!(size < 0.2, "{size}");
 }
@@ -93,7 +93,7 @@ fn hand(frames: usize) -> Vec<[f64; 3]> {
 }
 
 /// Median distance between the place of the frame's middle in the background and the true one, less the mean offset.
-fn camera_error(found: &Camera, scene: &Scene) -> f64 {
+fn camera_error(found: &CameraPath, scene: &SyntheticScene) -> f64 {
     let middle = [160.0, 120.0];
     let offsets: Vec<[f64; 2]> = found
         .frames
@@ -111,16 +111,16 @@ fn camera_error(found: &Camera, scene: &Scene) -> f64 {
 
 #[test]
 fn a_hand_held_camera_is_registered_to_a_few_hundredths_of_a_pixel() {
-    let scene = Scene { camera: hand(60), seed: 3, ..Scene::of(Mover::at(pendulum(60))) };
-    let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap();
-    assert_eq!(found.camera.motion, Motion::Trembling, "{}", found.camera.line());
+    let scene = SyntheticScene { camera: hand(60), seed: 3, ..SyntheticScene::of(MovingEllipse::at(pendulum(60))) };
+    let found = track(&Clip::new(scene.render()).unwrap(), &TrackingOptions::default()).unwrap();
+    assert_eq!(found.camera.motion, CameraMotion::Trembling, "{}", found.camera.line());
     let error = camera_error(&found.camera, &scene);
     assert!(error < 0.05, "{error}");
     // Positions are those of the reference frame.
     let [x, y, angle] = scene.camera[found.camera.reference];
     let reference = Similarity { a: angle.cos(), b: angle.sin(), u: x, v: y };
     let positions = scene.movers[0].positions.iter().map(|p| reference.apply(*p)).collect();
-    let (errors, _) = errors(&found.tracks[0], &Scene::of(Mover::at(positions)));
+    let (errors, _) = errors(&found.tracks[0], &SyntheticScene::of(MovingEllipse::at(positions)));
     let size = median(errors.iter().map(|e| e[0].hypot(e[1])).collect());
     assert!(size < 0.1, "{size}");
 }
@@ -131,9 +131,9 @@ fn a_camera_that_follows_a_thrown_ball_gives_its_path_on_the_background() {
         (0..60).map(f64::from).map(|t| [60.0 + 9.0 * t, 200.0 - 6.0 * t + 0.1 * t * t]).collect();
     // The ball stays near the middle of the frame.
     let camera = positions.iter().map(|p| [140.0 - 0.9 * p[0], 20.0 - 0.1 * p[1], 0.0]).collect();
-    let scene = Scene { camera, seed: 5, ..Scene::of(Mover::at(positions)) };
-    let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap();
-    assert_eq!(found.camera.motion, Motion::Panning, "{}", found.camera.line());
+    let scene = SyntheticScene { camera, seed: 5, ..SyntheticScene::of(MovingEllipse::at(positions)) };
+    let found = track(&Clip::new(scene.render()).unwrap(), &TrackingOptions::default()).unwrap();
+    assert_eq!(found.camera.motion, CameraMotion::Panning, "{}", found.camera.line());
     // Each frame hangs on edges of its own part of the background.
     let error = camera_error(&found.camera, &scene);
     assert!(error < 0.2, "{error}");
@@ -144,17 +144,22 @@ fn a_camera_that_follows_a_thrown_ball_gives_its_path_on_the_background() {
 #[test]
 fn a_large_object_before_a_standing_camera_does_not_move_it() {
     let positions = (0..50).map(|f| [60.0 + 4.0 * f64::from(f), 120.0]).collect();
-    let scene = Scene::of(Mover { axes: [70.0, 90.0], texture: 50.0, ..Mover::at(positions) });
-    let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap();
-    assert_eq!(found.camera.motion, Motion::Standing, "{}", found.camera.line());
+    let scene = SyntheticScene::of(MovingEllipse { axes: [70.0, 90.0], texture: 50.0, ..MovingEllipse::at(positions) });
+    let found = track(&Clip::new(scene.render()).unwrap(), &TrackingOptions::default()).unwrap();
+    assert_eq!(found.camera.motion, CameraMotion::Standing, "{}", found.camera.line());
 }
 
 #[test]
 fn a_cut_leaves_the_longest_scene() {
-    let one = Scene::of(Mover::at(pendulum(30))).render();
-    let other = Scene { seed: 77, background: [60.0, 190.0, 90.0], ..Scene::of(Mover::at(pendulum(60))) }.render();
+    let one = SyntheticScene::of(MovingEllipse::at(pendulum(30))).render();
+    let other = SyntheticScene {
+        seed: 77,
+        background: [60.0, 190.0, 90.0],
+        ..SyntheticScene::of(MovingEllipse::at(pendulum(60)))
+    }
+    .render();
     let both = ndarray::concatenate(ndarray::Axis(0), &[one.view(), other.view()]).unwrap();
-    let found = track(&Clip::new(both).unwrap(), &Options::default()).unwrap();
+    let found = track(&Clip::new(both).unwrap(), &TrackingOptions::default()).unwrap();
     assert_eq!((found.camera.frames.clone(), &found.camera.cuts[..]), (30..90, &[30][..]));
     assert_eq!(found.tracks[0].points[0].frame, 30);
 }
@@ -163,7 +168,7 @@ fn a_cut_leaves_the_longest_scene() {
 fn an_object_that_rests_in_most_frames_is_removed_from_the_background() {
     let mut positions = vec![[100.0, 120.0]; 60];
     positions.extend((0..40).map(|f| [100.0 + 4.0 * f64::from(f), 120.0]));
-    let scene = Scene { seed: 6, ..Scene::of(Mover::at(positions)) };
+    let scene = SyntheticScene { seed: 6, ..SyntheticScene::of(MovingEllipse::at(positions)) };
     let (size, _, found) = accuracy(&scene);
     assert!(size < 0.1, "{size}");
     assert!(found.points.iter().all(|p| p.visibility == Visibility::Visible));
@@ -172,8 +177,12 @@ fn an_object_that_rests_in_most_frames_is_removed_from_the_background() {
 #[test]
 fn frames_are_flagged_while_the_object_enters_and_before() {
     let positions = (0..60).map(|f| [-40.0 + 4.0 * f64::from(f), 100.0]).collect();
-    let scene = Scene { size: Size { width: 240, height: 180 }, seed: 9, ..Scene::of(Mover::at(positions)) };
-    let found = track(&Clip::new(scene.render()).unwrap(), &Options::default()).unwrap().tracks.remove(0);
+    let scene = SyntheticScene {
+        size: Size { width: 240, height: 180 },
+        seed: 9,
+        ..SyntheticScene::of(MovingEllipse::at(positions))
+    };
+    let found = track(&Clip::new(scene.render()).unwrap(), &TrackingOptions::default()).unwrap().tracks.remove(0);
     assert_eq!(found.points[2].visibility, Visibility::Absent);
     assert_eq!(found.points[2].measurement, None);
     // The disc of 12 pixels is half outside at frame 10 and inside from frame 13 on.

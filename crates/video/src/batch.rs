@@ -11,7 +11,7 @@ use paig::support::significant::significant;
 use paig_report::{cell, html};
 use serde::Serialize;
 
-use crate::import::sources::Video;
+use crate::import::sources::SourceVideo;
 use crate::measure::results::{Measurement, Quantity};
 
 /// Files of the table.
@@ -27,7 +27,7 @@ const ENDINGS: [&str; 15] =
 
 /// One video of a batch.
 #[derive(Debug, Clone)]
-pub struct Entry {
+pub struct BatchEntry {
     /// Name of its folder within the batch's.
     pub name: String,
     pub video: PathBuf,
@@ -37,7 +37,7 @@ pub struct Entry {
 
 /// A quantity of a video, or its failure, as batch.json has it.
 #[derive(Debug, Serialize)]
-struct Row<'a> {
+struct BatchRow<'a> {
     name: &'a str,
     video: &'a Path,
     verdict: Option<String>,
@@ -69,16 +69,16 @@ pub fn videos_of(folder: &Path) -> Result<Vec<PathBuf>> {
 ///
 /// # Errors
 /// A folder that cannot be written.
-pub fn write(folder: &Path, entries: &[Entry]) -> Result<()> {
-    let rows: Vec<Row> = entries.iter().map(Entry::row).collect();
+pub fn write(folder: &Path, entries: &[BatchEntry]) -> Result<()> {
+    let rows: Vec<BatchRow> = entries.iter().map(BatchEntry::row).collect();
     atomic::write_file(&folder.join(JSON), |file| Ok(serde_json::to_writer_pretty(file, &rows)?))?;
     atomic::write_file(&folder.join(CSV), |file| Ok(file.write_all(csv(&rows).as_bytes())?))?;
     let page = html::render("Measured videos", &page(folder, entries, &rows)?, folder)?;
     atomic::write_file(&folder.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
 }
 
-impl Entry {
-    fn row(&self) -> Row<'_> {
+impl BatchEntry {
+    fn row(&self) -> BatchRow<'_> {
         let (verdict, reason, quantities) = match &self.ending {
             Ok(it) => {
                 let verdict = it.verdict.as_ref();
@@ -87,12 +87,12 @@ impl Entry {
             }
             Err(reason) => (None, reason.clone(), &[][..]),
         };
-        Row { name: &self.name, video: &self.video, verdict, reason, quantities }
+        BatchRow { name: &self.name, video: &self.video, verdict, reason, quantities }
     }
 
     /// Puts a picture of the video into its folder. A video that cannot be decoded has none.
     fn thumbnail(&self, folder: &Path) -> Option<String> {
-        let video = Video::open(&self.video).ok()?;
+        let video = SourceVideo::open(&self.video).ok()?;
         let frame = video.decode().ok()?.frame(video.frames / 2).ok()?;
         let (width, height) = frame.dimensions();
         let side = |side: u32| (side * SIDE / width.max(height)).max(1);
@@ -105,7 +105,7 @@ impl Entry {
 }
 
 /// A line for each quantity; one without a quantity for a failure.
-fn csv(rows: &[Row]) -> String {
+fn csv(rows: &[BatchRow]) -> String {
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
     let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
     let mut text = String::from("name,video,quantity,value,low,high,unit,outcome,verdict,reason\n");
@@ -122,7 +122,7 @@ fn csv(rows: &[Row]) -> String {
     text
 }
 
-fn page(folder: &Path, entries: &[Entry], rows: &[Row]) -> Result<String> {
+fn page(folder: &Path, entries: &[BatchEntry], rows: &[BatchRow]) -> Result<String> {
     let mut page = String::from("# Measured videos\n\n| | video | verdict | quantities | |\n|---|---|---|---|---|\n");
     for (entry, row) in entries.iter().zip(rows) {
         let picture = entry.thumbnail(folder).map_or(String::new(), |path| format!("![](<{path}>)"));
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn a_failed_video_has_a_line_in_every_table() {
         let folder = tempfile::tempdir().unwrap();
-        let entry = Entry {
+        let entry = BatchEntry {
             name: "a".into(),
             video: folder.path().join("a \"1\".mp4"),
             ending: Err("nothing moves, or nearly".into()),

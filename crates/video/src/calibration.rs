@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use paig_track::HALF_PIXEL;
-use paig_track::calibration::{Lens, Plane};
+use paig_track::calibration::{Lens, MotionPlane};
 
 /// Plane of the motion by a rectangle of known size in it, and the lens.
 ///
@@ -10,7 +10,7 @@ use paig_track::calibration::{Lens, Plane};
 /// the rectangle a pixel has the size that it has in the filmed frame, and the bottom of the rectangle is level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
-    plane: Plane,
+    plane: MotionPlane,
     lens: Option<Lens>,
     /// Pixels of a rectified frame to a metre.
     pub pixels_per_metre: f64,
@@ -23,11 +23,11 @@ impl Calibration {
     /// left) and its width and height in metres.
     ///
     /// # Errors
-    /// As [`Plane::of_rectangle`].
+    /// As [`MotionPlane::of_rectangle`].
     pub fn new(corners: [[f64; 2]; 4], [width, height]: [f64; 2], lens: Option<Lens>) -> Result<Self> {
         let centred = corners.map(|corner| corner.map(|place| place - HALF_PIXEL));
         let straight = centred.map(|corner| lens.map_or(corner, |lens| lens.straight(corner)));
-        let plane = Plane::of_rectangle(straight, width, height)?;
+        let plane = MotionPlane::of_rectangle(straight, width, height)?;
         let middle = [0.5 * width, 0.5 * height];
         let seen = plane.pixel(middle);
         let pixels_per_metre = 1.0 / plane.metres_per_pixel(seen);

@@ -7,11 +7,11 @@ use paig::training::config::Config;
 use paig::{Error, Result};
 
 use crate::measure::results::Measurement;
-use crate::measure::{Request, measure};
+use crate::measure::{MeasureRequest, measure};
 
 /// How a run ended.
 #[derive(Debug)]
-pub enum Ending {
+pub enum VideoRunEnding {
     Finished {
         summary: Box<Summary>,
         /// Of a task that was made from videos; a measurement that failed leaves the run finished.
@@ -32,20 +32,20 @@ pub fn execute(
     program: Program,
     observer: &mut dyn Observer,
     stop: &dyn Fn() -> bool,
-) -> Result<Ending> {
+) -> Result<VideoRunEnding> {
     Ok(match run.execute(program, observer, stop)? {
         run::Ending::Finished(summary) => {
             let measurement = is_measured(&run.config).then(|| {
                 let out = run.folder.path();
-                let measured = measure(out, &Request::default(), out, run.device).with_context(|| {
+                let measured = measure(out, &MeasureRequest::default(), out, run.device).with_context(|| {
                     format!("the run is finished, but not measured; `paig measure {}` does it", out.display())
                 });
                 measured.map(Box::new).map_err(Error::of_work)
             });
-            Ending::Finished { summary, measurement }
+            VideoRunEnding::Finished { summary, measurement }
         }
-        run::Ending::Scored => Ending::Scored,
-        run::Ending::Interrupted { steps } => Ending::Interrupted { steps },
+        run::Ending::Scored => VideoRunEnding::Scored,
+        run::Ending::Interrupted { steps } => VideoRunEnding::Interrupted { steps },
     })
 }
 

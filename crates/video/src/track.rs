@@ -5,15 +5,16 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use image::{Rgb, RgbImage};
-use paig::support::output::Kind;
+use paig::support::output::FileKind;
 use paig::support::significant::significant;
 use paig::support::{atomic, picture_file};
 use paig_track::{
-    Clock, HALF_PIXEL, Motion, Options, Point, Role, Segment, Size, Tracking, Visibility, Visitor, segments,
+    CameraMotion, HALF_PIXEL, Point, Role, Segment, Size, StatedTime, Tracking, TrackingOptions, Visibility, Visitor,
+    segments,
 };
 
 use crate::calibration::Calibration;
-use crate::import::sources::Video;
+use crate::import::sources::SourceVideo;
 
 /// Share of a frame's pixels in motion above which the camera, not an object, moves; before a background without marks.
 const MOVING_CAMERA: f64 = 0.2;
@@ -21,9 +22,9 @@ const MOVING_CAMERA: f64 = 0.2;
 const COLOURS: [[u8; 3]; 4] = [[230, 60, 50], [40, 120, 220], [50, 170, 80], [240, 160, 30]];
 
 /// Frames of a video for the tracker.
-struct Frames<'a>(&'a Video);
+struct TrackerFrames<'a>(&'a SourceVideo);
 
-impl paig_track::Video for Frames<'_> {
+impl paig_track::FrameSource for TrackerFrames<'_> {
     fn size(&self) -> Size {
         Size { width: self.0.width as usize, height: self.0.height as usize }
     }
@@ -32,12 +33,12 @@ impl paig_track::Video for Frames<'_> {
         self.0.frames
     }
 
-    fn clock(&self) -> Clock {
+    fn clock(&self) -> StatedTime {
         self.0.clock.clone()
     }
 
-    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), paig_track::Error> {
-        let source = |error: anyhow::Error| paig_track::Error::Source(format!("{error:#}"));
+    fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), paig_track::TrackError> {
+        let source = |error: anyhow::Error| paig_track::TrackError::Source(format!("{error:#}"));
         let mut frames = self.0.decode().map_err(source)?;
         for number in (0..self.0.frames).filter(|number| wanted(*number)) {
             visitor(number, frames.frame(number).map_err(source)?.as_raw())?;
@@ -58,10 +59,11 @@ pub struct Followed {
 /// # Errors
 /// Damage, frames outside the video, nothing that moves or can be followed, a camera that moves so that frames cannot be
 /// registered.
-pub fn track(video: &Video, options: &Options) -> Result<Followed> {
-    let mut tracking = paig_track::track(&Frames(video), options).with_context(|| format!("video {}", video.name()))?;
+pub fn track(video: &SourceVideo, options: &TrackingOptions) -> Result<Followed> {
+    let mut tracking =
+        paig_track::track(&TrackerFrames(video), options).with_context(|| format!("video {}", video.name()))?;
     ensure!(
-        tracking.moving_share <= MOVING_CAMERA || tracking.camera.motion != Motion::Unknown,
+        tracking.moving_share <= MOVING_CAMERA || tracking.camera.motion != CameraMotion::Unknown,
         "video {}: {:.0} % of its pixels differ from a still background; the camera seems to move",
         video.name(),
         100.0 * tracking.moving_share
@@ -80,10 +82,10 @@ const HEAD: &str = "object,frame,seconds,x,y,deviation_x,deviation_y,covariance_
 /// Title of the picture's file.
 const TITLE: &str = "paig: paths of objects";
 /// What [`write_table`] and [`write_picture`] write, as files that the program recognizes.
-pub const TABLE: Kind =
-    Kind { name: "positions of `paig track`", recognizes: |table| table.starts_with(HEAD.as_bytes()) };
-pub const PICTURE: Kind =
-    Kind { name: "a picture of `paig track`", recognizes: |png| picture_file::has_title(png, TITLE) };
+pub const TABLE: FileKind =
+    FileKind { name: "positions of `paig track`", recognizes: |table| table.starts_with(HEAD.as_bytes()) };
+pub const PICTURE: FileKind =
+    FileKind { name: "a picture of `paig track`", recognizes: |png| picture_file::has_title(png, TITLE) };
 
 /// Writes a table: a row for each object and frame, in pixels of the video from its top left corner, y down; where the
 /// camera moves, from that corner of the camera's reference frame.
@@ -142,7 +144,7 @@ fn word(visibility: Visibility) -> &'static str {
 ///
 /// # Errors
 /// A frame that cannot be decoded, a file that cannot be written.
-pub fn write_picture(path: &Path, video: &Video, tracking: &Tracking) -> Result<()> {
+pub fn write_picture(path: &Path, video: &SourceVideo, tracking: &Tracking) -> Result<()> {
     let seen = tracking.tracks[0].points.iter().find(|point| point.measurement.is_some());
     let mut picture = if tracking.camera.moves() {
         let levels = &tracking.background.levels;
@@ -199,8 +201,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [film, table, picture] = ["a.gif", "a.csv", "a.png"].map(|name| folder.path().join(name));
         write_gif(&film);
-        let video = Video::open(&film).unwrap();
-        let Followed { tracking, segments } = track(&video, &Options { objects: 1, ..Options::default() }).unwrap();
+        let video = SourceVideo::open(&film).unwrap();
+        let Followed { tracking, segments } =
+            track(&video, &TrackingOptions { objects: 1, ..TrackingOptions::default() }).unwrap();
         assert_eq!(segments.len(), 1);
         write_table(&table, &tracking, None).unwrap();
         write_picture(&picture, &video, &tracking).unwrap();
@@ -228,7 +231,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [film, table] = ["a.gif", "a.csv"].map(|name| folder.path().join(name));
         write_gif(&film);
-        let tracking = track(&Video::open(&film).unwrap(), &Options::default()).unwrap().tracking;
+        let tracking = track(&SourceVideo::open(&film).unwrap(), &TrackingOptions::default()).unwrap().tracking;
         // 100 pixels to a metre, y up from the bottom of the picture.
         let corners = [[0.0, 90.0], [140.0, 90.0], [140.0, 0.0], [0.0, 0.0]];
         let calibration = Calibration::new(corners, [1.4, 0.9], None).unwrap();
@@ -248,8 +251,8 @@ mod tests {
         for number in 0..12 {
             RgbImage::from_pixel(40, 40, Rgb([90; 3])).save(pictures.join(format!("{number}.png"))).unwrap();
         }
-        let video = Video::open(&pictures).unwrap();
-        let error = format!("{:#}", track(&video, &Options::default()).unwrap_err());
+        let video = SourceVideo::open(&pictures).unwrap();
+        let error = format!("{:#}", track(&video, &TrackingOptions::default()).unwrap_err());
         assert!(error.contains("nothing moves"), "{error}");
     }
 }

@@ -46,11 +46,12 @@ pub trait Cell: Debug {
     }
 }
 
-/// The raw numbers that `build` was given, scalars, one for each of `N` parameters.
+/// The unconstrained parameters that `build` was given, scalars, one for each of `N` parameters.
 ///
 /// # Panics
 /// Another number of them: a mistake in the program, never in its input.
-pub fn scalars<const N: usize>(raw: &[Tensor]) -> [Tensor; N] {
-    let raw: &[Tensor; N] = raw.try_into().expect("one raw number for each parameter of the cell");
-    raw.each_ref().map(Tensor::shallow_clone)
+pub fn scalars<const N: usize>(unconstrained: &[Tensor]) -> [Tensor; N] {
+    let unconstrained: &[Tensor; N] =
+        unconstrained.try_into().expect("one unconstrained parameter for each parameter of the cell");
+    unconstrained.each_ref().map(Tensor::shallow_clone)
 }

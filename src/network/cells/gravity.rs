@@ -11,7 +11,7 @@ use super::cell::{Cell, scalars};
 use super::integrands::euler;
 use super::kind::{Build, CellKind};
 use super::parameter::PhysicalParameter;
-use super::plain::{Euler, Law, PlainCell, columns, columns_mut};
+use super::plain::{AccelerationLaw, Euler, PlainCell, columns, columns_mut};
 use super::state::{Coordinates, State};
 
 const PARAMETERS: &[PhysicalParameter] = &[
@@ -83,7 +83,7 @@ struct GravityLaw {
     strength: f64,
 }
 
-impl Law for GravityLaw {
+impl AccelerationLaw for GravityLaw {
     fn accelerate(&self, positions: &[f64], _velocities: &[f64], _action: &[f64], into: &mut [f64]) {
         let at: [&[f64]; 6] = columns(positions);
         let into: [&mut [f64]; 6] = columns_mut(into);

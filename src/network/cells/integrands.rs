@@ -47,27 +47,27 @@ pub(super) fn euler(state: &State, acceleration: &Tensor, h: f64) -> State {
 
 /// A row of plain numbers: the caller's, which is written over, or one for what is computed on the way.
 #[derive(Debug)]
-pub(super) enum Row<'a, F> {
+pub(super) enum NumberRow<'a, F> {
     Lent(&'a mut [F]),
     Own(Vec<F>),
 }
 
-impl<F> Deref for Row<'_, F> {
+impl<F> Deref for NumberRow<'_, F> {
     type Target = [F];
 
     fn deref(&self) -> &[F] {
         match self {
-            Row::Lent(row) => row,
-            Row::Own(row) => row,
+            NumberRow::Lent(row) => row,
+            NumberRow::Own(row) => row,
         }
     }
 }
 
-impl<F> DerefMut for Row<'_, F> {
+impl<F> DerefMut for NumberRow<'_, F> {
     fn deref_mut(&mut self) -> &mut [F] {
         match self {
-            Row::Lent(row) => row,
-            Row::Own(row) => row,
+            NumberRow::Lent(row) => row,
+            NumberRow::Own(row) => row,
         }
     }
 }
@@ -90,38 +90,38 @@ impl<F: Float, A> OnRows<'_, F, A> {
 }
 
 impl<'a, F: Float, A: FnMut(&[F], &[F], F, &mut [F])> Integrand for OnRows<'a, F, A> {
-    type Values = Row<'a, F>;
+    type Values = NumberRow<'a, F>;
     type Scalar = F;
 
-    fn acceleration(&mut self, pos: &Row<'a, F>, vel: &Row<'a, F>, since: F) -> Row<'a, F> {
+    fn acceleration(&mut self, pos: &NumberRow<'a, F>, vel: &NumberRow<'a, F>, since: F) -> NumberRow<'a, F> {
         let mut into = self.row(pos.len());
         (self.accelerate)(pos, vel, since, &mut into);
-        Row::Own(into)
+        NumberRow::Own(into)
     }
 
-    fn along(&mut self, mut from: Row<'a, F>, rate: &Row<'a, F>, h: F) -> Row<'a, F> {
+    fn along(&mut self, mut from: NumberRow<'a, F>, rate: &NumberRow<'a, F>, h: F) -> NumberRow<'a, F> {
         from.iter_mut().zip(rate.iter()).for_each(|(from, rate)| *from = *from + *rate * h);
         from
     }
 
-    fn plus(&mut self, mut a: Row<'a, F>, b: &Row<'a, F>) -> Row<'a, F> {
+    fn plus(&mut self, mut a: NumberRow<'a, F>, b: &NumberRow<'a, F>) -> NumberRow<'a, F> {
         a.iter_mut().zip(b.iter()).for_each(|(a, b)| *a = *a + *b);
         a
     }
 
-    fn twice(&mut self, mut values: Row<'a, F>) -> Row<'a, F> {
+    fn twice(&mut self, mut values: NumberRow<'a, F>) -> NumberRow<'a, F> {
         values.iter_mut().for_each(|value| *value = *value + *value);
         values
     }
 
-    fn copy(&mut self, values: &Row<'a, F>) -> Row<'a, F> {
+    fn copy(&mut self, values: &NumberRow<'a, F>) -> NumberRow<'a, F> {
         let mut copy = self.row(values.len());
         copy.copy_from_slice(values);
-        Row::Own(copy)
+        NumberRow::Own(copy)
     }
 
-    fn release(&mut self, values: Row<'a, F>) {
-        if let Row::Own(row) = values {
+    fn release(&mut self, values: NumberRow<'a, F>) {
+        if let NumberRow::Own(row) = values {
             self.spare.push(row);
         }
     }

@@ -42,7 +42,7 @@ pub struct CellKind {
 /// How a cell of an equation is made.
 #[derive(Debug, Clone)]
 pub enum Build {
-    /// By this function, from the raw numbers of the parameters (scalars, one for each; see
+    /// By this function, from the unconstrained parameters (scalars, one for each; see
     /// [`Bounds`](super::Bounds): of a positive one its logarithm) and the walls.
     Rust(fn(&[Tensor], Walls) -> Box<dyn Cell>),
     /// From the text of a task file.
@@ -105,7 +105,7 @@ impl CellKind {
     }
 
     /// Whether it matters which object is which: the text of a file names a given one, there is one for each, or of a parameter that each
-    /// object has some are held at other values than the rest. `held`: of each parameter the raw number, if it is not learned.
+    /// object has some are held at other values than the rest. `held`: each unconstrained parameter that is not learned.
     pub(crate) fn tells_objects_apart(&self, held: &[Option<f64>]) -> bool {
         matches!(&self.build, Build::Text(equation) if equation.tells_objects_apart(held))
     }
@@ -123,12 +123,12 @@ impl CellKind {
         self.actions && !self.tells_time()
     }
 
-    /// The cell with these raw parameters (scalars, one for each of `parameters`): of those that are positive, the
+    /// The cell with these unconstrained parameters (scalars, one for each of `parameters`): of those that are positive, the
     /// logarithms.
-    pub fn cell(&self, raw: &[Tensor], walls: Walls) -> Box<dyn Cell> {
+    pub fn cell(&self, unconstrained: &[Tensor], walls: Walls) -> Box<dyn Cell> {
         match &self.build {
-            Build::Rust(build) => build(raw, walls),
-            Build::Text(equation) | Build::Named(equation) => Box::new(TextCell::new(equation, raw, walls)),
+            Build::Rust(build) => build(unconstrained, walls),
+            Build::Text(equation) | Build::Named(equation) => Box::new(TextCell::new(equation, unconstrained, walls)),
         }
     }
 

@@ -19,24 +19,24 @@ pub struct OnGpu {
     kind: Arc<CellKind>,
     walls: Walls,
     /// Of all parameters, in the equation's order.
-    raw: Vec<Tensor>,
+    unconstrained: Vec<Tensor>,
     /// Computes what the kernel cannot.
     cell: Box<dyn Cell>,
     /// Those that were asked for. They live as long as the cell: a recording of a GPU's work reads them.
-    lists: Mutex<Vec<List>>,
+    lists: Mutex<Vec<ScalarListing>>,
 }
 
 /// The equation as a list, for so many objects; none if there is no such list.
 #[derive(Debug)]
-struct List {
+struct ScalarListing {
     objects: usize,
     dt: f64,
     scalars: Option<Arc<Scalars>>,
 }
 
 impl OnGpu {
-    pub fn new(kind: &Arc<CellKind>, walls: Walls, raw: Vec<Tensor>, cell: Box<dyn Cell>) -> Self {
-        OnGpu { kind: kind.clone(), walls, raw, cell, lists: Mutex::default() }
+    pub fn new(kind: &Arc<CellKind>, walls: Walls, unconstrained: Vec<Tensor>, cell: Box<dyn Cell>) -> Self {
+        OnGpu { kind: kind.clone(), walls, unconstrained, cell, lists: Mutex::default() }
     }
 
     fn by_kernel(&self, initial: &State, actions: &Actions, dt: f64, frames: usize) -> Option<Vec<State>> {
@@ -48,15 +48,15 @@ impl OnGpu {
     /// none where the kernel cannot compute them. The tensors are where kernels can be launched.
     fn launched(&self, initial: &State, actions: &Actions, dt: f64, frames: usize) -> Option<Vec<State>> {
         let held = actions.values().filter(|_| self.kind.actions);
-        let mut given = self.raw.iter().chain([&initial.pos, &initial.vel]).chain(held);
+        let mut given = self.unconstrained.iter().chain([&initial.pos, &initial.vel]).chain(held);
         let size = initial.pos.size();
         if frames == 0 || size[0] == 0 || !given.all(|tensor| tensor.kind() == Kind::Float) {
             return None;
         }
         let scalars = self.list(size[1] as usize / self.kind.coordinates.per_object(), dt)?;
-        let parameters = match &self.raw[..] {
+        let parameters = match &self.unconstrained[..] {
             [] => Tensor::zeros([0], (Kind::Float, initial.pos.device())),
-            raw => Tensor::stack(raw, 0).reshape([-1]),
+            unconstrained => Tensor::stack(unconstrained, 0).reshape([-1]),
         };
         let held = held.map(|held| held.expand([size[0], -1], false));
         let states = roll_out(&scalars, &initial.joined(), &parameters, held.as_ref(), frames);
@@ -76,7 +76,7 @@ impl OnGpu {
         let equation = equation.filter(|equation| dt > 0.0 || equation.is_reversible());
         let listing = equation.and_then(|equation| listing(&equation, &self.kind.parameters, self.walls, dt));
         let scalars = listing.map(|listing| Arc::new(Scalars::new(listing)));
-        lists.push(List { objects, dt, scalars: scalars.clone() });
+        lists.push(ScalarListing { objects, dt, scalars: scalars.clone() });
         scalars
     }
 }
@@ -116,7 +116,7 @@ mod tests {
     use crate::network::cells::{
         BOUNCING, Coordinates, DAMPED_SPRING, FALLING, FALLING_BOUNCING, GRAVITY, PENDULUM, SPRING,
     };
-    use paig_kernels::gpu::roll_out::Operation;
+    use paig_kernels::gpu::roll_out::ScalarOperation;
     use paig_kernels::gpu::testing::{scattered, test_device};
 
     const FRAMES: usize = 8;
@@ -126,15 +126,16 @@ mod tests {
         CellKind::of_text(&toml::from_str(table).unwrap(), objects).unwrap()
     }
 
-    /// States, and gradients of a weighted sum of them by the initial state and the raw parameters.
-    fn results(raw: &[f64], initial: &Tensor, roll: impl Fn(&[Tensor], &State) -> Vec<State>) -> [Tensor; 3] {
+    /// States, and gradients of a weighted sum of them by the initial state and the unconstrained parameters.
+    fn results(unconstrained: &[f64], initial: &Tensor, roll: impl Fn(&[Tensor], &State) -> Vec<State>) -> [Tensor; 3] {
         let initial = initial.copy().set_requires_grad(true);
-        let raw = Tensor::from_slice(raw).to_kind(Kind::Float).to_device(initial.device()).set_requires_grad(true);
-        let states = State::sequence(&roll(&raw.unbind(0), &State::from_joined(&initial)));
+        let unconstrained =
+            Tensor::from_slice(unconstrained).to_kind(Kind::Float).to_device(initial.device()).set_requires_grad(true);
+        let states = State::sequence(&roll(&unconstrained.unbind(0), &State::from_joined(&initial)));
         let weights = scattered(&states.size(), 1.7).to_device(initial.device());
         // What has no part in the states has a gradient of 0.
-        ((&states * weights).sum(Kind::Float) + raw.sum(Kind::Float) * 0.0).backward();
-        [states.detach(), initial.grad(), raw.grad()]
+        ((&states * weights).sum(Kind::Float) + unconstrained.sum(Kind::Float) * 0.0).backward();
+        [states.detach(), initial.grad(), unconstrained.grad()]
     }
 
     /// States in a frame of 32 pixels that go towards its walls, or angles all round.
@@ -149,17 +150,20 @@ mod tests {
     }
 
     /// The kernel's results are those of the cell on tensors: states to 2e-5 of the largest, gradients to 2e-4.
-    fn check(kind: &CellKind, objects: usize, raw: &[f64], actions: &Actions) {
+    fn check(kind: &CellKind, objects: usize, unconstrained: &[f64], actions: &Actions) {
         let Some(device) = test_device() else { return };
         let (walls, dt) = (Walls::new(32, 2.0), 0.3);
         let actions = actions.to(device, Kind::Float);
         let initial = initial(kind, objects, device);
-        let expected =
-            results(raw, &initial, |raw, initial| kind.cell(raw, walls).roll_out(initial, &actions, dt, FRAMES));
-        let found = results(raw, &initial, |raw, initial| {
-            let raw: Vec<_> = raw.iter().map(Tensor::shallow_clone).collect();
-            let cell = kind.cell(&raw, walls);
-            OnGpu::new(&Arc::new(kind.clone()), walls, raw, cell).launched(initial, &actions, dt, FRAMES).unwrap()
+        let expected = results(unconstrained, &initial, |unconstrained, initial| {
+            kind.cell(unconstrained, walls).roll_out(initial, &actions, dt, FRAMES)
+        });
+        let found = results(unconstrained, &initial, |unconstrained, initial| {
+            let unconstrained: Vec<_> = unconstrained.iter().map(Tensor::shallow_clone).collect();
+            let cell = kind.cell(&unconstrained, walls);
+            OnGpu::new(&Arc::new(kind.clone()), walls, unconstrained, cell)
+                .launched(initial, &actions, dt, FRAMES)
+                .unwrap()
         });
         let names = ["states", "gradient by the initial state", "gradient by the parameters"];
         for (((found, expected), name), tolerance) in found.iter().zip(&expected).zip(names).zip([2e-5, 2e-4, 2e-4]) {
@@ -237,10 +241,10 @@ mod tests {
         );
         let equation = spring.equation(2).unwrap().unwrap();
         let listing = listing(&equation, &spring.parameters, Walls::new(32, 2.0), 0.3).unwrap();
-        let count = |operation: Operation| listing.moving.iter().filter(|it| it.operation == operation).count();
-        assert_eq!((count(Operation::Norm), count(Operation::Over)), (1, 2));
+        let count = |operation: ScalarOperation| listing.moving.iter().filter(|it| it.operation == operation).count();
+        assert_eq!((count(ScalarOperation::Norm), count(ScalarOperation::Over)), (1, 2));
         // The one is pushed where the other is pulled.
-        assert_eq!((count(Operation::PlusProduct), count(Operation::MinusProduct)), (6, 2));
-        assert_eq!((listing.moving.len(), count(Operation::Negative)), (18, 0));
+        assert_eq!((count(ScalarOperation::PlusProduct), count(ScalarOperation::MinusProduct)), (6, 2));
+        assert_eq!((listing.moving.len(), count(ScalarOperation::Negative)), (18, 0));
     }
 }

@@ -1,7 +1,7 @@
 //! A physical parameter of an equation, and how a number without bounds stands for it.
 //!
-//! What is learned, fitted and saved is that number, the *raw* value; everything that turns it into the parameter's value
-//! or back does so here. A positive parameter is learned as its logarithm.
+//! What is learned, fitted and saved is that number, the *unconstrained* parameter; everything that turns it into the
+//! parameter's value or back does so here. A positive parameter is learned as its logarithm.
 
 use std::borrow::Cow;
 use std::fmt::{self, Display, Formatter};
@@ -11,9 +11,9 @@ use tch::Tensor;
 /// The values that a parameter can have, ends not included.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bounds {
-    /// `value = low + exp(raw)`.
+    /// `value = low + exp(unconstrained)`.
     Above(f64),
-    /// `value = low + (high - low) / (1 + exp(-raw))`.
+    /// `value = low + (high - low) / (1 + exp(-unconstrained))`.
     Between(f64, f64),
 }
 
@@ -21,46 +21,46 @@ impl Bounds {
     /// What has no other bounds is positive.
     pub const POSITIVE: Bounds = Bounds::Above(0.0);
 
-    /// The value that a raw number stands for.
-    pub fn value(self, raw: f64) -> f64 {
+    /// The value that an unconstrained parameter stands for.
+    pub fn value(self, unconstrained: f64) -> f64 {
         match self {
-            Bounds::Above(low) => low + raw.exp(),
-            Bounds::Between(low, high) => low + (high - low) / (1.0 + (-raw).exp()),
+            Bounds::Above(low) => low + unconstrained.exp(),
+            Bounds::Between(low, high) => low + (high - low) / (1.0 + (-unconstrained).exp()),
         }
     }
 
-    /// Derivative of the value by the raw number.
-    pub fn slope(self, raw: f64) -> f64 {
+    /// Derivative of the value by the unconstrained parameter.
+    pub fn slope(self, unconstrained: f64) -> f64 {
         match self {
-            Bounds::Above(_) => raw.exp(),
+            Bounds::Above(_) => unconstrained.exp(),
             Bounds::Between(low, high) => {
-                let share = 1.0 / (1.0 + (-raw).exp());
+                let share = 1.0 / (1.0 + (-unconstrained).exp());
                 (high - low) * share * (1.0 - share)
             }
         }
     }
 
-    /// The raw number of a value; not a finite number if the value is not within the bounds.
-    pub fn raw(self, value: f64) -> f64 {
+    /// The unconstrained parameter for a value; not a finite number if the value is not within the bounds.
+    pub fn unconstrained(self, value: f64) -> f64 {
         match self {
             Bounds::Above(low) => (value - low).ln(),
             Bounds::Between(low, high) => ((value - low) / (high - value)).ln(),
         }
     }
 
-    /// The values of raw numbers, with gradients.
-    pub fn values(self, raw: &Tensor) -> Tensor {
+    /// The values of unconstrained parameters, with gradients.
+    pub fn values(self, unconstrained: &Tensor) -> Tensor {
         match self {
             // Added only where there is something to add: a positive parameter keeps its bits.
-            Bounds::Above(0.0) => raw.exp(),
-            Bounds::Above(low) => raw.exp() + low,
-            Bounds::Between(low, high) => raw.sigmoid() * (high - low) + low,
+            Bounds::Above(0.0) => unconstrained.exp(),
+            Bounds::Above(low) => unconstrained.exp() + low,
+            Bounds::Between(low, high) => unconstrained.sigmoid() * (high - low) + low,
         }
     }
 
     /// Whether a value lies within the bounds.
     pub(crate) fn contain(self, value: f64) -> bool {
-        self.raw(value).is_finite()
+        self.unconstrained(value).is_finite()
     }
 }
 
@@ -79,7 +79,7 @@ impl Display for Bounds {
 pub struct PhysicalParameter {
     /// Symbol of the paper, the key under `parameters` in `summary.json`.
     pub name: Cow<'static, str>,
-    /// Name of its raw number in the cell's scope, `log_` and the symbol.
+    /// Name of its unconstrained parameter in the cell's scope, `log_` and the symbol.
     pub variable: Cow<'static, str>,
     /// Power of a length in its unit: what a rescaling of the coordinates does to it.
     pub length_power: i32,
@@ -90,7 +90,7 @@ pub struct PhysicalParameter {
     /// In the model's unit of length.
     pub bounds: Bounds,
     /// The value it starts from where the config says nothing (`start`), lengths in true pixels; where there is none the
-    /// raw number starts at 0.
+    /// unconstrained parameter starts at 0.
     pub start: Option<f64>,
 }
 
@@ -126,13 +126,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn raw_numbers_and_values_are_inverse_and_keep_the_bounds() {
+    fn unconstrained_and_values_are_inverse_and_keep_the_bounds() {
         for bounds in [Bounds::POSITIVE, Bounds::Above(-3.0), Bounds::Between(-2.0, 5.0)] {
-            for raw in [-4.0, -0.3, 0.0, 1.0, 3.5] {
-                let value = bounds.value(raw);
-                assert!(bounds.contain(value) && (bounds.raw(value) - raw).abs() < 1e-12, "{bounds:?} at {raw}");
-                let tensor = bounds.values(&Tensor::from(raw)).double_value(&[]);
-                assert!((tensor - value).abs() < 1e-12, "{bounds:?} at {raw}: {tensor} and {value}");
+            for unconstrained in [-4.0, -0.3, 0.0, 1.0, 3.5] {
+                let value = bounds.value(unconstrained);
+                assert!(
+                    bounds.contain(value) && (bounds.unconstrained(value) - unconstrained).abs() < 1e-12,
+                    "{bounds:?} at {unconstrained}"
+                );
+                let tensor = bounds.values(&Tensor::from(unconstrained)).double_value(&[]);
+                assert!((tensor - value).abs() < 1e-12, "{bounds:?} at {unconstrained}: {tensor} and {value}");
             }
             for outside in [-3.0, -7.0, f64::NAN, f64::INFINITY] {
                 assert!(!bounds.contain(outside), "{bounds:?} contain {outside}");

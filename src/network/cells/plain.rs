@@ -6,7 +6,7 @@ use std::fmt::Debug;
 use tch::Tensor;
 
 use super::actions::Actions;
-use super::integrands::{OnRows, Row};
+use super::integrands::{NumberRow, OnRows};
 use super::integrator::{Integrator, SUBSTEPS};
 
 /// An equation with its parameters that moves a batch of states on.
@@ -47,7 +47,7 @@ pub trait PlainCell<F = f32>: Debug {
 /// let expected = [0.0, 2.0, 6.0, 6.0];
 /// assert!(positions.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-12));
 /// ```
-pub trait Law: Debug {
+pub trait AccelerationLaw: Debug {
     /// Writes the accelerations in these states, all `[coordinates, batch]`, pixels (an angle: radians) per squared time unit;
     /// `action` (`[batch]`, 0 where nothing acts) acts.
     fn accelerate(&self, positions: &[f64], velocities: &[f64], action: &[f64], into: &mut [f64]);
@@ -62,19 +62,19 @@ pub struct Euler<L> {
     spare: Vec<Vec<f64>>,
 }
 
-impl<L: Law> Euler<L> {
+impl<L: AccelerationLaw> Euler<L> {
     pub fn new(law: L) -> Self {
         Euler { law, spare: Vec::new() }
     }
 }
 
-impl<L: Law> PlainCell<f64> for Euler<L> {
+impl<L: AccelerationLaw> PlainCell<f64> for Euler<L> {
     fn step(&mut self, positions: &mut [f64], velocities: &mut [f64], action: &[f64], dt: f64) {
         let Euler { law, spare } = self;
         for _ in 0..SUBSTEPS {
             let accelerate =
                 |pos: &[f64], vel: &[f64], _: f64, into: &mut [f64]| law.accelerate(pos, vel, action, into);
-            let state = [Row::Lent(&mut *positions), Row::Lent(&mut *velocities)];
+            let state = [NumberRow::Lent(&mut *positions), NumberRow::Lent(&mut *velocities)];
             Integrator::Euler.step(&mut OnRows { accelerate, spare: &mut *spare }, state, dt / SUBSTEPS as f64);
         }
     }

@@ -5,7 +5,7 @@
 //! section 4.1.
 
 use super::built_in::BuiltIn;
-use super::plain::{Euler, Law, PlainCell, columns, columns_mut};
+use super::plain::{AccelerationLaw, Euler, PlainCell, columns, columns_mut};
 use super::text::PlainForms;
 
 pub const SPRING: BuiltIn = BuiltIn {
@@ -37,7 +37,7 @@ pub(super) struct SpringLaw {
     pub resistance: f64,
 }
 
-impl Law for SpringLaw {
+impl AccelerationLaw for SpringLaw {
     fn accelerate(&self, positions: &[f64], velocities: &[f64], _action: &[f64], into: &mut [f64]) {
         let [x0, y0, x1, y1] = columns(positions);
         let [a0, b0, a1, b1] = columns_mut(into);

@@ -33,7 +33,7 @@ pub fn align(decoder: &Decoder, kind: Coordinates, frames: &Tensor, positions: &
     let moved = tch::no_grad(|| {
         let encoded = positions.detach();
         let Some((drawn, jacobian)) = decoder.with_derivative(&encoded, probe) else { return encoded.zeros_like() };
-        let fit = Fit::new(frames, &drawn, &jacobian, probe);
+        let fit = AlignmentProblem::new(frames, &drawn, &jacobian, probe);
         let mut moved = fit.step(&fit.drawn, &encoded.zeros_like());
         for _ in 1..steps {
             let [drawn] = decoder.draw([&(&encoded + &moved)]);
@@ -46,7 +46,7 @@ pub fn align(decoder: &Decoder, kind: Coordinates, frames: &Tensor, positions: &
 
 /// Least squares of the picture's error and of the way from the encoded positions, each weighted by its own variance. The
 /// drawing's derivative is that at the encoded positions.
-struct Fit {
+struct AlignmentProblem {
     /// `[frames, values]`.
     frames: Tensor,
     /// At the encoded positions, `[frames, values]`.
@@ -60,7 +60,7 @@ struct Fit {
     reach: f64,
 }
 
-impl Fit {
+impl AlignmentProblem {
     fn new(frames: &Tensor, drawn: &Tensor, jacobian: &Tensor, probe: f64) -> Self {
         let [frames, drawn] = [frames.flatten(1, 3), drawn.flatten(1, 3)];
         // The variance of one value of a picture, from what is not explained; it is never exactly none.
@@ -69,7 +69,7 @@ impl Fit {
         let jacobian = jacobian.flatten(2, 4);
         let unit = Tensor::eye(jacobian.size()[1], (Kind::Double, jacobian.device()));
         let normal = jacobian.bmm(&jacobian.transpose(1, 2)).to_kind(Kind::Double) + &prior * unit;
-        Fit { frames, drawn, jacobian, prior, normal, reach: REACH * probe }
+        AlignmentProblem { frames, drawn, jacobian, prior, normal, reach: REACH * probe }
     }
 
     /// How far in all from the encoded positions, after a step from what is `drawn` there where they are `moved` to.

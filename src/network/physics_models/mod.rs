@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use tch::nn::{Init, VarStore};
 use tch::{Device, Kind, Tensor};
 
-use self::parameters::raw_within;
+use self::parameters::unconstrained_within;
 use crate::network::System;
 use crate::network::cells::{Actions, Cell, OnGpu, PhysicalParameter, State};
 use crate::network::dynamics::BlackBox;
@@ -37,7 +37,7 @@ pub use encoder::{Encoder, Encoding};
 pub use options::ModelOptions;
 pub use parameters::Parameter;
 pub use velocity::VelocityEstimator;
-pub use vision::Seen;
+pub use vision::EncodedClips;
 
 /// The constant logit of the background in the softmax over masks, of the encoder and of the decoder.
 pub(crate) const BACKGROUND_LOGIT: f64 = 1.0;
@@ -56,7 +56,7 @@ pub enum VariableGroup {
 /// Which loss teaches which part.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Gradients {
+pub enum GradientPaths {
     /// Both losses teach all parts.
     #[default]
     Joint,
@@ -137,27 +137,28 @@ impl PhysicsNet {
         let scope = &root / system.cell.scope;
         let length = options.length_per_unit(system);
         let parameter = |kind: &PhysicalParameter| {
-            let raw = |value: f64| raw_within(kind, value / length.powi(kind.length_power));
+            let unconstrained = |value: f64| unconstrained_within(kind, value / length.powi(kind.length_power));
             let fixed = |usual_start: f64| {
-                let raw = Tensor::from(usual_start as f32).to_device(device);
-                Parameter { kind: kind.clone(), raw, usual_start, learned: false }
+                let unconstrained = Tensor::from(usual_start as f32).to_device(device);
+                Parameter { kind: kind.clone(), unconstrained, usual_start, learned: false }
             };
             if let Some(value) = options.fixed_at(kind) {
-                return Ok(fixed(raw(value)?));
+                return Ok(fixed(unconstrained(value)?));
             }
-            let usual_start = kind.start.map_or(Ok(0.0), raw)?;
+            let usual_start = kind.start.map_or(Ok(0.0), unconstrained)?;
             if black_box.is_some() {
                 return Ok(fixed(usual_start));
             }
-            let raw = scope.var(&kind.variable, &[], Init::Const(usual_start));
-            Ok(Parameter { kind: kind.clone(), raw, usual_start, learned: true })
+            let unconstrained = scope.var(&kind.variable, &[], Init::Const(usual_start));
+            Ok(Parameter { kind: kind.clone(), unconstrained, usual_start, learned: true })
         };
         let parameters = system.cell.parameters.iter().map(parameter).collect::<Result<Vec<_>>>()?;
         grouped(VariableGroup::Physics);
-        let raw: Vec<_> = parameters.iter().map(|parameter| parameter.raw.shallow_clone()).collect();
-        let mut cell = system.build_cell(&raw);
+        let unconstrained: Vec<_> =
+            parameters.iter().map(|parameter| parameter.unconstrained.shallow_clone()).collect();
+        let mut cell = system.build_cell(&unconstrained);
         if device != Device::Cpu && options.kernels == Kernels::Own {
-            cell = Box::new(OnGpu::new(&system.cell, system.walls, raw, cell));
+            cell = Box::new(OnGpu::new(&system.cell, system.walls, unconstrained, cell));
         }
         initial_values::glorot_uniform(&variables, seed);
         Ok(PhysicsNet {
@@ -180,7 +181,7 @@ impl PhysicsNet {
     /// # Errors
     /// A clip that is shorter than L + T_pred.
     pub fn forward(&self, clips: &Tensor, actions: &Actions) -> Result<ForwardPass> {
-        self.forward_with(clips, actions, None, Gradients::Joint)
+        self.forward_with(clips, actions, None, GradientPaths::Joint)
     }
 
     /// The same, with names in an [`order`](Self::order) that is known already, and with gradients that go as said.
@@ -192,7 +193,7 @@ impl PhysicsNet {
         clips: &Tensor,
         actions: &Actions,
         order: Option<&Tensor>,
-        gradients: Gradients,
+        gradients: GradientPaths,
     ) -> Result<ForwardPass> {
         let (input, encoded) = (self.system.input_steps, self.system.input_steps + self.system.pred_steps);
         let time = clips.size()[1] as usize;
@@ -204,11 +205,11 @@ impl PhysicsNet {
             None => self.named(&seen.positions, input),
         };
         let from = positions.narrow(1, 0, input as i64);
-        let from = if gradients == Gradients::Separate { from.detach() } else { from };
+        let from = if gradients == GradientPaths::Separate { from.detach() } else { from };
         let (initial, states) = self.roll_out(&from, actions, time - input);
         let predicted = State::positions(&states);
         let [reconstructions, predictions] = self.decode_both(&seen.encoded, &predicted, gradients);
-        let (Seen { encoding, .. }, kernels) = (seen, self.options.kernels);
+        let (EncodedClips { encoding, .. }, kernels) = (seen, self.options.kernels);
         Ok(ForwardPass { encoding, positions, initial, states, reconstructions, predictions, kernels })
     }
 
@@ -234,8 +235,8 @@ impl PhysicsNet {
     }
 
     /// Decodes encoded and predicted positions; the latter teach the decoder only where gradients are joint.
-    fn decode_both(&self, encoded: &Tensor, predicted: &Tensor, gradients: Gradients) -> [Tensor; 2] {
-        if gradients == Gradients::Joint {
+    fn decode_both(&self, encoded: &Tensor, predicted: &Tensor, gradients: GradientPaths) -> [Tensor; 2] {
+        if gradients == GradientPaths::Joint {
             return self.decode(&self.decoder, [encoded, predicted]);
         }
         let [reconstructions] = self.decode(&self.decoder, [encoded]);

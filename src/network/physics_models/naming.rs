@@ -36,7 +36,7 @@ pub fn follow(positions: &Tensor, unlike: &[Vec<f64>], input: usize) -> Naming {
     for clip in flat.chunks(time * objects * 2) {
         let mut names: Vec<Vec<usize>> = vec![(0..objects).collect(); time];
         for (time, from) in [(input.min(time), 1), (time, input)] {
-            Path { clip, objects, time, unlike }.smooth(&mut names, from);
+            NamePath { clip, objects, time, unlike }.smooth(&mut names, from);
         }
         changed +=
             usize::from(names.iter().any(|frame| frame.iter().enumerate().any(|(name, object)| name != *object)));
@@ -53,7 +53,7 @@ pub fn renamed(positions: &Tensor, order: &Tensor) -> Tensor {
     positions.reshape([size[0], size[1], -1, 2]).gather(2, &index, false).flatten(2, 3)
 }
 
-struct Path<'a> {
+struct NamePath<'a> {
     /// `(x, y)` of each object in each frame.
     clip: &'a [f64],
     objects: usize,
@@ -61,7 +61,7 @@ struct Path<'a> {
     unlike: &'a [Vec<f64>],
 }
 
-impl Path<'_> {
+impl NamePath<'_> {
     fn at(&self, frame: usize, object: usize) -> [f64; 2] {
         let place = 2 * (frame * self.objects + object);
         [self.clip[place], self.clip[place + 1]]

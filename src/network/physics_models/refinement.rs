@@ -22,7 +22,7 @@ const PROBE: f64 = 0.05;
 const HALF: f64 = 0.5;
 
 /// What the roll-outs of the input have in common.
-struct Input<'a> {
+struct RollOutInput<'a> {
     cell: &'a dyn Cell,
     dt: f64,
     /// Steps from the first input frame to the last.
@@ -44,13 +44,13 @@ pub fn refine(cell: &dyn Cell, dt: f64, positions: &Tensor, actions: &Actions, e
         return estimate;
     }
     let ones = Tensor::ones(&estimate.pos.size()[1..], (estimate.pos.kind(), estimate.pos.device()));
-    let input = Input { cell, dt, frames, units: Tensor::cat(&[&ones, &(&ones / dt)], 0) };
+    let input = RollOutInput { cell, dt, frames, units: Tensor::cat(&[&ones, &(&ones / dt)], 0) };
     let start = input.best_start(positions, actions, &estimate, steps - 1);
     let first = input.gauss_newton_step(&start, actions, &positions.flatten(1, 2));
     cell.roll_out(&State::from_joined(&first), actions, dt, frames).pop().expect("at least one frame")
 }
 
-impl Input<'_> {
+impl RollOutInput<'_> {
     /// The best of several starts after `steps` steps each, `[batch, state]`, without gradient: the estimate rolled back,
     /// and the difference of each pair of neighbouring frames rolled back.
     fn best_start(&self, positions: &Tensor, actions: &Actions, estimate: &State, steps: usize) -> Tensor {

@@ -7,7 +7,7 @@ use crate::network::cells::Coordinates;
 
 /// What the vision part makes of clips.
 #[derive(Debug)]
-pub struct Seen {
+pub struct EncodedClips {
     pub encoding: Encoding,
     /// As the encoder says, in its own order of the objects, `[batch, time, coordinates * objects]`.
     pub encoded: Tensor,
@@ -90,13 +90,13 @@ impl PhysicsNet {
 
     /// What is seen in clips `[batch, time, channels, S, S]`: as [`PhysicsNet::encode`], and the positions of the first `input`
     /// frames improved on the picture, all in the order of their names.
-    pub fn see(&self, clips: &Tensor, input: usize) -> Seen {
+    pub fn see(&self, clips: &Tensor, input: usize) -> EncodedClips {
         let seen = self.see_unnamed(clips, self.look(&clips.flatten(0, 1)), input);
-        Seen { positions: self.named(&seen.positions, input), ..seen }
+        EncodedClips { positions: self.named(&seen.positions, input), ..seen }
     }
 
     /// The same in the encoder's order, by what the encoder made of the frames.
-    pub(super) fn see_unnamed(&self, clips: &Tensor, encoding: Encoding, input: usize) -> Seen {
+    pub(super) fn see_unnamed(&self, clips: &Tensor, encoding: Encoding, input: usize) -> EncodedClips {
         let (batch, time, count) = (clips.size()[0], clips.size()[1], input as i64);
         let encoded = self.clip_coordinates(&encoding.positions.reshape([batch, time, -1]));
         let places = encoding.positions.reshape([batch, time, -1]);
@@ -104,7 +104,7 @@ impl PhysicsNet {
         let aligned = self.aligned_places(&of_input(clips), &of_input(&places)).reshape([batch, count, -1]);
         let places = Tensor::cat(&[aligned, places.narrow(1, count, time - count)], 1);
         let positions = self.clip_coordinates(&places);
-        Seen { encoding, encoded, positions }
+        EncodedClips { encoding, encoded, positions }
     }
 
     /// Which of the encoder's objects bears each name in clips `[batch, L + T_pred, channels, S, S]`, `[batch, L + T_pred,

@@ -15,8 +15,8 @@ use crate::network::System;
 use crate::network::blocks::{side_multiple, uses_deep_unet};
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::RunState;
-use crate::training::base::{Outcome, Session};
-use crate::training::objects::motion::Motion;
+use crate::training::base::{Session, TrainingOutcome};
+use crate::training::objects::motion::MotionDetector;
 
 /// The name under which it stands in a run's logs.
 const NAME: &str = "coarse";
@@ -34,16 +34,16 @@ impl Discover {
 }
 
 /// Finds the objects of the session's clips on halved frames, and begins its model with them.
-pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome> {
+pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<TrainingOutcome> {
     let (train, valid) = (session.train.halved(), session.valid.halved());
     let device = session.model.variables.device();
     let model = PhysicsNet::new(&session.model.system.halved(), &session.model.options, device, session.seed)?;
     for (parameter, whole) in model.learned().zip(session.model.learned()) {
-        model.set_raw(parameter, whole.raw.double_value(&[]));
+        model.set_unconstrained(parameter, whole.unconstrained.double_value(&[]));
     }
     let max_steps = config.coarse_steps.min(config.max_steps);
     let config = Discover { max_steps, ..config.clone() };
-    let motion = Rc::new(Motion::measure(&train, session.seed));
+    let motion = Rc::new(MotionDetector::measure(&train, session.seed));
     let mut discovery = Discovery::new(&config, &UNDRAWN_AT_FIT, &model, [&train, &valid], motion, session.seed)?;
     discovery.set_start(&model)?;
     let mut progress = RunState::new(&session.state.task);
@@ -71,7 +71,7 @@ pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome>
     let steps = coarse.state.steps;
     let fitted_last = discovery.fits_after(&coarse.state.validations);
     drop(coarse);
-    if outcome == Outcome::Interrupted {
+    if outcome == TrainingOutcome::Interrupted {
         return Ok(outcome);
     }
     // Positions are good before all is drawn: the answer until there is a better one. Where the last validation led to a fit it
@@ -82,7 +82,7 @@ pub(super) fn begin(config: &Discover, session: &mut Session) -> Result<Outcome>
     if let Some(fitted) = fitted {
         session.tell_fit(NAME, &fitted)?;
     }
-    Ok(Outcome::Finished)
+    Ok(TrainingOutcome::Finished)
 }
 
 /// The phase as it goes on from there: the background begins anew, the guides only fade, and the rates fall soon.

@@ -71,7 +71,7 @@ const LEAST_MASK: f64 = 1e-30;
 /// The weighted sum of the guides for frames `[frames, channels, S, S]`.
 ///
 /// * `positions`: as the localisation network has them, `[frames, 2 * objects]`, without a way back to the masks;
-/// * `moving`: [`Moving::share`](crate::training::objects::motion::Moving::share);
+/// * `moving`: [`Foreground::share`](crate::training::objects::motion::Foreground::share);
 /// * `responsibilities`: [`Names::responsibilities`](crate::training::objects::names::Names::responsibilities), if there
 ///   are names;
 /// * `pixel_centres`: the position of each pixel index on an axis, `[S]`, in the model's coordinates.

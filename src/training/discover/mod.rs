@@ -14,12 +14,12 @@ use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor};
 
 pub use self::guide::Guide;
-use super::base::{Outcome, Session};
+use super::base::{Session, TrainingOutcome};
 use super::guide_clock::GuideClock;
 use super::identify;
 use super::objective::{Objective, StepLoss, Validated};
 use super::objects::blobs;
-use super::objects::motion::{Motion, Moving};
+use super::objects::motion::{Foreground, MotionDetector};
 use super::objects::names::{self, Names};
 use super::objects::pasting;
 use super::objects::sprites;
@@ -149,17 +149,17 @@ impl Phase for Discover {
         if self.from.is_some() { 0.0 } else { steps as f64 * self.frames as f64 }
     }
 
-    fn run(&self, session: &mut Session) -> Result<Outcome> {
+    fn run(&self, session: &mut Session) -> Result<TrainingOutcome> {
         let (model, seed) = (session.model, session.seed);
         if let Some(run) = &self.from {
             let weights = checkpoint::find_own_weights(run, SavedWeights::Last);
             weights.and_then(|weights| weights::load_vision(&weights, model)).context("config: discover.from")?;
-            return Ok(Outcome::Finished);
+            return Ok(TrainingOutcome::Finished);
         }
         let (mut config, mut fits) = (self.clone(), &UNDRAWN_AT_FIT[..]);
         if self.begins_coarse(&model.system) && model.options.decoder == DecoderKind::CoordinateConsistent {
-            if session.state.step == 0 && coarse::begin(self, session)? == Outcome::Interrupted {
-                return Ok(Outcome::Interrupted);
+            if session.state.step == 0 && coarse::begin(self, session)? == TrainingOutcome::Interrupted {
+                return Ok(TrainingOutcome::Interrupted);
             }
             // A fit to halved frames stands already.
             (config, fits) = (coarse::after(self), &UNDRAWN_AT_FIT[..1]);
@@ -182,10 +182,10 @@ struct Discovery<'a> {
     fitted_at: Vec<f64>,
     train: &'a Clips,
     seed: u64,
-    motion: Rc<Motion>,
+    motion: Rc<MotionDetector>,
     names: Option<Names>,
     /// How they look, which the decoder may begin with.
-    sprites: Option<sprites::Seen>,
+    sprites: Option<sprites::LearnedSprites>,
     /// What the learning rate is divided by.
     smaller_steps: f64,
     /// Whether there are so few frames that others are made of them.
@@ -201,7 +201,7 @@ impl<'a> Discovery<'a> {
         fits: &[f64],
         model: &PhysicsNet,
         [train, valid]: [&'a Clips; 2],
-        motion: Rc<Motion>,
+        motion: Rc<MotionDetector>,
         seed: u64,
     ) -> Result<Self> {
         let (mut names, mut sprites) = (None, None);
@@ -293,7 +293,7 @@ struct Undrawn {
 }
 
 impl Undrawn {
-    fn measure(motion: &Motion, clips: &Clips, places: &[i64], frames: &Tensor) -> Self {
+    fn measure(motion: &MotionDetector, clips: &Clips, places: &[i64], frames: &Tensor) -> Self {
         let _guard = tch::no_grad_guard();
         let moves = motion.of(clips, places, frames).moves().expand_as(frames);
         let sum = |x: Tensor| x.sum(Kind::Double).double_value(&[]);
@@ -352,7 +352,7 @@ impl Discovery<'_> {
     }
 
     /// Which pixels are whose in these frames; none without names.
-    fn responsibilities(&self, model: &PhysicsNet, moving: &Moving) -> Result<Option<Tensor>> {
+    fn responsibilities(&self, model: &PhysicsNet, moving: &Foreground) -> Result<Option<Tensor>> {
         let Some(names) = &self.names else { return Ok(None) };
         let shares = names.responsibilities(&blobs::find(moving, model.system.objects));
         Ok(Some(shares.to_device(moving.share.device())))

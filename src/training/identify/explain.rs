@@ -6,9 +6,9 @@ use anyhow::Result;
 use tch::{Kind, Tensor};
 
 use super::Identify;
-use super::fit::{Fit, Start, Trust, fit};
-use super::rank::{self, Indistinct};
-use super::seen::Seen;
+use super::encoded_positions::EncodedPositions;
+use super::fit::{Fit, FitStart, Trust, fit};
+use super::rank::{self, Unidentifiable};
 use crate::network::System;
 use crate::network::cells::{Bounds, Coordinates};
 use crate::network::physics_models::PhysicsNet;
@@ -20,7 +20,7 @@ use crate::support::statistics::{MEDIAN_TO_DEVIATION, is_smaller};
 const RENAMED_CLIPS: f64 = 0.15;
 /// Rounds of naming by the fitted motion.
 const NAMING_ROUNDS: usize = 4;
-/// A usual residual of more than this, pixels, makes the fit try other starts: the raw numbers of all learned
+/// A usual residual of more than this, pixels, makes the fit try other starts: the unconstrained values of all learned
 /// parameters changed by these, a factor of 4, a fourth and 16 of a positive one.
 const TRY_OTHERS: f64 = 0.25;
 const OTHER_STARTS: [f64; 3] = [1.4, -1.4, 2.8];
@@ -88,17 +88,19 @@ impl Explanation {
 
     /// Gives the model the parameters, if the equation explains what was seen.
     pub(super) fn apply(&self, model: &PhysicsNet) {
-        let learned = model.parameters.iter().zip(&self.fit.raw).filter(|(parameter, _)| parameter.learned);
-        learned.filter(|_| self.explains()).for_each(|(parameter, raw)| model.set_raw(parameter, *raw));
+        let learned = model.parameters.iter().zip(&self.fit.unconstrained).filter(|(parameter, _)| parameter.learned);
+        learned
+            .filter(|_| self.explains())
+            .for_each(|(parameter, unconstrained)| model.set_unconstrained(parameter, *unconstrained));
     }
 
     /// The learned parameters that the motion does not tell apart, if there are any.
-    pub fn indistinct(&self, model: &PhysicsNet) -> Option<Indistinct> {
+    pub fn unidentifiable(&self, model: &PhysicsNet) -> Option<Unidentifiable> {
         let places: Vec<i64> =
             (0..).zip(&model.parameters).filter(|(_, it)| it.learned).map(|(place, _)| place).collect();
         let kinds: Vec<_> = model.learned().map(|parameter| &parameter.kind).collect();
         let places = Tensor::from_slice(&places);
-        rank::indistinct(&self.fit.curvature.index_select(0, &places).index_select(1, &places), &kinds)
+        rank::unidentifiable(&self.fit.curvature.index_select(0, &places).index_select(1, &places), &kinds)
     }
 
     /// In a line, residuals in this unit.
@@ -121,8 +123,13 @@ impl Explanation {
 ///
 /// # Errors
 /// Positions that are not finite.
-pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start) -> Result<Explanation> {
-    let fits = Fits { config, model, seen, start, pixel: seen.pixel(&model.system) };
+pub fn explain(
+    config: &Identify,
+    model: &PhysicsNet,
+    seen: &EncodedPositions,
+    start: &FitStart,
+) -> Result<Explanation> {
+    let fits = ModelFits { config, model, seen, start, pixel: seen.pixel(&model.system) };
     let naming = fits.naming();
     let clips = seen.centroids.size()[0] as f64;
     let names_change = naming.as_ref().map_or(0.0, |naming| naming.changed as f64 / clips);
@@ -153,10 +160,10 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
     let own_residual = own_residual(&model.system, &best, &trust);
     let (best, explained) = fits.without_outliers(&named, best, free_offsets, &mut trust)?;
 
-    let mut estimates = vec![best.raw.clone()];
+    let mut estimates = vec![best.unconstrained.clone()];
     let other = fits.go_on(&fits.coordinates(other_at, order.as_ref()), &best, free_offsets, &trust)?;
     if other.usual_residual <= WITNESS * best.usual_residual {
-        estimates.push(other.raw);
+        estimates.push(other.unconstrained);
     }
     let found = fits.offsets_in_pixels(&best);
     Ok(Explanation {
@@ -176,16 +183,16 @@ pub fn explain(config: &Identify, model: &PhysicsNet, seen: &Seen, start: &Start
 }
 
 /// The fits of one model to what was seen.
-struct Fits<'a> {
+struct ModelFits<'a> {
     config: &'a Identify,
     model: &'a PhysicsNet,
-    seen: &'a Seen,
-    start: &'a Start,
+    seen: &'a EncodedPositions,
+    start: &'a FitStart,
     /// A pixel in the unit of the equation's coordinates.
     pixel: f64,
 }
 
-impl Fits<'_> {
+impl ModelFits<'_> {
     /// Names by the paths of the objects, whatever they look like; none where there is nothing to name.
     fn naming(&self) -> Option<Naming> {
         let system = &self.model.system;
@@ -208,30 +215,36 @@ impl Fits<'_> {
         }
     }
 
-    fn fit(&self, at: &Tensor, start: &Start, trust: &Trust) -> Result<Fit> {
+    fn fit(&self, at: &Tensor, start: &FitStart, trust: &Trust) -> Result<Fit> {
         fit(self.config, &self.model.system, at, &self.seen.actions, start, trust)
     }
 
     /// A fit that begins where another ended.
     fn go_on(&self, at: &Tensor, from: &Fit, free_offsets: bool, trust: &Trust) -> Result<Fit> {
-        let (raw, states) = (from.raw.clone(), Some(from.states.shallow_clone()));
-        self.fit(at, &Start { raw, learned: self.start.learned.clone(), free_offsets, states }, trust)
+        let (unconstrained, states) = (from.unconstrained.clone(), Some(from.states.shallow_clone()));
+        self.fit(at, &FitStart { unconstrained, learned: self.start.learned.clone(), free_offsets, states }, trust)
     }
 
     /// The fit from the given start, or from one of the others where that leaves much.
     fn best_of_starts(&self, at: &Tensor) -> Result<Fit> {
-        let Start { raw, learned, .. } = self.start;
-        let from = |raw: Vec<f64>| {
-            let start = Start { raw, learned: learned.clone(), free_offsets: false, states: None };
+        let FitStart { unconstrained, learned, .. } = self.start;
+        let from = |unconstrained: Vec<f64>| {
+            let start = FitStart { unconstrained, learned: learned.clone(), free_offsets: false, states: None };
             self.fit(at, &start, &Trust::default())
         };
-        let mut best = from(raw.clone())?;
+        let mut best = from(unconstrained.clone())?;
         let changes = if learned.contains(&true) { &OTHER_STARTS[..] } else { &[] };
         for change in changes {
             if best.usual_residual <= TRY_OTHERS * self.pixel {
                 break;
             }
-            let other = from(raw.iter().zip(learned).map(|(raw, &it)| if it { raw + change } else { *raw }).collect())?;
+            let other = from(
+                unconstrained
+                    .iter()
+                    .zip(learned)
+                    .map(|(unconstrained, &it)| if it { unconstrained + change } else { *unconstrained })
+                    .collect(),
+            )?;
             if is_smaller(other.usual_residual, best.usual_residual) {
                 best = other;
             }
@@ -239,9 +252,9 @@ impl Fits<'_> {
         let near = |fit: &Fit| self.near(fit, false).mean(Kind::Double).double_value(&[]);
         let share = near(&best);
         if share < NEARLY_ALL
-            && let Some(raw) = self.walls_anew(&best.raw)
+            && let Some(unconstrained) = self.walls_anew(&best.unconstrained)
         {
-            let other = from(raw)?;
+            let other = from(unconstrained)?;
             if near(&other) > share {
                 best = other;
             }
@@ -252,15 +265,17 @@ impl Fits<'_> {
     /// What was found, but what is learned between two bounds, such as a wall or what it leaves of the speed, as the equation
     /// begins: while the others were wrong, it was moved to where it does harm or nothing. None where there is no such thing.
     fn walls_anew(&self, found: &[f64]) -> Option<Vec<f64>> {
-        let mut raw = found.to_vec();
+        let mut unconstrained = found.to_vec();
         let mut any = false;
-        for ((raw, parameter), learned) in raw.iter_mut().zip(&self.model.parameters).zip(&self.start.learned) {
+        for ((unconstrained, parameter), learned) in
+            unconstrained.iter_mut().zip(&self.model.parameters).zip(&self.start.learned)
+        {
             if *learned && matches!(parameter.kind.bounds, Bounds::Between(..)) {
-                *raw = parameter.usual_start;
+                *unconstrained = parameter.usual_start;
                 any = true;
             }
         }
-        any.then_some(raw)
+        any.then_some(unconstrained)
     }
 
     /// Which positions are near where a fit has them; of frames all or none if `whole_frames`.

@@ -1,6 +1,6 @@
 //! The fit of the physical parameters to encoded trajectories.
 //!
-//! Unknown are the raw numbers of the parameters (of a positive one its logarithm), one offset of each object's template (the
+//! Unknown are the unconstrained parameters (of a positive one its logarithm), one offset of each object's template (the
 //! encoder may put an object beside its centre, always by as much), and the initial state of each clip.
 //!
 //! The fit is Levenberg-Marquardt in float64 with a Huber loss. The normal equations have an arrow's shape (states of
@@ -18,12 +18,12 @@ use crate::support::least_squares;
 use crate::support::statistics::MEDIAN_TO_DEVIATION;
 use paig_kernels::KernelsAlone;
 
-/// Half the span of the difference quotients, in the unit of a coordinate or a velocity, or of a raw number. In float64
-/// roll-outs of positions up to 64 px it leaves nine digits.
+/// Half the span of the difference quotients, in the unit of a coordinate or a velocity, or of an unconstrained parameter.
+/// In float64 roll-outs of positions up to 64 px it leaves nine digits.
 const PROBE: f64 = 1e-4;
 /// Weight of a squared offset, clip by clip: holds those in place that the physics does not see (a common shift).
 const OFFSET_RIDGE: f64 = 1e-3;
-/// Largest change of a parameter's raw number in one iteration.
+/// Largest change of an unconstrained parameter in one iteration.
 const LARGEST_RAW_STEP: f64 = 0.5;
 /// Added to the diagonal of normal equations, of their largest number.
 const LEAST_HELD: f64 = 1e-12;
@@ -32,9 +32,9 @@ const CONVERGED: f64 = 1e-5;
 
 /// Where a fit begins, and what is free.
 #[derive(Debug)]
-pub struct Start {
+pub struct FitStart {
     /// Raw numbers of the parameters in the cell's order.
-    pub raw: Vec<f64>,
+    pub unconstrained: Vec<f64>,
     /// Whether each of them is learned.
     pub learned: Vec<bool>,
     /// Whether each object may be seen beside its place by an offset of its own.
@@ -55,11 +55,11 @@ pub struct Trust {
     pub huber: Option<f64>,
 }
 
-impl Start {
+impl FitStart {
     /// The parameters of a model as they are.
     pub fn of(model: &PhysicsNet) -> Self {
-        Start {
-            raw: model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect(),
+        FitStart {
+            unconstrained: model.parameters.iter().map(|parameter| parameter.unconstrained.double_value(&[])).collect(),
             learned: model.parameters.iter().map(|parameter| parameter.learned).collect(),
             free_offsets: true,
             states: None,
@@ -71,7 +71,7 @@ impl Start {
 #[derive(Debug)]
 pub struct Fit {
     /// Raw numbers of the parameters in the cell's order, those that are fixed included.
-    pub raw: Vec<f64>,
+    pub unconstrained: Vec<f64>,
     /// Encoded minus true position of each object in the cell's coordinates; a common shift is taken as 0 where the physics
     /// does not depend on it.
     pub offsets: Vec<f64>,
@@ -83,27 +83,27 @@ pub struct Fit {
     pub usual_residual: f64,
     /// Residuals of all frames of the longest horizon, `[clips, frames, coordinates]`.
     pub residuals: Tensor,
-    /// Standard deviation of each raw number, from the fit's curvature and the scatter over clips; 0 of one that is fixed,
-    /// infinite of one that shows in no position.
+    /// Standard deviation of each unconstrained parameter, from the fit's curvature and the scatter over clips; 0 of one
+    /// that is fixed, infinite of one that shows in no position.
     pub deviations: Vec<f64>,
-    /// Second derivatives of the cost by the raw numbers, everything else following: `[parameters, parameters]`, in
-    /// the cell's order; 0 for one that is fixed.
+    /// Second derivatives of the cost by the unconstrained parameters, everything else following: `[parameters,
+    /// parameters]`, in the cell's order; 0 for one that is fixed.
     pub curvature: Tensor,
     pub iterations: usize,
 }
 
 /// The unknowns.
 #[derive(Debug)]
-struct Unknowns {
+struct FitUnknowns {
     /// `[parameters]`.
-    raw: Tensor,
+    unconstrained: Tensor,
     /// `[coordinates]` of all objects.
     offsets: Tensor,
     /// Positions and velocities at the first frame, `[clips, 2 * coordinates]`.
     states: Tensor,
 }
 
-struct Problem<'a> {
+struct FitProblem<'a> {
     system: &'a System,
     /// Whether each of the cell's parameters is learned.
     learned: &'a [bool],
@@ -120,7 +120,7 @@ struct Problem<'a> {
 }
 
 /// Residuals and their derivatives at some unknowns.
-struct Linearised {
+struct Linearisation {
     /// `[clips, residuals]`.
     residual: Tensor,
     /// `[clips, residuals, 2 * coordinates]`.
@@ -150,7 +150,7 @@ pub fn fit(
     system: &System,
     positions: &Tensor,
     actions: &Actions,
-    start: &Start,
+    start: &FitStart,
     trust: &Trust,
 ) -> Result<Fit> {
     let _guard = tch::no_grad_guard();
@@ -163,12 +163,12 @@ pub fn fit(
     );
     let coordinates = positions.size()[2];
     let states = start.states.as_ref().map_or_else(|| first_states(&positions, system.dt), Tensor::shallow_clone);
-    let mut unknowns = Unknowns {
-        raw: Tensor::from_slice(&start.raw),
+    let mut unknowns = FitUnknowns {
+        unconstrained: Tensor::from_slice(&start.unconstrained),
         offsets: Tensor::zeros([coordinates], (Kind::Double, positions.device())),
         states,
     };
-    let problem = |horizon: usize| Problem {
+    let problem = |horizon: usize| FitProblem {
         system,
         learned: &start.learned,
         free_offsets: start.free_offsets,
@@ -186,14 +186,14 @@ pub fn fit(
     }
     let longest = problem(longest);
     let (deviations, curvature) = longest.certainty(&unknowns);
-    let residuals = Problem { weights: None, ..longest }.residual(&unknowns);
+    let residuals = FitProblem { weights: None, ..longest }.residual(&unknowns);
     let counted = longest.masked(residuals.ones_like()).sum(Kind::Double).clamp_min(1.0);
     let residual = (longest.masked(residuals.square()).sum(Kind::Double) / counted).sqrt().double_value(&[]);
     let usual_residual = residuals.abs().median().double_value(&[]) * MEDIAN_TO_DEVIATION;
-    let (raw, offsets) = (values(&unknowns.raw), values(&unknowns.offsets));
+    let (unconstrained, offsets) = (values(&unknowns.unconstrained), values(&unknowns.offsets));
     let residuals = residuals.reshape([positions.size()[0], -1, coordinates]);
     Ok(Fit {
-        raw,
+        unconstrained,
         offsets,
         states: unknowns.states,
         residual,
@@ -216,12 +216,12 @@ fn values(x: &Tensor) -> Vec<f64> {
     Vec::try_from(x).expect("a float64 vector")
 }
 
-impl Problem<'_> {
+impl FitProblem<'_> {
     /// Positions of the roll-outs, `[clips * copies, horizon * coordinates]`.
-    fn roll_out(&self, raw: &Tensor, states: &Tensor, actions: &Actions) -> Tensor {
-        let raw: Vec<_> = (0..raw.size()[0]).map(|i| raw.get(i)).collect();
+    fn roll_out(&self, unconstrained: &Tensor, states: &Tensor, actions: &Actions) -> Tensor {
+        let unconstrained: Vec<_> = (0..unconstrained.size()[0]).map(|i| unconstrained.get(i)).collect();
         let System { cell: ref kind, dt, .. } = *self.system;
-        let cell = self.system.build_cell(&raw);
+        let cell = self.system.build_cell(&unconstrained);
         if let Some(mut cell) = cell.plain_double() {
             return plain::roll_out(cell.as_mut(), states, actions, kind.tells_time(), dt, self.horizon);
         }
@@ -232,9 +232,9 @@ impl Problem<'_> {
     }
 
     /// Roll-out and offsets minus encoded positions, `[clips, horizon * coordinates]`.
-    fn residual(&self, unknowns: &Unknowns) -> Tensor {
+    fn residual(&self, unknowns: &FitUnknowns) -> Tensor {
         let seen = self.positions.narrow(1, 0, self.horizon as i64).flatten(1, 2);
-        let rolled_out = self.roll_out(&unknowns.raw, &unknowns.states, self.actions);
+        let rolled_out = self.roll_out(&unknowns.unconstrained, &unknowns.states, self.actions);
         self.weighted(&(rolled_out + unknowns.offsets.repeat([self.horizon as i64]) - seen), 1)
     }
 
@@ -256,7 +256,7 @@ impl Problem<'_> {
     }
 
     /// Huber loss of all residuals and the ridge on the offsets.
-    fn cost(&self, unknowns: &Unknowns) -> f64 {
+    fn cost(&self, unknowns: &FitUnknowns) -> f64 {
         let size = self.residual(unknowns).abs();
         let linear = (&size - 0.5 * self.huber) * self.huber;
         let huber = (size.square() * 0.5).where_self(&size.le(self.huber), &linear);
@@ -269,25 +269,27 @@ impl Problem<'_> {
         OFFSET_RIDGE * self.positions.size()[0] as f64
     }
 
-    fn linearise(&self, unknowns: &Unknowns) -> Linearised {
-        let Unknowns { raw, offsets, states } = unknowns;
+    fn linearise(&self, unknowns: &FitUnknowns) -> Linearisation {
+        let FitUnknowns { unconstrained, offsets, states } = unknowns;
         let (clips, state_size) = states.size2().expect("states [clips, state]");
-        let parameters = raw.size()[0];
+        let parameters = unconstrained.size()[0];
         let quotient = |up: Tensor, down: Tensor| (up - down) / (2.0 * PROBE);
         let probe = Tensor::eye(state_size, (Kind::Double, states.device())) * PROBE;
         let probes = Tensor::cat(&[&probe, &(-&probe)], 0);
         let copies = (states.unsqueeze(1) + probes).reshape([-1, state_size]);
         let actions = self.actions.each_repeated(2 * state_size);
-        let ends = self.weighted(&self.roll_out(raw, &copies, &actions), 1).reshape([clips, 2, state_size, -1]);
+        let ends =
+            self.weighted(&self.roll_out(unconstrained, &copies, &actions), 1).reshape([clips, 2, state_size, -1]);
         let by_state = quotient(ends.select(1, 0), ends.select(1, 1)).transpose(1, 2);
         let steps = Tensor::eye(parameters, (Kind::Double, states.device())) * PROBE;
         let mut shared: Vec<Tensor> = (0..parameters)
             .map(|p| {
                 let step = steps.get(p);
-                let shifted = |raw: Tensor| self.weighted(&self.roll_out(&raw, states, self.actions), 1);
+                let shifted =
+                    |unconstrained: Tensor| self.weighted(&self.roll_out(&unconstrained, states, self.actions), 1);
                 // Without a derivative a parameter stays where it is.
                 let learned = f64::from(self.learned[p as usize]);
-                (quotient(shifted(raw + &step), shifted(raw - &step)) * learned).unsqueeze(-1)
+                (quotient(shifted(unconstrained + &step), shifted(unconstrained - &step)) * learned).unsqueeze(-1)
             })
             .collect();
         let coordinates = offsets.size()[0];
@@ -296,11 +298,11 @@ impl Problem<'_> {
             Tensor::eye(coordinates, (Kind::Double, states.device())).repeat([self.horizon as i64, 1]) * free;
         let by_offset = self.weighted(&by_offset, 0);
         shared.push(by_offset.unsqueeze(0).expand([clips, -1, -1], false));
-        Linearised { residual: self.residual(unknowns), by_state, by_shared: Tensor::cat(&shared, 2) }
+        Linearisation { residual: self.residual(unknowns), by_state, by_shared: Tensor::cat(&shared, 2) }
     }
 
     /// The normal equations of the shared unknowns with each clip's states eliminated.
-    fn eliminate(&self, at: &Linearised, unknowns: &Unknowns, damping: f64) -> Eliminated {
+    fn eliminate(&self, at: &Linearisation, unknowns: &FitUnknowns, damping: f64) -> Eliminated {
         let weight = self.masked(self.huber / at.residual.abs().clamp_min(self.huber)).unsqueeze(-1);
         let weighted = |j: &Tensor| (j * &weight).transpose(1, 2);
         let damped = |normal: Tensor| {
@@ -320,20 +322,20 @@ impl Problem<'_> {
         let shared_count = state_shared.size()[2];
         let (a_b, a_g) = (eliminated.narrow(2, 0, shared_count), eliminated.narrow(2, shared_count, 1));
         let over_clips = |x: Tensor| x.sum_dim_intlist([0i64].as_slice(), false, None);
-        let ridge = Tensor::cat(&[unknowns.raw.zeros_like(), unknowns.offsets.full_like(self.ridge())], 0);
+        let ridge = Tensor::cat(&[unknowns.unconstrained.zeros_like(), unknowns.offsets.full_like(self.ridge())], 0);
         let normal = damped(over_clips(w_shared.bmm(&at.by_shared)) + ridge.diag_embed(0, -2, -1))
             - over_clips(state_shared.transpose(1, 2).bmm(&a_b));
         let gradients = (w_shared.bmm(&residual) - state_shared.transpose(1, 2).bmm(&a_g)).squeeze_dim(-1);
-        let held = Tensor::cat(&[unknowns.raw.zeros_like(), &unknowns.offsets * self.ridge()], 0);
+        let held = Tensor::cat(&[unknowns.unconstrained.zeros_like(), &unknowns.offsets * self.ridge()], 0);
         Eliminated { normal, gradients, held, a_b, a_g }
     }
 
     /// The damped Gauss-Newton step: changes of the shared unknowns and of the states.
-    fn step(&self, at: &Linearised, unknowns: &Unknowns, damping: f64) -> (Tensor, Tensor) {
+    fn step(&self, at: &Linearisation, unknowns: &FitUnknowns, damping: f64) -> (Tensor, Tensor) {
         let Eliminated { normal, gradients, held, a_b, a_g } = self.eliminate(at, unknowns, damping);
         let gradient = gradients.sum_dim_intlist([0i64].as_slice(), false, None) + held;
         let mut shared = -Tensor::linalg_solve(&normal, &gradient, true);
-        let parameters = unknowns.raw.size()[0];
+        let parameters = unknowns.unconstrained.size()[0];
         let largest = if parameters > 0 { shared.narrow(0, 0, parameters).abs().max().double_value(&[]) } else { 0.0 };
         if largest > LARGEST_RAW_STEP {
             shared *= LARGEST_RAW_STEP / largest;
@@ -342,15 +344,15 @@ impl Problem<'_> {
         (shared, states)
     }
 
-    /// How well the parameters' raw numbers are known.
+    /// How well the unconstrained parameters are known.
     ///
     /// Standard deviations: the inverse of the normal equations around the scatter of the clips' gradients, which need not
     /// be of independent residuals; of no more clips than shared unknowns, as if the residuals were. Curvature: the normal
     /// equations with the offsets eliminated, too.
-    fn certainty(&self, unknowns: &Unknowns) -> (Vec<f64>, Tensor) {
+    fn certainty(&self, unknowns: &FitUnknowns) -> (Vec<f64>, Tensor) {
         let at = self.linearise(unknowns);
         let Eliminated { normal, gradients, .. } = self.eliminate(&at, unknowns, 0.0);
-        let (parameters, offsets) = (unknowns.raw.size()[0], unknowns.offsets.size()[0]);
+        let (parameters, offsets) = (unknowns.unconstrained.size()[0], unknowns.offsets.size()[0]);
         let clips = gradients.size()[0] as f64;
         let free = self.learned.iter().filter(|learned| **learned).count() as i64
             + if self.free_offsets { offsets } else { 0 };
@@ -396,15 +398,15 @@ impl Problem<'_> {
     }
 
     /// Iterates until the cost stands still; returns the iterations.
-    fn minimise(&self, unknowns: &mut Unknowns, max_iterations: usize) -> usize {
-        let parameters = unknowns.raw.size()[0];
+    fn minimise(&self, unknowns: &mut FitUnknowns, max_iterations: usize) -> usize {
+        let parameters = unknowns.unconstrained.size()[0];
         let coordinates = unknowns.offsets.size()[0];
-        let cost = |unknowns: &Unknowns| self.cost(unknowns);
-        let linearise = |unknowns: &Unknowns| self.linearise(unknowns);
-        let step = |unknowns: &Unknowns, at: &Linearised, damping: f64| {
+        let cost = |unknowns: &FitUnknowns| self.cost(unknowns);
+        let linearise = |unknowns: &FitUnknowns| self.linearise(unknowns);
+        let step = |unknowns: &FitUnknowns, at: &Linearisation, damping: f64| {
             let (shared, states) = self.step(at, unknowns, damping);
-            Some(Unknowns {
-                raw: &unknowns.raw + shared.narrow(0, 0, parameters),
+            Some(FitUnknowns {
+                unconstrained: &unknowns.unconstrained + shared.narrow(0, 0, parameters),
                 offsets: &unknowns.offsets + shared.narrow(0, parameters, coordinates),
                 states: &unknowns.states + states,
             })

@@ -7,9 +7,9 @@
 use anyhow::Result;
 
 use super::Identify;
+use super::encoded_positions::EncodedPositions;
 use super::explain::{Explanation, own_residual};
-use super::fit::{Fit, Start, fit};
-use super::seen::Seen;
+use super::fit::{Fit, FitStart, fit};
 use crate::network::physics_models::PhysicsNet;
 
 /// Numbers of a state for each coordinate of a frame: place and velocity.
@@ -21,7 +21,7 @@ const LEAST_MORE: f64 = 0.03;
 
 /// What an equation leaves of positions, each for as many free numbers, in their unit.
 #[derive(Debug, Clone, Copy)]
-pub struct Left {
+pub struct PositionResiduals {
     /// Of whole clips.
     pub whole: f64,
     /// Of their first halves, where nothing but the states is fitted to them.
@@ -30,21 +30,26 @@ pub struct Left {
     pub pixel: f64,
 }
 
-impl Left {
+impl PositionResiduals {
     /// Of what was explained, with the same settings; None where half a clip is too short.
     ///
     /// # Errors
     /// None of a motion that was explained.
-    pub fn of(config: &Identify, model: &PhysicsNet, seen: &Seen, explanation: &Explanation) -> Result<Option<Self>> {
+    pub fn of(
+        config: &Identify,
+        model: &PhysicsNet,
+        seen: &EncodedPositions,
+        explanation: &Explanation,
+    ) -> Result<Option<Self>> {
         let Explanation { fit: whole, fitted, trust, .. } = explanation;
         let frames = whole.residuals.size()[1] as usize;
         let half = frames / 2;
         if half <= STATE + 1 {
             return Ok(None);
         }
-        let start = Start {
-            raw: whole.raw.clone(),
-            learned: vec![false; whole.raw.len()],
+        let start = FitStart {
+            unconstrained: whole.unconstrained.clone(),
+            learned: vec![false; whole.unconstrained.len()],
             free_offsets: false,
             states: Some(whole.states.shallow_clone()),
         };
@@ -54,7 +59,7 @@ impl Left {
             own_residual(&model.system, fit, trust) * (frames as f64 / (frames - STATE) as f64).sqrt()
         };
         let (whole, half) = (left(whole, frames), left(&halves, half));
-        Ok(Some(Left { whole, half, pixel: seen.pixel(&model.system) }))
+        Ok(Some(PositionResiduals { whole, half, pixel: seen.pixel(&model.system) }))
     }
 
     /// Whether a force is missing.

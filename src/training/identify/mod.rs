@@ -3,29 +3,29 @@
 //! From poor parameters the image loss leads to free motion (k to 0): that is where reruns of the original end. Fitted
 //! to trajectories of growing length the parameters have no such trap. Not in the original.
 
+pub mod encoded_positions;
 pub mod explain;
 pub mod fit;
 pub mod missing;
 mod order;
 pub mod rank;
 pub mod recentre;
-pub mod seen;
 pub mod velocity_fit;
 
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use self::encoded_positions::EncodedPositions;
 use self::explain::{Explanation, LEAST_HUBER};
-use self::fit::Start;
-use self::seen::Seen;
-use super::base::{Outcome, Session};
-use super::objects::motion::Motion;
-use super::observer::Event;
+use self::fit::FitStart;
+use super::base::{Session, TrainingOutcome};
+use super::objects::motion::MotionDetector;
+use super::observer::TrainingEvent;
 use super::phase::Phase;
 use super::ranges::at_least_one;
 use crate::datasets::iterators::Clips;
 use crate::network::physics_models::{DecoderKind, PhysicsNet};
-use crate::runs::metrics::{Kind, Record};
+use crate::runs::metrics::{Record, RecordKind};
 
 /// Clips on which the positions are re-centred.
 const RECENTRE_CLIPS: usize = 200;
@@ -114,7 +114,7 @@ impl Identify {
         let positions = explanation.positions.narrow(0, 0, count).flatten(0, 1);
         let left = recentre::recentre(model, &frames, &positions, &explanation.offsets)?;
         let largest = explanation.offsets.iter().fold(0.0f64, |largest, offset| largest.max(offset.abs()));
-        session.tell(&Event::Note(&format!("recentre - largest offset {largest:.3} px, {left:.4} px left")))?;
+        session.tell(&TrainingEvent::Note(&format!("recentre - largest offset {largest:.3} px, {left:.4} px left")))?;
         Ok(true)
     }
 }
@@ -124,8 +124,13 @@ impl Identify {
 ///
 /// # Errors
 /// Positions that are not finite.
-pub(super) fn first_fit(model: &PhysicsNet, train: &Clips, motion: &Motion, clips: usize) -> Result<Explanation> {
-    let explanation = explain_some(model, train, motion, clips, &Start::of(model))?;
+pub(super) fn first_fit(
+    model: &PhysicsNet,
+    train: &Clips,
+    motion: &MotionDetector,
+    clips: usize,
+) -> Result<Explanation> {
+    let explanation = explain_some(model, train, motion, clips, &FitStart::of(model))?;
     explanation.apply(model);
     Ok(explanation)
 }
@@ -134,12 +139,12 @@ pub(super) fn first_fit(model: &PhysicsNet, train: &Clips, motion: &Motion, clip
 fn explain_some(
     model: &PhysicsNet,
     train: &Clips,
-    motion: &Motion,
+    motion: &MotionDetector,
     clips: usize,
-    start: &Start,
+    start: &FitStart,
 ) -> Result<Explanation> {
     let config = Identify { clips, ..Identify::usual(train.time().min(LONGEST_OF_FIRST)) };
-    let seen = Seen::of(model, train, motion, clips, FIRST_BATCH);
+    let seen = EncodedPositions::of(model, train, motion, clips, FIRST_BATCH);
     explain::explain(&config, model, &seen, start)
 }
 
@@ -148,19 +153,20 @@ impl Phase for Identify {
         "identify"
     }
 
-    fn run(&self, session: &mut Session) -> Result<Outcome> {
+    fn run(&self, session: &mut Session) -> Result<TrainingOutcome> {
         let model = session.model;
-        session.tell(&Event::PhaseBegins { phase: self.name(), done: 0, of: 0 })?;
+        session.tell(&TrainingEvent::PhaseBegins { phase: self.name(), done: 0, of: 0 })?;
         let motion = session.motion();
         let fits = self.max_iterations > 0;
         if let Some(order) =
             fits.then(|| order::find(model, session.train, &motion, &session.begun)).transpose()?.flatten()
         {
             let numbers: Vec<_> = order.iter().map(|number| number + 1).collect();
-            session.tell(&Event::Note(&format!("identify - the objects' order in the equation is {numbers:?}")))?;
+            session
+                .tell(&TrainingEvent::Note(&format!("identify - the objects' order in the equation is {numbers:?}")))?;
         }
-        let seen = Seen::of(model, session.train, &motion, self.clips, session.validation.pass);
-        let explanation = explain::explain(self, model, &seen, &Start::of(model))?;
+        let seen = EncodedPositions::of(model, session.train, &motion, self.clips, session.validation.pass);
+        let explanation = explain::explain(self, model, &seen, &FitStart::of(model))?;
         explanation.apply(model);
         let fit = &explanation.fit;
         let explains = explanation.explains();
@@ -170,29 +176,29 @@ impl Phase for Identify {
             residual: Some(fit.residual),
             iterations: Some(fit.iterations),
             recentred: Some(recentred),
-            ..session.record(Kind::Identify, self.name())
+            ..session.record(RecordKind::Identify, self.name())
         };
-        session.tell(&Event::Note(&format!(
+        session.tell(&TrainingEvent::Note(&format!(
             "identify - residual={:.4} {unit} iterations={} offsets={:.3?} {}",
             fit.residual,
             fit.iterations,
             explanation.offsets,
             record.parameters_text()
         )))?;
-        session.tell(&Event::Note(&explanation.text(unit)))?;
-        if let Some(indistinct) = explanation.indistinct(model) {
-            session.tell(&Event::Note(&indistinct.text()))?;
+        session.tell(&TrainingEvent::Note(&explanation.text(unit)))?;
+        if let Some(unidentifiable) = explanation.unidentifiable(model) {
+            session.tell(&TrainingEvent::Note(&unidentifiable.text()))?;
         }
         record.offsets = Some(explanation.offsets);
         // A motion that the equation does not explain teaches nothing.
         if self.velocity_steps > 0 && explains {
             let (steps, rate) = (self.velocity_steps, self.velocity_rate());
             let left = velocity_fit::fit(model, &fit.states, &seen.actions, session.train.time(), steps, rate)?;
-            session.tell(&Event::Note(&format!("velocity - residual={left:.4} {unit} per time unit")))?;
+            session.tell(&TrainingEvent::Note(&format!("velocity - residual={left:.4} {unit} per time unit")))?;
             record.velocity_residual = Some(left);
         }
-        session.tell(&Event::Recorded { record: &record, model: session.model })?;
-        session.tell(&Event::PhaseEnds { phase: self.name() })?;
-        Ok(Outcome::Finished)
+        session.tell(&TrainingEvent::Recorded { record: &record, model: session.model })?;
+        session.tell(&TrainingEvent::PhaseEnds { phase: self.name() })?;
+        Ok(TrainingOutcome::Finished)
     }
 }

@@ -4,7 +4,7 @@
 
 use anyhow::Result;
 
-use super::{Motion, Start, explain_some};
+use super::{FitStart, MotionDetector, explain_some};
 use crate::datasets::iterators::Clips;
 use crate::network::physics_models::{DecoderKind, PhysicsNet};
 use crate::support::statistics::is_smaller;
@@ -18,19 +18,24 @@ const CLIPS: usize = 50;
 const CLEARLY_LESS: f64 = 0.7;
 
 /// Numbers the model's objects anew, if the equation explains their motion clearly better in another order, and gives the
-/// model the parameters that do. Gives the order: the old numbers, each at its new place. `begun`: the raw numbers of the
-/// parameters that the training began with.
+/// model the parameters that do. Gives the order: the old numbers, each at its new place. `begun`: the unconstrained
+/// parameters of the parameters that the training began with.
 ///
 /// # Errors
 /// Positions that are not finite.
-pub(super) fn find(model: &PhysicsNet, train: &Clips, motion: &Motion, begun: &[f64]) -> Result<Option<Vec<i64>>> {
+pub(super) fn find(
+    model: &PhysicsNet,
+    train: &Clips,
+    motion: &MotionDetector,
+    begun: &[f64],
+) -> Result<Option<Vec<i64>>> {
     let objects = model.system.objects;
     let apart = model.tells_objects_apart() && model.options.decoder != DecoderKind::Mlp;
     if !apart || objects > MOST_OBJECTS {
         return Ok(None);
     }
     // Parameters that were fitted in a wrong order are no start for another.
-    let start = Start { raw: begun.to_vec(), ..Start::of(model) };
+    let start = FitStart { unconstrained: begun.to_vec(), ..FitStart::of(model) };
     let explained = |order: &[i64]| {
         model.reorder(order);
         let explanation = explain_some(model, train, motion, CLIPS, &start);

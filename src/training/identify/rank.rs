@@ -16,13 +16,13 @@ const EXPONENT_PARTS: f64 = 100.0;
 
 /// Parameters that a fit cannot tell apart.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Indistinct {
+pub struct Unidentifiable {
     pub names: Vec<String>,
     /// What shows of them, as far as it is a product of powers.
     pub shows: Vec<String>,
 }
 
-impl Indistinct {
+impl Unidentifiable {
     /// In a line.
     pub fn text(&self) -> String {
         let shows =
@@ -38,8 +38,8 @@ impl Indistinct {
 }
 
 /// The parameters that take part in the flattest combination, if it is flat. `curvature`: second derivatives of the cost by
-/// the raw numbers of these parameters, `[parameters, parameters]`, float64.
-pub fn indistinct(curvature: &Tensor, parameters: &[&PhysicalParameter]) -> Option<Indistinct> {
+/// these unconstrained parameters, `[parameters, parameters]`, float64.
+pub fn unidentifiable(curvature: &Tensor, parameters: &[&PhysicalParameter]) -> Option<Unidentifiable> {
     if parameters.is_empty() || curvature.isfinite().all().int64_value(&[]) == 0 {
         return None;
     }
@@ -62,7 +62,7 @@ pub fn indistinct(curvature: &Tensor, parameters: &[&PhysicalParameter]) -> Opti
         let others = part.iter().filter(|(parameter, _)| parameter.name != reference.name);
         others.map(|(parameter, share)| product(&parameter.name, &reference.name, -share / its_share)).collect()
     });
-    Some(Indistinct { names: part.iter().map(|(parameter, _)| parameter.name.to_string()).collect(), shows })
+    Some(Unidentifiable { names: part.iter().map(|(parameter, _)| parameter.name.to_string()).collect(), shows })
 }
 
 /// One parameter times a power of another, for people to read.
@@ -90,7 +90,7 @@ mod tests {
     #[test]
     fn what_does_not_show_is_named_and_what_shows_too() {
         let found = |combinations: &[&[f64]], parameters: &[&PhysicalParameter]| {
-            indistinct(&curvature(combinations), parameters).map(|found| found.text())
+            unidentifiable(&curvature(combinations), parameters).map(|found| found.text())
         };
         assert_eq!(
             found(&[&[1.0, 2.0]], &[&G, &M]).unwrap(),
@@ -108,7 +108,7 @@ mod tests {
         assert_eq!(found(&[&[1.0, 2.0], &[1.0, 1.99]], &[&G, &M]), None);
         assert_eq!(found(&[&[1.0]], &[&G]), None);
         assert_eq!(found(&[&[0.0]], &[&G]).unwrap(), "g does not show in the motion; fix it (model.fixed)");
-        assert_eq!(indistinct(&Tensor::full([1, 1], f64::NAN, (tch::Kind::Double, tch::Device::Cpu)), &[&G]), None);
+        assert_eq!(unidentifiable(&Tensor::full([1, 1], f64::NAN, (tch::Kind::Double, tch::Device::Cpu)), &[&G]), None);
         // Raw numbers that are no logarithms make no products.
         let bounded = PhysicalParameter { bounds: Bounds::Between(-1.0, 1.0), ..M };
         assert_eq!(

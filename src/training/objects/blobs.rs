@@ -2,7 +2,7 @@
 
 use tch::{Device, Kind, Tensor};
 
-use super::motion::Moving;
+use super::motion::Foreground;
 use paig_kernels::in_parallel;
 
 /// Pixels that move less than this are left out.
@@ -13,7 +13,7 @@ const UPDATES: usize = 8;
 
 /// One blob.
 #[derive(Debug, Clone)]
-pub struct Blob {
+pub struct MovingBlob {
     /// Centroid `(x, y)` of what moves in it, pixels; the middle of the first pixel is at 1/2.
     pub centre: [f64; 2],
     /// How much moves in it, in pixels.
@@ -28,13 +28,13 @@ pub struct Blob {
 /// The blobs of one frame.
 #[derive(Debug)]
 pub struct FrameBlobs {
-    pub blobs: Vec<Blob>,
+    pub blobs: Vec<MovingBlob>,
     /// Which blob each pixel is nearest to, row by row.
     pub nearest: Vec<u8>,
 }
 
 /// A pixel that moves.
-struct Mover {
+struct MovingPixel {
     at: [f64; 2],
     weight: f64,
     index: usize,
@@ -55,7 +55,7 @@ fn pixel_centre(index: usize, side: usize) -> [f64; 2] {
 }
 
 /// Parts what moves in each frame into `objects` blobs.
-pub fn find(moving: &Moving, objects: usize) -> Vec<FrameBlobs> {
+pub fn find(moving: &Foreground, objects: usize) -> Vec<FrameBlobs> {
     let size = moving.difference.size();
     let (channels, side) = (size[1] as usize, size[2] as usize);
     let (shares, differences) = (floats(&moving.share), floats(&moving.difference));
@@ -70,15 +70,15 @@ pub(super) fn floats(x: &Tensor) -> Vec<f32> {
 }
 
 fn frame_blobs(share: &[f32], difference: &[f32], side: usize, objects: usize) -> FrameBlobs {
-    let movers: Vec<Mover> = share
+    let movers: Vec<MovingPixel> = share
         .iter()
         .enumerate()
         .filter(|(_, share)| **share > FAINT)
-        .map(|(index, &share)| Mover { at: pixel_centre(index, side), weight: f64::from(share), index })
+        .map(|(index, &share)| MovingPixel { at: pixel_centre(index, side), weight: f64::from(share), index })
         .collect();
     let starts = (0..STARTS).map(|start| cluster(&movers, start, objects));
     let (centres, _) = starts.min_by(|a, b| a.1.total_cmp(&b.1)).expect("at least one start");
-    let mut blobs: Vec<Vec<&Mover>> = vec![Vec::new(); objects];
+    let mut blobs: Vec<Vec<&MovingPixel>> = vec![Vec::new(); objects];
     for mover in &movers {
         blobs[nearest(mover.at, &centres).0].push(mover);
     }
@@ -89,11 +89,11 @@ fn frame_blobs(share: &[f32], difference: &[f32], side: usize, objects: usize) -
 }
 
 /// k-means from a pixel and always the pixel farthest from those before: the centres, and the sum of squares within.
-fn cluster(movers: &[Mover], start: usize, objects: usize) -> (Vec<[f64; 2]>, f64) {
+fn cluster(movers: &[MovingPixel], start: usize, objects: usize) -> (Vec<[f64; 2]>, f64) {
     let Some(first) = movers.get(start * movers.len() / STARTS) else { return (vec![[0.0; 2]; objects], 0.0) };
     let mut centres = vec![first.at];
     while centres.len() < objects {
-        let far = |mover: &&Mover| nearest(mover.at, &centres).1 * mover.weight;
+        let far = |mover: &&MovingPixel| nearest(mover.at, &centres).1 * mover.weight;
         let farthest = movers.iter().max_by(|a, b| far(a).total_cmp(&far(b))).expect("a first mover");
         centres.push(farthest.at);
     }
@@ -121,7 +121,7 @@ fn cluster(movers: &[Mover], start: usize, objects: usize) -> (Vec<[f64; 2]>, f6
     (centres, within)
 }
 
-fn described(movers: &[&Mover], centre: [f64; 2], difference: &[f32], side: usize) -> Blob {
+fn described(movers: &[&MovingPixel], centre: [f64; 2], difference: &[f32], side: usize) -> MovingBlob {
     let (pixels, unit) = (side * side, side as f64 / 16.0);
     let channels = difference.len() / pixels;
     let mass: f64 = movers.iter().map(|mover| mover.weight).sum();
@@ -135,5 +135,5 @@ fn described(movers: &[&Mover], centre: [f64; 2], difference: &[f32], side: usiz
             moments.iter_mut().zip(powers).for_each(|(moment, power)| *moment += seen * power);
         }
     }
-    Blob { centre, mass, radius: (squares / mass.max(f64::MIN_POSITIVE)).sqrt(), look }
+    MovingBlob { centre, mass, radius: (squares / mass.max(f64::MIN_POSITIVE)).sqrt(), look }
 }

@@ -35,7 +35,7 @@ const SPECKLED_PIXELS: f64 = 0.002;
 
 /// What stands behind the objects.
 #[derive(Debug)]
-enum Background {
+enum BackgroundEstimate {
     /// The same in all clips: the median over the dataset, `[channels, S, S]`.
     Still(Tensor),
     /// Another one in each clip: the median over its frames.
@@ -44,8 +44,8 @@ enum Background {
 
 /// Tells what moves in the frames of one dataset.
 #[derive(Debug)]
-pub struct Motion {
-    background: Background,
+pub struct MotionDetector {
+    background: BackgroundEstimate,
     /// Whether single pixels differ for no reason: then neighbours vote instead of being averaged.
     speckled: bool,
     /// Places of the pixels that say how noisy a frame is, where these are not all.
@@ -56,7 +56,7 @@ pub struct Motion {
 
 /// What moves in some frames.
 #[derive(Debug)]
-pub struct Moving {
+pub struct Foreground {
     /// Frames minus what stands behind them, `[frames, channels, S, S]`.
     pub sharp: Tensor,
     /// The same averaged over 3x3 pixels, or their median.
@@ -67,14 +67,14 @@ pub struct Moving {
     pub share: Tensor,
 }
 
-impl Moving {
+impl Foreground {
     /// Which pixels count as moving, yes or no: `[frames, 1, S, S]`.
     pub fn moves(&self) -> Tensor {
         self.share.gt(MOVES).unsqueeze(1)
     }
 }
 
-impl Motion {
+impl MotionDetector {
     /// Measures what stands behind the objects of these clips.
     pub fn measure(clips: &Clips, seed: u64) -> Self {
         let _guard = tch::no_grad_guard();
@@ -90,24 +90,25 @@ impl Motion {
         };
         let (still, of_clip) = (level(&median), level(&clips.clip_medians(&places)));
         let own = still > WORTH_EXPLAINING && of_clip < BETTER * still;
-        let background = if own { Background::OfEachClip } else { Background::Still(median.shallow_clone()) };
-        Motion { background, speckled, noisy, median }
+        let background =
+            if own { BackgroundEstimate::OfEachClip } else { BackgroundEstimate::Still(median.shallow_clone()) };
+        MotionDetector { background, speckled, noisy, median }
     }
 
     /// What moves in these frames of the clips, by their place in the sequence of all frames; `frames` are their pixels
     /// `[frames, channels, S, S]`.
-    pub fn of(&self, clips: &Clips, places: &[i64], frames: &Tensor) -> Moving {
+    pub fn of(&self, clips: &Clips, places: &[i64], frames: &Tensor) -> Foreground {
         let _guard = tch::no_grad_guard();
         let sharp = match &self.background {
-            Background::Still(median) => frames - median,
-            Background::OfEachClip => frames - clips.clip_medians(places),
+            BackgroundEstimate::Still(median) => frames - median,
+            BackgroundEstimate::OfEachClip => frames - clips.clip_medians(places),
         };
         let difference = smoothed(&sharp, self.speckled);
         let size = sizes(&difference);
         let noise = noise_level(&size, self.noisy.as_ref()).unsqueeze(-1).unsqueeze(-1);
         let excess = (size - noise * LEVELS).clamp_min(0.0);
         let share = 1.0 - (&excess / -SATURATION).exp();
-        Moving { sharp, difference, excess, share }
+        Foreground { sharp, difference, excess, share }
     }
 }
 

@@ -3,8 +3,8 @@
 use rand::seq::SliceRandom;
 use tch::Tensor;
 
-use super::blobs::{self, Blob, FrameBlobs};
-use super::motion::{Motion, Moving};
+use super::blobs::{self, FrameBlobs, MovingBlob};
+use super::motion::{Foreground, MotionDetector};
 use crate::datasets::iterators::Clips;
 use crate::support::assignment::best_assignment;
 use crate::support::random::named_generator;
@@ -29,7 +29,7 @@ const ORDER_GAP: f64 = 1.0;
 
 /// How one object looks.
 #[derive(Debug, Clone)]
-struct Look {
+struct ObjectLook {
     moments: Vec<f64>,
     mass: f64,
     radius: f64,
@@ -38,7 +38,7 @@ struct Look {
 /// How each object looks, and which look alike.
 #[derive(Debug)]
 pub struct Names {
-    looks: Vec<Look>,
+    looks: Vec<ObjectLook>,
     /// For each object the least of those that look like it.
     class: Vec<usize>,
     /// The axis of the order of those that look alike: 0 is x.
@@ -46,7 +46,12 @@ pub struct Names {
 }
 
 /// What moves in the frames from which the looks of these clips' objects are learned, and the blobs in each of them.
-pub(crate) fn looked_at(clips: &Clips, motion: &Motion, objects: usize, seed: u64) -> (Moving, Vec<FrameBlobs>) {
+pub(crate) fn looked_at(
+    clips: &Clips,
+    motion: &MotionDetector,
+    objects: usize,
+    seed: u64,
+) -> (Foreground, Vec<FrameBlobs>) {
     let places = clips.random_places(FRAMES, seed, u64::MAX);
     let moving = motion.of(clips, &places, &clips.frames(&places));
     let found = blobs::find(&moving, objects);
@@ -58,13 +63,13 @@ fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// The blob of each look.
-fn named(frame: &[Blob], looks: &[Vec<f64>]) -> Vec<usize> {
+fn named(frame: &[MovingBlob], looks: &[Vec<f64>]) -> Vec<usize> {
     let cost = |look: &Vec<f64>| frame.iter().map(|blob| squared_distance(&blob.look, look)).collect();
     best_assignment(&looks.iter().map(cost).collect::<Vec<_>>())
 }
 
 /// How the objects look, by the cheapest of some rounds of k-means in which each frame has a blob of each object.
-fn cluster(frames: &[&[Blob]], seed: u64) -> Vec<Vec<f64>> {
+fn cluster(frames: &[&[MovingBlob]], seed: u64) -> Vec<Vec<f64>> {
     let mut starts: Vec<usize> = (0..frames.len()).collect();
     starts.shuffle(&mut named_generator(seed, "looks"));
     let mut best: Option<(f64, Vec<Vec<f64>>)> = None;
@@ -86,8 +91,8 @@ fn cluster(frames: &[&[Blob]], seed: u64) -> Vec<Vec<f64>> {
 }
 
 /// Whether two objects are told apart by their looks in too few frames: by how much dearer it is to exchange them.
-fn are_alike(frames: &[Vec<Blob>], looks: &[Vec<f64>], [a, b]: [usize; 2]) -> bool {
-    let margin = |frame: &Vec<Blob>| {
+fn are_alike(frames: &[Vec<MovingBlob>], looks: &[Vec<f64>], [a, b]: [usize; 2]) -> bool {
+    let margin = |frame: &Vec<MovingBlob>| {
         let cost = |blob: usize, look: usize| squared_distance(&frame[blob].look, &looks[look]);
         cost(a, b) + cost(b, a) - cost(a, a) - cost(b, b)
     };
@@ -99,18 +104,19 @@ fn are_alike(frames: &[Vec<Blob>], looks: &[Vec<f64>], [a, b]: [usize; 2]) -> bo
 impl Names {
     /// Learns how the objects look from the blobs of some frames. None where too few frames show them apart.
     pub fn learn(frames: &[FrameBlobs], seed: u64) -> Option<Self> {
-        let frames: Vec<&[Blob]> =
+        let frames: Vec<&[MovingBlob]> =
             frames.iter().map(|frame| &frame.blobs[..]).filter(|frame| is_clean(frame)).collect();
         if frames.len() < LEAST_FRAMES {
             return None;
         }
         let looks = cluster(&frames, seed);
-        let by_name = |frame: &&[Blob]| named(frame, &looks).into_iter().map(|blob| frame[blob].clone()).collect();
-        let frames: Vec<Vec<Blob>> = frames.iter().map(by_name).collect();
+        let by_name =
+            |frame: &&[MovingBlob]| named(frame, &looks).into_iter().map(|blob| frame[blob].clone()).collect();
+        let frames: Vec<Vec<MovingBlob>> = frames.iter().map(by_name).collect();
         let objects = looks.len();
         let first_alike = |b: usize| (0..b).find(|&a| are_alike(&frames, &looks, [a, b])).unwrap_or(b);
         let class: Vec<usize> = (0..objects).map(first_alike).collect();
-        let of_object = |number: fn(&Blob) -> f64, object: usize| {
+        let of_object = |number: fn(&MovingBlob) -> f64, object: usize| {
             // Objects that look alike share their numbers.
             let same = (0..objects).filter(|&other| class[other] == class[object]);
             upper_median(same.flat_map(|other| frames.iter().map(move |frame| number(&frame[other])))).unwrap_or(0.0)
@@ -118,7 +124,7 @@ impl Names {
         let looks = looks
             .into_iter()
             .enumerate()
-            .map(|(object, moments)| Look {
+            .map(|(object, moments)| ObjectLook {
                 moments,
                 mass: of_object(|blob| blob.mass, object),
                 radius: of_object(|blob| blob.radius, object),
@@ -140,7 +146,7 @@ impl Names {
     }
 
     /// The blob of each object in a frame; none where it cannot be told.
-    pub fn of(&self, frame: &[Blob]) -> Vec<Option<usize>> {
+    pub fn of(&self, frame: &[MovingBlob]) -> Vec<Option<usize>> {
         let objects = self.looks.len();
         let looks: Vec<_> = self.looks.iter().map(|look| look.moments.clone()).collect();
         let mut blob_of = named(frame, &looks);
@@ -187,7 +193,7 @@ impl Names {
 }
 
 /// Whether all blobs are apart from each other.
-fn is_clean(frame: &[Blob]) -> bool {
+fn is_clean(frame: &[MovingBlob]) -> bool {
     let pairs = (0..frame.len()).flat_map(|b| (0..b).map(move |a| (a, b)));
     frame.iter().all(|blob| blob.mass > 1.0)
         && pairs.into_iter().all(|(a, b)| {
@@ -197,7 +203,7 @@ fn is_clean(frame: &[Blob]) -> bool {
 }
 
 /// The mean descriptor of the blobs that are nearest to each look, one of each frame.
-fn mean_looks(frames: &[&[Blob]], looks: &[Vec<f64>]) -> Vec<Vec<f64>> {
+fn mean_looks(frames: &[&[MovingBlob]], looks: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut sums = vec![vec![0.0; looks[0].len()]; looks.len()];
     for frame in frames {
         for (sum, blob) in sums.iter_mut().zip(named(frame, looks)) {
@@ -209,7 +215,7 @@ fn mean_looks(frames: &[&[Blob]], looks: &[Vec<f64>]) -> Vec<Vec<f64>> {
 }
 
 /// The axis along which objects that look alike are farther apart: of all such pairs the one whose median is larger.
-fn order_axis(frames: &[Vec<Blob>], class: &[usize]) -> i64 {
+fn order_axis(frames: &[Vec<MovingBlob>], class: &[usize]) -> i64 {
     let apart = |axis: usize| {
         let pairs = (0..class.len()).flat_map(|b| (0..b).filter(move |&a| class[a] == class[b]).map(move |a| (a, b)));
         let gaps = pairs.flat_map(|(a, b)| frames.iter().map(move |f| (f[a].centre[axis] - f[b].centre[axis]).abs()));

@@ -6,7 +6,7 @@ use rand::Rng;
 use tch::Tensor;
 
 use super::blobs::{FrameBlobs, floats};
-use super::motion::Moving;
+use super::motion::Foreground;
 
 /// In fewer training frames than this, half of each step's are pasted ones.
 pub const FEW_FRAMES: usize = 2000;
@@ -15,7 +15,7 @@ pub const FEW_FRAMES: usize = 2000;
 /// axis anywhere between the extremes; one blob over the other.
 ///
 /// * `moving` and `blobs`: of these frames.
-pub fn pasted(frames: &Tensor, moving: &Moving, blobs: &[FrameBlobs], random: &mut impl Rng) -> Tensor {
+pub fn pasted(frames: &Tensor, moving: &Foreground, blobs: &[FrameBlobs], random: &mut impl Rng) -> Tensor {
     let size = frames.size();
     let (channels, side) = (size[1] as usize, size[2] as usize);
     let (levels, shares) = (floats(frames), floats(&moving.share));

@@ -3,7 +3,7 @@
 use tch::{Kind, Tensor};
 
 use super::blobs::FrameBlobs;
-use super::motion::Moving;
+use super::motion::Foreground;
 use super::names::Names;
 
 /// Frames that are needed for each object.
@@ -17,7 +17,7 @@ const SOLID: f64 = 0.85;
 
 /// What the objects look like.
 #[derive(Debug)]
-pub struct Seen {
+pub struct LearnedSprites {
     /// How much of each pixel is the object, in \[0, 1\]: `[objects, window, window]`.
     pub visible: Tensor,
     /// Its colours minus the background's: `[objects, channels, window, window]`.
@@ -27,7 +27,7 @@ pub struct Seen {
 }
 
 /// The objects' looks on a grid of `window` pixels. None where too few frames show one of them.
-pub(crate) fn learn(moving: &Moving, frames: &[FrameBlobs], names: &Names, window: i64) -> Option<Seen> {
+pub(crate) fn learn(moving: &Foreground, frames: &[FrameBlobs], names: &Names, window: i64) -> Option<LearnedSprites> {
     let _guard = tch::no_grad_guard();
     let side = moving.share.size()[1] as f64;
     let reach = (REACH * names.largest_radius()).min(0.5 * (side - 1.0));
@@ -53,7 +53,7 @@ pub(crate) fn learn(moving: &Moving, frames: &[FrameBlobs], names: &Names, windo
     }
     let visible = (size / (largest * SOLID)).clamp_max(1.0);
     let colours = colours / visible.clamp_min(0.1).unsqueeze(1);
-    Some(Seen { visible, colours, reach })
+    Some(LearnedSprites { visible, colours, reach })
 }
 
 /// The median of the squares of `reach` pixels around these places in these frames, `[channels, window, window]`.

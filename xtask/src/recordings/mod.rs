@@ -14,16 +14,16 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use paig_track::Size;
-use paig_track::synthetic::{Mover, Scene};
+use paig_track::synthetic::{MovingEllipse, SyntheticScene};
 use paig_video::measure::results::{Measurement, Outcome};
 
 use self::pendulum::{LENGTH, Pendulum};
-use self::ways::{Expected, SIZE, Way};
+use self::ways::{ExpectedOutcome, SIZE, Way};
 use crate::programs::{self, done};
 
 /// Records a pendulum of known period and length in many ways, measures each recording, and prints a table.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct RecordingsArguments {
     /// Folder for the recordings and what was measured; those that are there are measured again, not made again
     #[arg(long, default_value = "recordings")]
     out: PathBuf,
@@ -34,7 +34,7 @@ pub struct Arguments {
 
 /// # Errors
 /// No ffmpeg, a program that is not built, a way that ends otherwise than expected.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &RecordingsArguments) -> Result<()> {
     let paig = programs::paig()?;
     fs::create_dir_all(&arguments.out)?;
     println!("| recording | options of `paig measure` | verdict | period, s | length, m | as expected |");
@@ -58,13 +58,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// How a measurement ended.
-struct Ending {
+struct RecordingOutcome {
     /// Verdict, period and length.
     cells: String,
     as_expected: bool,
 }
 
-fn measured(paig: &Path, way: &Way, video: &Path) -> Result<Ending> {
+fn measured(paig: &Path, way: &Way, video: &Path) -> Result<RecordingOutcome> {
     let truth = Pendulum::new(way.seconds() + 1.0).period(way.seconds()).context("the pendulum has no period")?;
     let out = video.with_extension("measurement");
     let mut command = Command::new(paig);
@@ -77,7 +77,7 @@ fn measured(paig: &Path, way: &Way, video: &Path) -> Result<Ending> {
         let reason = said.lines().rfind(|line| line.starts_with("error")).unwrap_or_default();
         let reason = reason.trim_start_matches("error: ").replace(&video.display().to_string(), "");
         let cells = format!("refused: {reason} | | ");
-        return Ok(Ending { cells, as_expected: way.expected == Expected::Rejected });
+        return Ok(RecordingOutcome { cells, as_expected: way.expected == ExpectedOutcome::Rejected });
     }
     let measurement = Measurement::read(&out)?;
     let verdict = measurement.verdict.context("a measurement without a verdict")?;
@@ -95,8 +95,8 @@ fn measured(paig: &Path, way: &Way, video: &Path) -> Result<Ending> {
         }
     }
     let rejected = verdict.outcome != Outcome::Found;
-    let as_expected = if way.expected == Expected::Measured { within } else { rejected };
-    Ok(Ending { cells, as_expected })
+    let as_expected = if way.expected == ExpectedOutcome::Measured { within } else { rejected };
+    Ok(RecordingOutcome { cells, as_expected })
 }
 
 fn record(way: &Way, path: &Path) -> Result<()> {
@@ -120,11 +120,11 @@ fn pictures(way: &Way) -> Vec<Vec<u8>> {
     let seconds = way.times.iter().copied().fold(0.0, f64::max) + 1.0;
     let positions = way.positions(&Pendulum::new(seconds));
     let [width, height] = SIZE;
-    let scene = |camera: Vec<[f64; 3]>, seed: u64| Scene {
+    let scene = |camera: Vec<[f64; 3]>, seed: u64| SyntheticScene {
         size: Size { width, height },
         camera,
         seed,
-        ..Scene::of(Mover { axes: way.axes(), ..Mover::at(positions.clone()) })
+        ..SyntheticScene::of(MovingEllipse { axes: way.axes(), ..MovingEllipse::at(positions.clone()) })
     };
     let filmed = scene(way.camera.clone(), 11).render();
     let mut pictures: Vec<Vec<u8>> = filmed.outer_iter().map(|picture| picture.iter().copied().collect()).collect();

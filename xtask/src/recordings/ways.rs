@@ -25,7 +25,7 @@ const X265: &str = "-c:v libx265 -crf 16 -x265-params log-level=none";
 
 /// Expected end of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Expected {
+pub enum ExpectedOutcome {
     /// Period and length nearer to the truth than their intervals are wide, which is four standard deviations of a normal error.
     Measured,
     /// Refused, or a verdict other than `found`.
@@ -53,7 +53,7 @@ pub struct Way {
     pub extension: &'static str,
     /// Options of `paig measure`.
     pub options: String,
-    pub expected: Expected,
+    pub expected: ExpectedOutcome,
 }
 
 impl Way {
@@ -70,7 +70,7 @@ impl Way {
             encoder: X264.into(),
             extension: "mp4",
             options: String::new(),
-            expected: Expected::Measured,
+            expected: ExpectedOutcome::Measured,
         }
     }
 
@@ -185,7 +185,7 @@ pub fn all() -> Vec<Way> {
         },
         Way {
             times: (0..400).map(ramp).collect(),
-            expected: Expected::Rejected,
+            expected: ExpectedOutcome::Rejected,
             ..plain("ramp: 30, 240, 30 frames a second stored as 30")
         },
         Way { encoder: format!("-vf scale=300:240,setsar=16/15 {X264}"), ..plain("pixels 16:15") },
@@ -203,11 +203,11 @@ pub fn all() -> Vec<Way> {
         Way {
             depth: 1.5,
             camera: (0..frames).map(|frame| [-1.2 * frame as f64, 0.0, 0.0]).collect(),
-            expected: Expected::Rejected,
+            expected: ExpectedOutcome::Rejected,
             ..plain("camera that travels past things at two depths")
         },
         Way { readout: READOUT, options: "--readout 25".into(), ..plain("rolling shutter, read out in 25 ms") },
         Way { aside: true, options: plane(), ..plain("seen at 30 degrees, with --plane") },
-        Way { aside: true, expected: Expected::Rejected, ..plain("seen at 30 degrees, without --plane") },
+        Way { aside: true, expected: ExpectedOutcome::Rejected, ..plain("seen at 30 degrees, without --plane") },
     ]
 }

@@ -4,14 +4,14 @@
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::trajectory::{Clock, integrate};
+use crate::trajectory::{SampleTimes, integrate};
 
 /// Sides of the pictures, pixels.
 pub const WIDTH: usize = 1280;
 pub const HEIGHT: usize = 720;
 
 /// Motion of some objects with what is to be found.
-pub struct Motion {
+pub struct TrueMotion {
     /// Of each object: its position in each frame, pixels.
     pub positions: Vec<Vec<[f64; 2]>>,
     /// True values in pixels and seconds; the first is the one that the video is made for.
@@ -19,32 +19,37 @@ pub struct Motion {
 }
 
 /// A kind of motion.
-pub struct Kind {
+pub struct MotionKind {
     pub name: &'static str,
     /// A built-in equation, or one of the gallery.
     pub equation: &'static str,
     /// Fewest and most frames of a video.
     pub frames: [usize; 2],
     /// The motion over so many seconds.
-    pub motion: fn(&mut ChaCha8Rng, &Clock) -> Motion,
+    pub motion: fn(&mut ChaCha8Rng, &SampleTimes) -> TrueMotion,
 }
 
-pub const KINDS: [Kind; 10] = [
-    Kind { name: "throw", equation: "falling", frames: [15, 150], motion: throw },
-    Kind { name: "fall with linear drag", equation: "fall_linear_drag", frames: [20, 200], motion: linear_drag },
-    Kind {
+pub const KINDS: [MotionKind; 10] = [
+    MotionKind { name: "throw", equation: "falling", frames: [15, 150], motion: throw },
+    MotionKind { name: "fall with linear drag", equation: "fall_linear_drag", frames: [20, 200], motion: linear_drag },
+    MotionKind {
         name: "fall with quadratic drag",
         equation: "fall_quadratic_drag",
         frames: [20, 200],
         motion: quadratic_drag,
     },
-    Kind { name: "pendulum", equation: "swing", frames: [40, 600], motion: pendulum },
-    Kind { name: "mass on a spring", equation: "mass_on_a_spring", frames: [40, 600], motion: mass_on_a_spring },
-    Kind { name: "sliding block", equation: "sliding_block", frames: [15, 150], motion: sliding_block },
-    Kind { name: "bouncing ball", equation: "bounce_on_a_floor", frames: [40, 400], motion: bounce },
-    Kind { name: "charge in a field", equation: "charge_in_a_field", frames: [30, 400], motion: charge },
-    Kind { name: "two balls on a spring", equation: "text_spring", frames: [40, 400], motion: spring },
-    Kind { name: "unequal masses on a spring", equation: "unequal_masses", frames: [40, 400], motion: unequal_masses },
+    MotionKind { name: "pendulum", equation: "swing", frames: [40, 600], motion: pendulum },
+    MotionKind { name: "mass on a spring", equation: "mass_on_a_spring", frames: [40, 600], motion: mass_on_a_spring },
+    MotionKind { name: "sliding block", equation: "sliding_block", frames: [15, 150], motion: sliding_block },
+    MotionKind { name: "bouncing ball", equation: "bounce_on_a_floor", frames: [40, 400], motion: bounce },
+    MotionKind { name: "charge in a field", equation: "charge_in_a_field", frames: [30, 400], motion: charge },
+    MotionKind { name: "two balls on a spring", equation: "text_spring", frames: [40, 400], motion: spring },
+    MotionKind {
+        name: "unequal masses on a spring",
+        equation: "unequal_masses",
+        frames: [40, 400],
+        motion: unequal_masses,
+    },
 ];
 
 /// A start near the left or the right edge, the direction inwards, and the way across.
@@ -55,7 +60,7 @@ fn across(random: &mut ChaCha8Rng) -> (f64, f64) {
 }
 
 /// From one side to the other on a parabola whose vertex is within the picture.
-fn throw(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn throw(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let time = clock.seconds();
     let (x, way) = across(random);
     let height = random.random_range(250.0..500.0);
@@ -65,11 +70,11 @@ fn throw(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
     let top = random.random_range(80.0..HEIGHT as f64 - 80.0 - height);
     let at = |t: f64| [x + way * t / time, top + g * (t - rise).powi(2) / 2.0];
     let positions = (0..clock.frames).map(|frame| at(frame as f64 / clock.rate)).collect();
-    Motion { positions: vec![positions], truth: vec![("g", g)] }
+    TrueMotion { positions: vec![positions], truth: vec![("g", g)] }
 }
 
 /// A fall through a medium, with a resistance that takes a good part of the speed within the picture.
-fn drag(random: &mut ChaCha8Rng, clock: &Clock, quadratic: bool) -> Motion {
+fn drag(random: &mut ChaCha8Rng, clock: &SampleTimes, quadratic: bool) -> TrueMotion {
     let time = clock.seconds();
     let (x, way) = across(random);
     let fall = random.random_range(350.0..520.0);
@@ -90,26 +95,26 @@ fn drag(random: &mut ChaCha8Rng, clock: &Clock, quadratic: bool) -> Motion {
         }
         g *= fall / fallen;
     }
-    Motion { positions, truth: vec![("g", g), ("c", c)] }
+    TrueMotion { positions, truth: vec![("g", g), ("c", c)] }
 }
 
-fn linear_drag(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn linear_drag(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     drag(random, clock, false)
 }
 
-fn quadratic_drag(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn quadratic_drag(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     drag(random, clock, true)
 }
 
 /// Period of a motion that swings: from one swing in the video to one in at least 12 frames.
-fn period(random: &mut ChaCha8Rng, clock: &Clock) -> f64 {
+fn period(random: &mut ChaCha8Rng, clock: &SampleTimes) -> f64 {
     let most = clock.seconds() / 1.2;
     let least = (clock.seconds() / 12.0).max(14.0 / clock.rate);
     if least < most { (random.random_range(least.ln()..most.ln())).exp() } else { most }
 }
 
 /// A ball on a string whose pivot may be above the picture.
-fn pendulum(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn pendulum(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let rate = std::f64::consts::TAU / period(random, clock);
     let string = random.random_range(350.0..900.0);
     let bottom = random.random_range(500.0..640.0);
@@ -121,10 +126,10 @@ fn pendulum(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
     let middle = WIDTH as f64 / 2.0 + random.random_range(-150.0..150.0);
     let place = |angle: &[f64; 2]| [middle + string * angle[0].sin(), bottom - string * (1.0 - angle[0].cos())];
     let positions = vec![angles.iter().map(place).collect()];
-    Motion { positions, truth: vec![("l", 9.80665 / (rate * rate)), ("c", damping)] }
+    TrueMotion { positions, truth: vec![("l", 9.80665 / (rate * rate)), ("c", damping)] }
 }
 
-fn mass_on_a_spring(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn mass_on_a_spring(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let k = (std::f64::consts::TAU / period(random, clock)).powi(2);
     let c = random.random_range(0.0..1.0) / clock.seconds();
     let rest = [random.random_range(300.0..900.0), 360.0];
@@ -132,11 +137,11 @@ fn mass_on_a_spring(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
     let start = (vec![[rest[0], rest[1] + amplitude]], vec![[0.0; 2]]);
     let pull = |x: &[[f64; 2]], v: &[[f64; 2]]| vec![[0, 1].map(|i| -k * (x[0][i] - rest[i]) - c * v[0][i])];
     let positions = integrate(clock, start, pull, |_| ());
-    Motion { positions, truth: vec![("k", k), ("c", c)] }
+    TrueMotion { positions, truth: vec![("k", k), ("c", c)] }
 }
 
 /// A block that comes to rest just after the video.
-fn sliding_block(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn sliding_block(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let (x, way) = across(random);
     let time = clock.seconds() * random.random_range(1.05..1.6);
     let f = 2.0 * way.abs() / time.powi(2);
@@ -146,10 +151,10 @@ fn sliding_block(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
     let positions = (0..clock.frames).map(|frame| path(frame as f64 / clock.rate));
     let turned: (f64, f64) = (f64::cos(slope), f64::sin(slope));
     let positions = positions.map(|s| [x + s * turned.0, y + s * turned.1]).collect();
-    Motion { positions: vec![positions], truth: vec![("f", f)] }
+    TrueMotion { positions: vec![positions], truth: vec![("f", f)] }
 }
 
-fn bounce(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn bounce(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let (x, way) = across(random);
     let floor = random.random_range(560.0..650.0);
     let height = random.random_range(350.0..floor - 100.0);
@@ -173,11 +178,11 @@ fn bounce(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
             }
         },
     );
-    Motion { positions, truth: vec![("g", g), ("e", e)] }
+    TrueMotion { positions, truth: vec![("g", g), ("e", e)] }
 }
 
 /// Circles that drift across.
-fn charge(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn charge(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let b = std::f64::consts::TAU / period(random, clock) * if random.random_bool(0.5) { 1.0 } else { -1.0 };
     let radius = random.random_range(80.0..180.0);
     let drift = [random.random_range(-300.0..300.0), random.random_range(-80.0..80.0)].map(|d| d / clock.seconds());
@@ -188,11 +193,11 @@ fn charge(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
     );
     let pull = |_: &[[f64; 2]], v: &[[f64; 2]]| vec![[push[0] - b * v[0][1], push[1] + b * v[0][0]]];
     let positions = integrate(clock, start, pull, |_| ());
-    Motion { positions, truth: vec![("b", b), ("ex", push[0]), ("ey", push[1])] }
+    TrueMotion { positions, truth: vec![("b", b), ("ex", push[0]), ("ey", push[1])] }
 }
 
 /// Two balls that swing against each other and turn about their centre of mass.
-fn joined(random: &mut ChaCha8Rng, clock: &Clock, m: f64) -> (Vec<Vec<[f64; 2]>>, f64, f64) {
+fn joined(random: &mut ChaCha8Rng, clock: &SampleTimes, m: f64) -> (Vec<Vec<[f64; 2]>>, f64, f64) {
     // Of the reduced mass.
     let rate = std::f64::consts::TAU / period(random, clock);
     let k = rate * rate / (1.0 + 1.0 / m);
@@ -218,13 +223,13 @@ fn joined(random: &mut ChaCha8Rng, clock: &Clock, m: f64) -> (Vec<Vec<[f64; 2]>>
     (integrate(clock, start, pull, |_| ()), k, rest / 2.0)
 }
 
-fn spring(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn spring(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let (positions, k, l) = joined(random, clock, 1.0);
-    Motion { positions, truth: vec![("k", k), ("l", l)] }
+    TrueMotion { positions, truth: vec![("k", k), ("l", l)] }
 }
 
-fn unequal_masses(random: &mut ChaCha8Rng, clock: &Clock) -> Motion {
+fn unequal_masses(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let m = random.random_range(1.5..3.0);
     let (positions, k, l) = joined(random, clock, m);
-    Motion { positions, truth: vec![("k", k), ("l", l), ("m", m)] }
+    TrueMotion { positions, truth: vec![("k", k), ("l", l), ("m", m)] }
 }

@@ -11,15 +11,15 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::Args;
 use paig_video::import::sources::Filming;
-use paig_video::import::time_base::Part;
+use paig_video::import::time_base::VideoPart;
 use paig_video::measure::results::Measurement;
 use paig_video::measure::{VideoRequest, measure_videos};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use self::kinds::{KINDS, Kind, Motion};
-use self::report::Row;
-use crate::trajectory::Clock;
+use self::kinds::{KINDS, MotionKind, TrueMotion};
+use self::report::SyntheticRow;
+use crate::trajectory::SampleTimes;
 use paig::tasks::equation_file::EquationFile;
 
 /// Frame rates of the videos.
@@ -27,7 +27,7 @@ const RATES: [f64; 4] = [24.0, 30.0, 50.0, 60.0];
 
 /// Makes videos of known motions, measures them, and writes results.json and report.md.
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct SyntheticVideoArguments {
     /// Videos, of ten kinds in turn
     #[arg(long, default_value_t = 200)]
     videos: u64,
@@ -47,21 +47,21 @@ pub struct Arguments {
 
 /// # Errors
 /// No ffmpeg, a full disk.
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &SyntheticVideoArguments) -> Result<()> {
     let temporary = tempfile::tempdir()?;
     let folder = arguments.keep.as_deref().unwrap_or(temporary.path());
     fs::create_dir_all(folder)?;
     let mut rows = Vec::new();
     for number in arguments.first..arguments.first + arguments.videos {
         let kind = &KINDS[number as usize % KINDS.len()];
-        let made = Made::new(kind, arguments.seed, number);
+        let made = VideoPlan::new(kind, arguments.seed, number);
         let video = folder.join(format!("{number}.mp4"));
         picture::film(&made.scene, made.clock.rate, made.quality, &video)?;
         let begun = Instant::now();
         let measured = measure(&video, kind);
         let seconds = begun.elapsed().as_secs_f64();
         let of_video = report::rows(number, kind, &made, measured.as_ref(), seconds);
-        of_video.iter().for_each(Row::print);
+        of_video.iter().for_each(SyntheticRow::print);
         if let Err(error) = &measured {
             println!("{number} {}: {error:#}", kind.name);
         }
@@ -75,31 +75,31 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// A video before it is filmed.
-struct Made {
-    clock: Clock,
-    motion: Motion,
-    scene: paig_track::synthetic::Scene,
+struct VideoPlan {
+    clock: SampleTimes,
+    motion: TrueMotion,
+    scene: paig_track::synthetic::SyntheticScene,
     /// Constant rate factor of the encoder: 18 is nearly lossless, 30 poor.
     quality: u32,
 }
 
-impl Made {
-    fn new(kind: &Kind, seed: u64, number: u64) -> Self {
+impl VideoPlan {
+    fn new(kind: &MotionKind, seed: u64, number: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed.wrapping_mul(1_000_003).wrapping_add(number));
         let [least, most] = kind.frames.map(|frames| (frames as f64).ln());
         let frames = random.random_range(least..=most).exp().round() as usize;
-        let clock = Clock { frames, rate: RATES[random.random_range(0..RATES.len())] };
+        let clock = SampleTimes { frames, rate: RATES[random.random_range(0..RATES.len())] };
         let mut motion = (kind.motion)(&mut random, &clock);
         let scene = picture::scene(&mut random, std::mem::take(&mut motion.positions));
-        Made { clock, motion, scene, quality: random.random_range(18..30) }
+        VideoPlan { clock, motion, scene, quality: random.random_range(18..30) }
     }
 }
 
-fn measure(video: &Path, kind: &Kind) -> Result<Measurement> {
+fn measure(video: &Path, kind: &MotionKind) -> Result<Measurement> {
     let equation = EquationFile::named(kind.equation)?;
     let request = VideoRequest {
         videos: vec![video.into()],
-        parts: vec![Part::All],
+        parts: vec![VideoPart::All],
         filming: Filming::default(),
         crop: None,
         pixels_per_metre: None,

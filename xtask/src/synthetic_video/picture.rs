@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
 use paig_track::Size;
-use paig_track::synthetic::{Mover, Renderer, Scene, Shadow};
+use paig_track::synthetic::{MovingEllipse, Shadow, SyntheticRenderer, SyntheticScene};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
@@ -16,7 +16,7 @@ use super::kinds::{HEIGHT, WIDTH};
 const CONTRAST: f64 = 60.0;
 
 /// What a camera sees of objects at these positions.
-pub fn scene(random: &mut ChaCha8Rng, positions: Vec<Vec<[f64; 2]>>) -> Scene {
+pub fn scene(random: &mut ChaCha8Rng, positions: Vec<Vec<[f64; 2]>>) -> SyntheticScene {
     let colour = |random: &mut ChaCha8Rng| [0; 3].map(|_| random.random_range(30.0..225.0));
     let background: [f64; 3] = colour(random);
     let shadows = random.random_bool(0.4);
@@ -34,7 +34,7 @@ pub fn scene(random: &mut ChaCha8Rng, positions: Vec<Vec<[f64; 2]>>) -> Scene {
             axes: [radius, 0.7 * radius],
             light: random.random_range(0.5..0.9),
         };
-        Mover {
+        MovingEllipse {
             angles: (0..positions.len()).map(|frame| turn * frame as f64).collect(),
             positions,
             axes: [radius, slim * radius],
@@ -43,7 +43,7 @@ pub fn scene(random: &mut ChaCha8Rng, positions: Vec<Vec<[f64; 2]>>) -> Scene {
             shadow: shadows.then_some(shadow),
         }
     });
-    Scene {
+    SyntheticScene {
         size: Size { width: WIDTH, height: HEIGHT },
         movers: movers.collect(),
         background,
@@ -53,7 +53,7 @@ pub fn scene(random: &mut ChaCha8Rng, positions: Vec<Vec<[f64; 2]>>) -> Scene {
         drift: random.random_range(-0.05..0.05),
         flicker: random.random_range(0.0..0.01),
         seed: random.random(),
-        ..Scene::default()
+        ..SyntheticScene::default()
     }
 }
 
@@ -61,7 +61,7 @@ pub fn scene(random: &mut ChaCha8Rng, positions: Vec<Vec<[f64; 2]>>) -> Scene {
 ///
 /// # Errors
 /// No `ffmpeg`, or one that fails.
-pub fn film(scene: &Scene, rate: f64, quality: u32, video: &Path) -> Result<()> {
+pub fn film(scene: &SyntheticScene, rate: f64, quality: u32, video: &Path) -> Result<()> {
     let size = format!("{}x{}", scene.size.width, scene.size.height);
     let (rate, quality) = (rate.to_string(), quality.to_string());
     let mut encoder = Command::new("ffmpeg")
@@ -71,7 +71,7 @@ pub fn film(scene: &Scene, rate: f64, quality: u32, video: &Path) -> Result<()> 
         .stdin(Stdio::piped())
         .spawn()
         .context("ffmpeg cannot be started; the videos of this tool are compressed by it")?;
-    let renderer = Renderer::new(scene);
+    let renderer = SyntheticRenderer::new(scene);
     let mut image = vec![0; scene.size.width * scene.size.height * 3];
     let mut pipe = encoder.stdin.take().context("ffmpeg has no input")?;
     for frame in 0..scene.frames() {

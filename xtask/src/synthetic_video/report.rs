@@ -8,8 +8,8 @@ use paig::support::atomic;
 use paig_video::measure::results::{Measurement, Outcome};
 use serde::Serialize;
 
-use super::Made;
-use super::kinds::{KINDS, Kind};
+use super::VideoPlan;
+use super::kinds::{KINDS, MotionKind};
 
 /// Errors up to which a quantity counts as right, and beyond which one that is `found` counts as false.
 const RIGHT: f64 = 0.01;
@@ -17,7 +17,7 @@ const FALSE: f64 = 0.05;
 
 /// One quantity of one video.
 #[derive(Debug, Serialize)]
-pub struct Row {
+pub struct SyntheticRow {
     clip: u64,
     kind: &'static str,
     quantity: &'static str,
@@ -39,7 +39,7 @@ pub struct Row {
     reason: Option<String>,
 }
 
-impl Row {
+impl SyntheticRow {
     /// Relative error.
     fn error(&self) -> Option<f64> {
         Some((self.value? / self.truth - 1.0).abs())
@@ -81,11 +81,11 @@ impl Row {
 /// The quantities of one video.
 pub fn rows(
     clip: u64,
-    kind: &Kind,
-    made: &Made,
+    kind: &MotionKind,
+    made: &VideoPlan,
     measured: Result<&Measurement, &anyhow::Error>,
     seconds: f64,
-) -> Vec<Row> {
+) -> Vec<SyntheticRow> {
     let measurement = measured.ok();
     let reason = match measured {
         Ok(measurement) => measurement.verdict.as_ref().and_then(|verdict| verdict.reasons.first().cloned()),
@@ -93,7 +93,7 @@ pub fn rows(
     };
     let row = |(place, (name, truth)): (usize, &(&'static str, f64))| {
         let quantity = measurement.and_then(|measurement| measurement.quantity(name));
-        Row {
+        SyntheticRow {
             clip,
             kind: kind.name,
             quantity: name,
@@ -120,7 +120,7 @@ pub fn rows(
 ///
 /// # Errors
 /// A full disk.
-pub fn write(folder: &Path, rows: &[Row]) -> Result<()> {
+pub fn write(folder: &Path, rows: &[SyntheticRow]) -> Result<()> {
     std::fs::create_dir_all(folder)?;
     atomic::write_file(&folder.join("results.json"), |file| Ok(serde_json::to_writer_pretty(file, rows)?))?;
     atomic::write_file(&folder.join("report.md"), |file| {
@@ -129,7 +129,7 @@ pub fn write(folder: &Path, rows: &[Row]) -> Result<()> {
     })
 }
 
-fn text(rows: &[Row]) -> Result<String> {
+fn text(rows: &[SyntheticRow]) -> Result<String> {
     let mut text = String::from(
         "# Synthetic videos\n\nMade and measured by `cargo xtask synthetic-video`: 1280 x 720 pixels, H.264, with texture, shadow, \
          motion blur, noise and changing light; the true values are known. The equation is that of the gallery, with no other \
@@ -140,12 +140,12 @@ fn text(rows: &[Row]) -> Result<String> {
     let kinds = KINDS.iter().map(|kind| (kind.name, vec![kind.name])).collect::<Vec<_>>();
     let all = ("all", KINDS.iter().map(|kind| kind.name).collect());
     for (name, kinds) in kinds.into_iter().chain([all]) {
-        let of_kinds: Vec<&Row> = rows.iter().filter(|row| kinds.contains(&row.kind)).collect();
+        let of_kinds: Vec<&SyntheticRow> = rows.iter().filter(|row| kinds.contains(&row.kind)).collect();
         let main: Vec<_> = of_kinds.iter().filter(|row| row.main).collect();
         if main.is_empty() {
             continue;
         }
-        let count = |condition: &dyn Fn(&Row) -> bool| main.iter().filter(|row| condition(row)).count();
+        let count = |condition: &dyn Fn(&SyntheticRow) -> bool| main.iter().filter(|row| condition(row)).count();
         let median = |mut values: Vec<f64>| {
             values.sort_by(f64::total_cmp);
             values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
@@ -155,7 +155,7 @@ fn text(rows: &[Row]) -> Result<String> {
             text,
             "| {name} | {} | {} | {} | {:.3} % | {} | {} of {} | {:.1} s |",
             main.len(),
-            count(&Row::found),
+            count(&SyntheticRow::found),
             count(&|row| row.error().is_some_and(|error| error <= RIGHT)),
             100.0 * median(main.iter().map(|row| row.error().unwrap_or(f64::INFINITY)).collect()),
             of_kinds.iter().filter(|row| row.false_found()).count(),

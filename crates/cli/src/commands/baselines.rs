@@ -9,16 +9,16 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use paig_experiments::baselines::earlier::Earlier;
 use paig_experiments::baselines::list::Comparison;
-use paig_experiments::baselines::plan::Places;
-use paig_experiments::comparison::{Comparing, ComparisonEvent, Ended, Watch};
+use paig_experiments::baselines::plan::BaselineFolders;
+use paig_experiments::comparison::{Comparing, ComparisonEnd, ComparisonEvent, ComparisonWatch};
 use paig_experiments::sweep::{self, parse_seeds};
-use paig_terminal::generate_display::Display;
+use paig_terminal::generate_display::GenerateDisplay;
 use paig_terminal::{environment, interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
 use paig::support::device;
 
-/// Trains other dynamics, other decoders and whole other models beside the physics, and shows what each predicts.
+/// Trains other dynamics, other decoders and end-to-end baselines beside the physics, and shows what each predicts.
 ///
 /// Learning rates are searched first. Given again, the same command skips what has finished and goes on with what was cut
 /// off; the report is made of all trainings that are there.
@@ -27,7 +27,7 @@ use paig::support::device;
     after_help = "Examples:\n  paig baselines --jobs 2\n  paig baselines --task spring_color --model physics --model lstm --seeds 0 \
                   --budget 60\n  paig baselines --report-only --add reports/baselines"
 )]
-pub struct Arguments {
+pub struct BaselinesArguments {
     /// What is compared
     #[arg(long, default_value = "configs/baselines.toml")]
     list: PathBuf,
@@ -82,7 +82,7 @@ pub struct Arguments {
     no_pictures: bool,
 }
 
-impl Arguments {
+impl BaselinesArguments {
     pub fn run(&self) -> Result<ExitCode> {
         environment::set();
         ensure!(self.jobs > 0 && self.threads > 0, "--jobs and --threads must be at least 1");
@@ -90,7 +90,7 @@ impl Arguments {
         let comparing = Comparing {
             program: sweep::training_program()?,
             clips: self.clips.unwrap_or(list.clips.train),
-            places: Places {
+            places: BaselineFolders {
                 data: self.data.clone(),
                 runs: self.runs.clone(),
                 threads: self.threads,
@@ -109,12 +109,12 @@ impl Arguments {
         if !self.report_only {
             interrupt::catch()?;
             let (models, tasks) = (comparing.models(&self.model)?, comparing.tasks(&self.task)?);
-            let shown = Shown::default();
-            let watch = Watch { observe: &|event| shown.show(event), stop: &interrupt::asked };
+            let shown = ComparisonDisplay::default();
+            let watch = ComparisonWatch { observe: &|event| shown.show(event), stop: &interrupt::asked };
             code = match comparing.train_all(&models, &tasks, &seeds, !self.no_search, self.efficiency, watch)? {
-                Ended::Finished => ExitCode::SUCCESS,
-                Ended::Failed => ExitCode::FAILURE,
-                Ended::Stopped => {
+                ComparisonEnd::Finished => ExitCode::SUCCESS,
+                ComparisonEnd::Failed => ExitCode::FAILURE,
+                ComparisonEnd::Stopped => {
                     say!("stopped; the same command goes on");
                     interrupt::exit_code()
                 }
@@ -128,12 +128,12 @@ impl Arguments {
 
 /// A comparison on the terminal.
 #[derive(Debug, Default)]
-struct Shown {
-    data: Display,
+struct ComparisonDisplay {
+    data: GenerateDisplay,
     runs: Mutex<Option<SweepDisplay>>,
 }
 
-impl Shown {
+impl ComparisonDisplay {
     fn show(&self, event: ComparisonEvent) {
         let mut runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
         match event {

@@ -9,9 +9,9 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, FromArgMatches};
 use paig::runs::names::DONE;
 use paig::support::{atomic, device, storage};
-use paig_experiments::sweep::{self, Stage, Work};
+use paig_experiments::sweep::{self, JobStage, Work};
 use paig_terminal::{interrupt, say};
-use paig_video::batch::{Entry, PAGE, videos_of, write};
+use paig_video::batch::{BatchEntry, PAGE, videos_of, write};
 use paig_video::measure::results::Measurement;
 use serde::Deserialize;
 
@@ -32,7 +32,7 @@ const COMMAND: &str = "command.json";
     after_help = "Examples:\n  paig batch clips --jobs 2 -- --equation falling --scale 12,40,12,300,0.5 --y-up\n  \
                   paig batch clips.toml --out results"
 )]
-pub struct Arguments {
+pub struct BatchArguments {
     /// A folder with videos, or a list of them (.toml)
     #[arg(value_name = "FOLDER or LIST")]
     source: PathBuf,
@@ -50,38 +50,38 @@ pub struct Arguments {
 /// A list of videos.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct List {
+struct BatchList {
     #[serde(default)]
     measure: toml::Table,
     video: Vec<toml::Table>,
 }
 
 /// One video.
-struct Job {
+struct BatchJob {
     name: String,
     video: PathBuf,
     folder: PathBuf,
     words: Vec<OsString>,
 }
 
-pub fn run(arguments: Arguments) -> Result<ExitCode> {
+pub fn run(arguments: BatchArguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let jobs = jobs(&arguments)?;
     let program = sweep::training_program()?;
     storage::storage().create_folder(&arguments.out).with_context(|| format!("folder {}", arguments.out.display()))?;
-    for job in jobs.iter().filter(|job| job.stage().is_ok_and(|stage| stage == Stage::New)) {
+    for job in jobs.iter().filter(|job| job.stage().is_ok_and(|stage| stage == JobStage::New)) {
         job.begin()?;
     }
     interrupt::catch()?;
     let mut display = SweepDisplay::new(jobs.len());
     let summary = sweep::run(&program, &jobs, arguments.jobs, &interrupt::asked, &mut |event| display.show(&event))?;
     display.close();
-    write(&arguments.out, &jobs.iter().map(Job::entry).collect::<Vec<_>>())?;
+    write(&arguments.out, &jobs.iter().map(BatchJob::entry).collect::<Vec<_>>())?;
     say!("look at {}", arguments.out.join(PAGE).display());
     Ok(conclude(&summary))
 }
 
-fn jobs(arguments: &Arguments) -> Result<Vec<Job>> {
+fn jobs(arguments: &BatchArguments) -> Result<Vec<BatchJob>> {
     let threads = (device::cores() / arguments.jobs).max(1).to_string();
     let shared = [OsString::from("--threads"), threads.into()].into_iter().chain(arguments.options.iter().cloned());
     let shared: Vec<OsString> = shared.collect();
@@ -99,15 +99,15 @@ fn jobs(arguments: &Arguments) -> Result<Vec<Job>> {
         let numbered = (2..).map(|number| format!("{stem}-{number}"));
         let name = std::iter::once(stem.clone()).chain(numbered).find(|name| names.insert(name.clone()));
         let name = name.context("no name is left")?;
-        Ok(Job { folder: arguments.out.join(&name), name, video, words })
+        Ok(BatchJob { folder: arguments.out.join(&name), name, video, words })
     };
     videos.into_iter().map(job).collect()
 }
 
 /// Videos of a list with their options. Files count from the list's folder.
 fn listed(path: &Path) -> Result<Vec<(PathBuf, Vec<OsString>)>> {
-    let read = || Ok::<List, anyhow::Error>(toml::from_str(&storage::read_to_string(path)?)?);
-    let List { measure, video } = read().with_context(|| format!("list {}", path.display()))?;
+    let read = || Ok::<BatchList, anyhow::Error>(toml::from_str(&storage::read_to_string(path)?)?);
+    let BatchList { measure, video } = read().with_context(|| format!("list {}", path.display()))?;
     ensure!(!video.is_empty(), "list {}: expected a table [[video]] for each video, found none", path.display());
     let folder = path.parent().unwrap_or(Path::new("."));
     let of = |mut own: toml::Table| {
@@ -145,16 +145,16 @@ fn words(key: &str, value: &toml::Value) -> Result<Vec<OsString>> {
 /// Refuses options that `paig measure` does not have before a video is measured.
 fn check(words: &[OsString]) -> Result<()> {
     ensure!(words.iter().all(|word| word != "--out"), "--out is the batch's: give it before --");
-    let command = measure::Arguments::augment_args(clap::Command::new("measure"));
+    let command = measure::MeasureArguments::augment_args(clap::Command::new("measure"));
     let matches = command.try_get_matches_from(words).map_err(|error| {
         let text = error.to_string();
         anyhow::anyhow!("{}", text.lines().next().unwrap_or_default().trim_start_matches("error: "))
     })?;
-    measure::Arguments::from_arg_matches(&matches)?;
+    measure::MeasureArguments::from_arg_matches(&matches)?;
     Ok(())
 }
 
-impl Job {
+impl BatchJob {
     /// Notes what is measured, for another time.
     fn begin(&self) -> Result<()> {
         let named = || format!("folder {}", self.folder.display());
@@ -168,30 +168,30 @@ impl Job {
         self.words.iter().map(|word| word.to_string_lossy().into_owned()).collect()
     }
 
-    fn entry(&self) -> Entry {
+    fn entry(&self) -> BatchEntry {
         let ending = match sweep::failure(&self.folder) {
             Some(reason) => Err(reason),
             None => Measurement::read(&self.folder).map_err(|error| format!("{error:#}")),
         };
-        Entry { name: self.name.clone(), video: self.video.clone(), ending }
+        BatchEntry { name: self.name.clone(), video: self.video.clone(), ending }
     }
 }
 
-impl Work for Job {
+impl Work for BatchJob {
     fn folder(&self) -> &Path {
         &self.folder
     }
 
-    fn stage(&self) -> Result<Stage> {
+    fn stage(&self) -> Result<JobStage> {
         let same = || {
             let text = storage::read_to_string(&self.folder.join(COMMAND)).ok()?;
             Some(serde_json::from_str::<Vec<String>>(&text).ok()? == self.lossy())
         };
         let finished = self.folder.join(DONE).exists() && same().unwrap_or(false);
-        Ok(if finished { Stage::Finished } else { Stage::New })
+        Ok(if finished { JobStage::Finished } else { JobStage::New })
     }
 
-    fn words(&self, _stage: Stage) -> Vec<OsString> {
+    fn words(&self, _stage: JobStage) -> Vec<OsString> {
         self.words.clone()
     }
 }

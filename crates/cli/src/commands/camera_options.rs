@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use paig_video::import::sources::{Filming, Rectangle};
+use paig_video::import::sources::{Filming, ReferenceRectangle};
 
 /// Speed at which a video plays.
 #[derive(Debug, Args)]
@@ -61,10 +61,10 @@ impl CameraOptions {
     }
 }
 
-fn plane(text: &str, distortion: Option<f64>) -> Result<Rectangle> {
+fn plane(text: &str, distortion: Option<f64>) -> Result<ReferenceRectangle> {
     let finite = |number: &str| number.trim().parse::<f64>().ok().filter(|number| number.is_finite());
     let numbers: Option<Vec<f64>> = text.split(',').map(finite).collect();
     let wrong = || format!("--plane {text:?}: expected four corners x,y, then width,height in metres: ten numbers");
     let [a, b, c, d, e, f, g, h, width, height] = numbers.with_context(wrong)?[..] else { bail!(wrong()) };
-    Ok(Rectangle { corners: [[a, b], [c, d], [e, f], [g, h]], sides: [width, height], distortion })
+    Ok(ReferenceRectangle { corners: [[a, b], [c, d], [e, f], [g, h]], sides: [width, height], distortion })
 }

@@ -10,11 +10,11 @@ use crate::Paig;
 /// Prints the completions of commands and options for a shell.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  paig completions bash > ~/.local/share/bash-completion/completions/paig")]
-pub struct Arguments {
+pub struct CompletionsArguments {
     shell: Shell,
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &CompletionsArguments) -> Result<()> {
     let mut script = Vec::new();
     generate(arguments.shell, &mut Paig::command(), "paig", &mut script);
     write_line(format_args!("{}", String::from_utf8(script)?));

@@ -6,7 +6,9 @@ use std::process::ExitCode;
 use anyhow::{Result, ensure};
 use clap::{Args, Parser, ValueEnum};
 use paig::support::device;
-use paig_experiments::control::experiment::{Experiment, ExperimentEvent, PlannerKind, Played, SearchMethod, Watch};
+use paig_experiments::control::experiment::{
+    Experiment, ExperimentEvent, ExperimentWatch, PlannerKind, Played, SearchMethod,
+};
 use paig_experiments::control::study::{self, StudyEvent};
 use paig_terminal::{environment, interrupt, say};
 
@@ -15,7 +17,7 @@ const NOTES: usize = 3;
 
 /// Who decides.
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
-enum Planner {
+enum PlannerChoice {
     /// Vision is learned, and what foretells: the physics, or a black box in its place
     Learned,
     /// The true state and the true equation: the upper bound
@@ -30,31 +32,31 @@ enum Planner {
     Zero,
 }
 
-impl From<Planner> for PlannerKind {
-    fn from(planner: Planner) -> Self {
+impl From<PlannerChoice> for PlannerKind {
+    fn from(planner: PlannerChoice) -> Self {
         match planner {
-            Planner::Learned => PlannerKind::Learned,
-            Planner::TrueState => PlannerKind::TrueState,
-            Planner::TrueEquation => PlannerKind::TrueEquation,
-            Planner::Latent => PlannerKind::Latent,
-            Planner::Random => PlannerKind::Random,
-            Planner::Zero => PlannerKind::Zero,
+            PlannerChoice::Learned => PlannerKind::Learned,
+            PlannerChoice::TrueState => PlannerKind::TrueState,
+            PlannerChoice::TrueEquation => PlannerKind::TrueEquation,
+            PlannerChoice::Latent => PlannerKind::Latent,
+            PlannerChoice::Random => PlannerKind::Random,
+            PlannerChoice::Zero => PlannerKind::Zero,
         }
     }
 }
 
 /// How plans are searched for.
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
-enum Search {
+enum SearchChoice {
     CrossEntropy,
     PathIntegral,
 }
 
-impl From<Search> for SearchMethod {
-    fn from(search: Search) -> Self {
+impl From<SearchChoice> for SearchMethod {
+    fn from(search: SearchChoice) -> Self {
         match search {
-            Search::CrossEntropy => SearchMethod::CrossEntropy,
-            Search::PathIntegral => SearchMethod::PathIntegral,
+            SearchChoice::CrossEntropy => SearchMethod::CrossEntropy,
+            SearchChoice::PathIntegral => SearchMethod::PathIntegral,
         }
     }
 }
@@ -67,7 +69,7 @@ impl From<Search> for SearchMethod {
     allow_negative_numbers = true,
     after_help = "Example:\n  paig control runs/pendulum/fast/seed=0 --planner learned,zero --goal 30 --gravity 6 --model-set g=6"
 )]
-pub struct Arguments {
+pub struct ControlArguments {
     /// Run folder of a task with actions; only the planners that see need one
     run: Option<PathBuf>,
     /// A file (TOML) with many lines of arguments, all of which are played; their results go into one file
@@ -81,10 +83,10 @@ pub struct Arguments {
     task: String,
     /// Who decides, separated by commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "learned")]
-    planner: Vec<Planner>,
+    planner: Vec<PlannerChoice>,
     /// How plans are searched for
     #[arg(long, value_enum, default_value = "cross-entropy")]
-    search: Search,
+    search: SearchChoice,
     /// Episodes of each planner, the same for all
     #[arg(long, default_value_t = 100)]
     episodes: usize,
@@ -150,12 +152,12 @@ pub struct Arguments {
 
 /// A line of a study.
 #[derive(Debug, Parser)]
-struct Line {
+struct LineArguments {
     #[command(flatten)]
-    arguments: Arguments,
+    arguments: ControlArguments,
 }
 
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub fn run(arguments: &ControlArguments) -> Result<ExitCode> {
     // Before anything is opened: it starts the program over.
     environment::set();
     device::set_threads(arguments.threads)?;
@@ -163,7 +165,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let experiment = arguments.experiment();
     let out = &arguments.out.clone().unwrap_or_else(|| experiment.usual_out());
     let rows = match &arguments.study {
-        None => experiment.run(out, Watch { observe: &show, stop: &interrupt::asked })?,
+        None => experiment.run(out, ExperimentWatch { observe: &show, stop: &interrupt::asked })?,
         Some(file) => {
             let lines = study::read(file, &experiment_of_line)?;
             study::play(&lines, out, arguments.resume, &show_study, &interrupt::asked)?
@@ -180,12 +182,12 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
 /// The experiment of a study's line.
 fn experiment_of_line(text: &str) -> Result<Experiment> {
     let words = ["control"].into_iter().chain(text.split_whitespace());
-    let Line { arguments } = Line::try_parse_from(words)?;
+    let LineArguments { arguments } = LineArguments::try_parse_from(words)?;
     ensure!(arguments.study.is_none(), "a study's lines cannot hold a study");
     Ok(arguments.experiment())
 }
 
-impl Arguments {
+impl ControlArguments {
     fn experiment(&self) -> Experiment {
         Experiment {
             run: self.run.clone(),

@@ -17,7 +17,7 @@ use paig_terminal::say;
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  paig convert --task spring_color runs/demo weights.npz\n  \
                   convert --task spring_color weights.npz weights.safetensors")]
-pub struct Arguments {
+pub struct ConvertArguments {
     #[arg(long, help = format!("System that the model was made for: a task file (.toml), or one of {}", tasks::names()))]
     task: String,
     /// The model has the original's other velocity estimator (its --alt_vel)
@@ -36,8 +36,8 @@ pub struct Arguments {
     to: PathBuf,
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { from, to, .. } = arguments;
+pub fn run(arguments: &ConvertArguments) -> Result<()> {
+    let ConvertArguments { from, to, .. } = arguments;
     let place = check_target(from, to, arguments.force)?;
     let task = tasks::find(&arguments.task)?;
     let count = convert(&task.system, &options(arguments, &task)?, from, &place)?;
@@ -46,7 +46,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// What the model is like: as a run folder's config says, else the original's with what the command line changes.
-fn options(arguments: &Arguments, task: &Task) -> Result<ModelOptions> {
+fn options(arguments: &ConvertArguments, task: &Task) -> Result<ModelOptions> {
     let config = arguments.from.join(CONFIG);
     if !config.exists() {
         let mut set: Vec<_> = arguments.fixed.iter().map(|fixed| format!("model.fixed.{fixed}")).collect();

@@ -9,7 +9,7 @@ use paig::generators::{Counts, DatasetJob, generate};
 use paig::run::{Ending, Mode, Request};
 use paig::tasks;
 use paig::training::layers::Overrides;
-use paig_terminal::generate_display::Display;
+use paig_terminal::generate_display::GenerateDisplay;
 use paig_terminal::run::interrupted;
 use paig_terminal::screen::Screen;
 use paig_terminal::{environment, interrupt, say};
@@ -25,7 +25,7 @@ const CLIPS: Counts = Counts { train: 1000, valid: 100, test: 100 };
 /// The run ends with the spring constant k and half the rest length l beside the true ones. It continues where it stopped.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  paig demo --out spring")]
-pub struct Arguments {
+pub struct DemoArguments {
     /// Folder for the clips (data) and the run (run)
     #[arg(long, value_name = "DIR", default_value = "paig-demo")]
     out: PathBuf,
@@ -40,10 +40,10 @@ pub struct Arguments {
     threads: usize,
 }
 
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub fn run(arguments: &DemoArguments) -> Result<ExitCode> {
     environment::set();
     let (data, out) = (arguments.out.join("data"), arguments.out.join("run"));
-    let display = Display::default();
+    let display = GenerateDisplay::default();
     let job = DatasetJob { counts: CLIPS, ..DatasetJob::plain(&tasks::find(TASK)?, data.clone())? };
     generate(&job, &|event| display.show(event))?;
     let mode = if out.join("config.toml").exists() { Mode::Resume } else { Mode::Begin };

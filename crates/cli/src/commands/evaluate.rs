@@ -9,7 +9,7 @@ use paig::Error;
 use paig::evaluation::{self, ScoredClips};
 use paig::network::physics_models::losses::MeanLosses;
 use paig::runs::scores::{FrameSpread, ScoresFile};
-use paig::support::output::Kind;
+use paig::support::output::FileKind;
 use paig::viz;
 use paig_terminal::arguments::{ClipsOfRun, ScoredRun};
 use paig_terminal::say;
@@ -24,7 +24,7 @@ use paig_terminal::table::print_frames_and_states;
     allow_negative_numbers = true,
     after_help = "Example:\n  paig evaluate runs/spring_color/fast/seed=0 --json scores.json"
 )]
-pub struct Arguments {
+pub struct EvaluateArguments {
     #[command(flatten)]
     run: ScoredRun,
     /// Write the numbers to this file, too
@@ -35,7 +35,7 @@ pub struct Arguments {
     picture: Option<PathBuf>,
 }
 
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub fn run(arguments: &EvaluateArguments) -> Result<ExitCode> {
     let places = Places::check(arguments)?;
     let opened = arguments.run.open()?;
     let clips = ScoredClips::read(&opened.file, &opened.config.task, opened.split, opened.device)?;
@@ -76,10 +76,10 @@ struct Places {
 }
 
 impl Places {
-    fn check(arguments: &Arguments) -> Result<Self> {
+    fn check(arguments: &EvaluateArguments) -> Result<Self> {
         let inputs: Vec<&Path> = arguments.run.file.as_deref().into_iter().collect();
         let place =
-            |kind: Kind, path: &Option<PathBuf>| path.as_ref().map(|path| kind.check(path, &inputs)).transpose();
+            |kind: FileKind, path: &Option<PathBuf>| path.as_ref().map(|path| kind.check(path, &inputs)).transpose();
         let (json, picture) =
             (place(ScoresFile::KIND, &arguments.json)?, place(viz::FRAME_SCORES, &arguments.picture)?);
         if let Some(picture) = &arguments.picture {

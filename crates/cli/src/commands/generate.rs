@@ -12,7 +12,7 @@ use paig::support::device;
 use paig::tasks;
 use paig::tasks::scene::{Background, Look};
 use paig::training::layers::usual_data_folder;
-use paig_terminal::generate_display::Display;
+use paig_terminal::generate_display::GenerateDisplay;
 
 /// Makes the videos of a physical system: a training file of short clips and a test file of long ones.
 ///
@@ -25,7 +25,7 @@ use paig_terminal::generate_display::Display;
     after_help = "Example:\n  paig generate --task spring_color --out data/datasets \
                   --train 5000 --valid 500 --test 500 --seed 0"
 )]
-pub struct Arguments {
+pub struct GenerateArguments {
     #[arg(long, help = format!("System to film: a task file (.toml), or one of {}", tasks::names()))]
     task: String,
     /// Datasets folder; files go into the task's folder in it [default: data/datasets; the folder of the task's file
@@ -130,10 +130,10 @@ fn background() -> impl TypedValueParser<Value = Background> {
     })
 }
 
-pub fn run(arguments: Arguments) -> Result<()> {
+pub fn run(arguments: GenerateArguments) -> Result<()> {
     let task = tasks::find(&arguments.task)?;
-    let Arguments { k, equil, damping, g, m, length, a, torque, angle, spin, .. } = arguments;
-    let Arguments { vx, vy, radius, dt, substeps, size, .. } = arguments;
+    let GenerateArguments { k, equil, damping, g, m, length, a, torque, angle, spin, .. } = arguments;
+    let GenerateArguments { vx, vy, radius, dt, substeps, size, .. } = arguments;
     let background = arguments.background;
     let changes = Changes {
         k,
@@ -166,11 +166,11 @@ pub fn run(arguments: Arguments) -> Result<()> {
         folder: arguments.out.unwrap_or_else(|| usual_data_folder(&task, &arguments.task).into()),
         force: arguments.force,
     };
-    let display = Display::default();
+    let display = GenerateDisplay::default();
     Ok(threads.install(|| generate(&job, &|event| display.show(event)))?)
 }
 
-fn source_images(arguments: &Arguments, variant: &Variant) -> Result<SourceImages> {
+fn source_images(arguments: &GenerateArguments, variant: &Variant) -> Result<SourceImages> {
     let task = &variant.task.name;
     let digits = variant.scene.look == Look::Digits;
     ensure!(digits || arguments.mnist_dir.is_none(), "--mnist-dir means nothing for task {task}; leave it out");
@@ -178,7 +178,7 @@ fn source_images(arguments: &Arguments, variant: &Variant) -> Result<SourceImage
     if let (Some(folder), &[first, second]) = (&arguments.mnist_dir, &arguments.mnist_indices[..]) {
         images = images.with_mnist(folder, [first, second])?;
     }
-    let Arguments { cifar_dir, cifar_index, picture, .. } = arguments;
+    let GenerateArguments { cifar_dir, cifar_index, picture, .. } = arguments;
     let of_cifar = matches!(variant.background, Background::Cifar | Background::RandomCifar);
     ensure!(of_cifar || cifar_dir.is_none(), "--cifar-dir means nothing for task {task} without --background cifar");
     ensure!(

@@ -8,11 +8,11 @@ use clap::Args;
 use paig::network::system::EquationEntry;
 use paig::support::significant::significant;
 use paig::tasks::equation_file::EquationFile;
-use paig_terminal::progress::Progress;
+use paig_terminal::progress::PhaseProgress;
 use paig_terminal::say;
 use paig_video::import::crop::CropChoice;
-use paig_video::import::request::Request;
-use paig_video::import::time_base::Clock;
+use paig_video::import::request::ImportRequest;
+use paig_video::import::time_base::FrameSpacing;
 use paig_video::import::{Imported, import};
 
 use super::camera_options::SpeedOption;
@@ -34,7 +34,7 @@ use super::scene_options::{SceneOptions, rectangle};
                   import a.mp4 b.mp4 --out both --tracker a.trk --equation spring\n  \
                   import clip.mov --out swing --side 64 --equation damped_pendulum"
 )]
-pub struct Arguments {
+pub struct ImportArguments {
     /// Videos of one scene, all of one size; clips are cut from each
     #[arg(required = true)]
     videos: Vec<PathBuf>,
@@ -91,28 +91,28 @@ pub struct Arguments {
     overlap: Option<usize>,
 }
 
-pub fn run(arguments: Arguments) -> Result<()> {
+pub fn run(arguments: ImportArguments) -> Result<()> {
     let request = request(arguments)?;
-    let bar: RefCell<Option<Progress>> = RefCell::default();
+    let bar: RefCell<Option<PhaseProgress>> = RefCell::default();
     let imported = import(&request, &|done, total| {
         let mut bar = bar.borrow_mut();
         if done == 1 {
-            *bar = Some(Progress::new("frames", total as u64, 0));
+            *bar = Some(PhaseProgress::new("frames", total as u64, 0));
         }
         bar.iter().for_each(|bar| bar.step(String::new));
         if done == total {
-            bar.take().iter().for_each(Progress::finish);
+            bar.take().iter().for_each(PhaseProgress::finish);
         }
     })?;
     summarize(&request, &imported);
     Ok(())
 }
 
-fn request(arguments: Arguments) -> Result<Request> {
+fn request(arguments: ImportArguments) -> Result<ImportRequest> {
     let scene = arguments.scene.read()?;
     let EquationFile { equation, objects: of_file, .. } = equation(&arguments.equation)?;
     let objects = arguments.objects.or(of_file);
-    Ok(Request {
+    Ok(ImportRequest {
         videos: arguments.videos,
         out: arguments.out,
         force: arguments.force,
@@ -153,14 +153,14 @@ fn crop(text: &str) -> Result<CropChoice> {
     })
 }
 
-fn summarize(request: &Request, imported: &Imported) {
+fn summarize(request: &ImportRequest, imported: &Imported) {
     for take in &imported.takes {
         let kept = &take.kept;
         let rate = request.step as f64 / kept.interval;
         let clock = match kept.clock {
-            Clock::Given => ", as given",
-            Clock::Regular => ", even",
-            Clock::Resampled { .. } => ", put onto an even clock",
+            FrameSpacing::Given => ", as given",
+            FrameSpacing::Regular => ", even",
+            FrameSpacing::Resampled { .. } => ", put onto an even clock",
         };
         let (count, seconds) = (kept.frames.len(), kept.interval * kept.frames.len() as f64);
         say!(

@@ -6,11 +6,11 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use paig::support::device;
 use paig::tasks::equation_file::EquationFile;
-use paig_terminal::progress::Progress;
+use paig_terminal::progress::PhaseProgress;
 use paig_terminal::{environment, say};
-use paig_video::import::crop::Rectangle;
+use paig_video::import::crop::CropRectangle;
 use paig_video::measure::results::Measurement;
-use paig_video::measure::{Request, VideoRequest, is_run, measure, measure_videos};
+use paig_video::measure::{MeasureRequest, VideoRequest, is_run, measure, measure_videos};
 
 use super::camera_options::CameraOptions;
 use super::scene_options::{SceneOptions, rectangle};
@@ -35,7 +35,7 @@ use crate::measure_display::print_measurement;
                   paig measure bounce.mp4 --equation bounce_on_a_floor --frames 31..160 --at 40:210,95\n  \
                   paig measure runs/my-scene/fast/seed=0 --against configs/gallery/free_pendulum.toml"
 )]
-pub struct Arguments {
+pub struct MeasureArguments {
     /// Videos of one motion, or one run folder
     #[arg(required = true, value_name = "VIDEO or RUN")]
     paths: Vec<PathBuf>,
@@ -76,7 +76,7 @@ pub struct Arguments {
 /// In place of an equation's name: chosen.
 const AUTO: &str = "auto";
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &MeasureArguments) -> Result<()> {
     environment::set();
     let device = device::parse(&arguments.device)?;
     device::set_threads(arguments.threads)?;
@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         );
         let equation = given_equation(arguments)?;
         let out = arguments.out.as_ref().unwrap_or(&arguments.paths[0]);
-        (measure(&arguments.paths[0], &Request { equation, against }, out, device)?, out.clone())
+        (measure(&arguments.paths[0], &MeasureRequest { equation, against }, out, device)?, out.clone())
     } else {
         of_videos(arguments, &against)?
     };
@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-fn of_videos(arguments: &Arguments, against: &[EquationFile]) -> Result<(Measurement, PathBuf)> {
+fn of_videos(arguments: &MeasureArguments, against: &[EquationFile]) -> Result<(Measurement, PathBuf)> {
     let scene = arguments.scene.read()?;
     let (hints, ignore) = arguments.objects_shown.read()?;
     let request = VideoRequest {
@@ -121,13 +121,13 @@ fn of_videos(arguments: &Arguments, against: &[EquationFile]) -> Result<(Measure
         takes: arguments.takes,
     };
     let out = arguments.out.clone().unwrap_or_else(|| named_after(&arguments.paths[0]));
-    let waiting = Progress::busy("tracking and fitting");
+    let waiting = PhaseProgress::busy("tracking and fitting");
     let measured = measure_videos(&request, against, &out);
     waiting.finish();
     Ok((measured?, out))
 }
 
-fn crop(text: &str) -> Result<Rectangle> {
+fn crop(text: &str) -> Result<CropRectangle> {
     rectangle(text).with_context(|| format!("--crop {text:?}: expected X,Y,WIDTH,HEIGHT in whole pixels"))
 }
 
@@ -138,7 +138,7 @@ fn named_after(video: &Path) -> PathBuf {
 }
 
 /// None where it is to be chosen, or is a run's own.
-fn given_equation(arguments: &Arguments) -> Result<Option<EquationFile>> {
+fn given_equation(arguments: &MeasureArguments) -> Result<Option<EquationFile>> {
     arguments.equation.as_deref().filter(|name| *name != AUTO).map(equation).transpose()
 }
 

@@ -14,7 +14,7 @@ use paig_video::measure::table::{ROWS, References, read_references, rows, write}
 #[command(
     after_help = "Example:\n  paig measurements runs/a runs/b --references reports/real/references.toml --json results.json"
 )]
-pub struct Arguments {
+pub struct MeasurementsArguments {
     /// Folders with a measurement.json
     #[arg(required = true)]
     folders: Vec<PathBuf>,
@@ -26,7 +26,7 @@ pub struct Arguments {
     json: Option<PathBuf>,
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &MeasurementsArguments) -> Result<()> {
     let inputs: Vec<&Path> = arguments.references.as_deref().into_iter().collect();
     let json = arguments.json.as_deref().map(|path| ROWS.check(path, &inputs)).transpose()?;
     let references = arguments.references.as_deref().map(read_references).transpose()?;

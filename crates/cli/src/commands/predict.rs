@@ -10,7 +10,7 @@ use paig::evaluation::ScoredClips;
 use paig::evaluation::rollout::{self, MOST_FRAMES};
 use paig::viz;
 use paig_terminal::arguments::{ClipsOfRun, ScoredRun};
-use paig_terminal::progress::Progress;
+use paig_terminal::progress::PhaseProgress;
 use paig_terminal::say;
 
 /// Predicts frames, positions and velocities from the first frames of a clip, as far as asked.
@@ -21,7 +21,7 @@ use paig_terminal::say;
     allow_negative_numbers = true,
     after_help = "Example:\n  paig predict runs/spring_color/fast/seed=0 --clip 3 --frames 60 --out prediction"
 )]
-pub struct Arguments {
+pub struct PredictArguments {
     #[command(flatten)]
     run: ScoredRun,
     /// The clip, counted from 0
@@ -38,7 +38,7 @@ pub struct Arguments {
 /// Frames from which on drawing takes minutes.
 const MANY_FRAMES: usize = 1000;
 
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub fn run(arguments: &PredictArguments) -> Result<ExitCode> {
     viz::check_rollout_folder(&arguments.out)?;
     ensure!(
         arguments.frames.is_none_or(|frames| frames <= MOST_FRAMES),
@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     if frames > MANY_FRAMES {
         say!("predicts and draws {frames} frames, which takes some minutes");
     }
-    let waiting = Progress::busy("predicting");
+    let waiting = PhaseProgress::busy("predicting");
     let prediction = rollout::roll_out(&model, &clip, &clips.actions(&[arguments.clip as i64]), frames)?;
     let written = viz::write_rollout(&arguments.out, &model.system, &prediction).map_err(Error::of_work);
     waiting.finish();

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
-use paig_report::{self as report, Pictures};
+use paig_report::{self as report, WithPictures};
 use paig_terminal::say;
 
 /// Writes a report of all runs in and under the given folders: report.md, report.html (one file, with its pictures),
@@ -15,7 +15,7 @@ use paig_terminal::say;
 /// many succeeded, beside the published numbers.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  paig report runs --out report\n  paig report report/records runs --out newer")]
-pub struct Arguments {
+pub struct ReportArguments {
     /// Run folders, or folders that hold some
     #[arg(required = true)]
     runs: Vec<PathBuf>,
@@ -27,8 +27,8 @@ pub struct Arguments {
     no_pictures: bool,
 }
 
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
-    let pictures = if arguments.no_pictures { Pictures::LeftOut } else { Pictures::Shown };
+pub fn run(arguments: &ReportArguments) -> Result<ExitCode> {
+    let pictures = if arguments.no_pictures { WithPictures::LeftOut } else { WithPictures::Shown };
     let found = report::write(&arguments.runs, &arguments.out, pictures)?;
     let report::RunCounts { finished, unfinished, unreadable } = found;
     say!("{finished} finished, {unfinished} unfinished, {unreadable} unreadable runs");

@@ -5,8 +5,8 @@ use std::str::FromStr;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use paig_video::import::crop::Rectangle;
-use paig_video::import::time_base::Part;
+use paig_video::import::crop::CropRectangle;
+use paig_video::import::time_base::VideoPart;
 use paig_video::import::tracker::TrackerFile;
 
 /// Options of commands that read videos.
@@ -52,7 +52,7 @@ pub struct SceneOptions {
 /// The same, read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneFacts {
-    pub parts: Vec<Part>,
+    pub parts: Vec<VideoPart>,
     pub fps: Option<f64>,
     pub time_percent: f64,
     pub pixels_per_metre: Option<f64>,
@@ -94,10 +94,10 @@ impl SceneOptions {
 }
 
 /// A rectangle of a video, `X,Y,WIDTH,HEIGHT` in whole pixels; none of text that is none.
-pub fn rectangle(text: &str) -> Option<Rectangle> {
+pub fn rectangle(text: &str) -> Option<CropRectangle> {
     let numbers = text.split(',').map(|number| number.trim().parse().ok()).collect::<Option<Vec<u32>>>()?;
     let [x, y, width, height] = numbers[..] else { return None };
-    Some(Rectangle { x, y, width, height })
+    Some(CropRectangle { x, y, width, height })
 }
 
 /// So many numbers with commas between them.
@@ -109,7 +109,7 @@ fn numbers<const N: usize>(option: &str, text: &str) -> Result<[f64; N]> {
 }
 
 /// The parts of a video, with commas between them.
-fn parts(frames: Option<&str>, seconds: Option<&str>) -> Result<Vec<Part>> {
+fn parts(frames: Option<&str>, seconds: Option<&str>) -> Result<Vec<VideoPart>> {
     fn bounds<T: FromStr>(option: &str, text: &str) -> Result<(Option<T>, Option<T>)> {
         let wrong = || format!("--{option} {text:?}: expected START..END, START.. or ..END");
         let (start, end) = text.split_once("..").with_context(wrong)?;
@@ -121,17 +121,17 @@ fn parts(frames: Option<&str>, seconds: Option<&str>) -> Result<Vec<Part>> {
     }
     let by_frames = |text: &str| {
         let (start, end) = bounds("frames", text)?;
-        Ok(Part::Frames(start.unwrap_or(0), end))
+        Ok(VideoPart::Frames(start.unwrap_or(0), end))
     };
     let by_seconds = |text: &str| {
         let (start, end) = bounds::<f64>("seconds", text)?;
         let finite = start.is_none_or(f64::is_finite) && end.is_none_or(f64::is_finite);
         ensure!(finite, "--seconds {text:?}: not finite");
-        Ok(Part::Seconds(start.unwrap_or(0.0), end))
+        Ok(VideoPart::Seconds(start.unwrap_or(0.0), end))
     };
     match (frames, seconds) {
         (Some(text), _) => text.split(',').map(by_frames).collect(),
         (None, Some(text)) => text.split(',').map(by_seconds).collect(),
-        (None, None) => Ok(vec![Part::All]),
+        (None, None) => Ok(vec![VideoPart::All]),
     }
 }

@@ -6,9 +6,9 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use paig_experiments::stress::{Ended, Reported, StressEvent, StressList, Suite, Watch};
+use paig_experiments::stress::{Reported, StressEvent, StressList, Suite, SuiteEnd, SuiteWatch};
 use paig_experiments::sweep::{self, parse_seeds};
-use paig_terminal::generate_display::Display;
+use paig_terminal::generate_display::GenerateDisplay;
 use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
@@ -22,7 +22,7 @@ use paig::Error;
 #[command(
     after_help = "Examples:\n  paig stress --jobs 2\n  paig stress --scene spring_noise_10 --data-seeds 1 --report-only"
 )]
-pub struct Arguments {
+pub struct StressArguments {
     /// List of the scenes; their files lie in a folder of its name beside it
     #[arg(long, default_value = "configs/stress.toml")]
     list: PathBuf,
@@ -57,13 +57,13 @@ pub struct Arguments {
     no_pictures: bool,
 }
 
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub fn run(arguments: &StressArguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let list = StressList::read(&arguments.list)?;
     list.of_names(&arguments.scene)?;
     let data_seeds = parse_seeds(&arguments.data_seeds)?;
     let suite = Suite { list, data_seeds, data: arguments.data.clone(), runs: arguments.runs.clone() };
-    let shown = Shown::default();
+    let shown = SuiteDisplay::default();
     let code = if arguments.report_only { ExitCode::SUCCESS } else { train(arguments, &suite, &shown)? };
     let pictures = !arguments.no_pictures;
     let reported = suite.report(&arguments.add, &arguments.out, pictures, &|event| shown.show(event));
@@ -73,15 +73,15 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     Ok(code)
 }
 
-fn train(arguments: &Arguments, suite: &Suite, shown: &Shown) -> Result<ExitCode> {
+fn train(arguments: &StressArguments, suite: &Suite, shown: &SuiteDisplay) -> Result<ExitCode> {
     let program = sweep::training_program()?;
     interrupt::catch()?;
     let scenes = suite.list.of_names(&arguments.scene)?;
-    let watch = Watch { observe: &|event| shown.show(event), stop: &interrupt::asked };
+    let watch = SuiteWatch { observe: &|event| shown.show(event), stop: &interrupt::asked };
     Ok(match suite.train(&program, &scenes, arguments.jobs, watch)? {
-        Ended::Finished => ExitCode::SUCCESS,
-        Ended::Failed => ExitCode::FAILURE,
-        Ended::Stopped => {
+        SuiteEnd::Finished => ExitCode::SUCCESS,
+        SuiteEnd::Failed => ExitCode::FAILURE,
+        SuiteEnd::Stopped => {
             say!("stopped; the same command goes on");
             interrupt::exit_code()
         }
@@ -90,12 +90,12 @@ fn train(arguments: &Arguments, suite: &Suite, shown: &Shown) -> Result<ExitCode
 
 /// The suite on the terminal.
 #[derive(Debug, Default)]
-struct Shown {
-    data: Display,
+struct SuiteDisplay {
+    data: GenerateDisplay,
     runs: Mutex<Option<SweepDisplay>>,
 }
 
-impl Shown {
+impl SuiteDisplay {
     fn show(&self, event: StressEvent) {
         let mut runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
         match event {

@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use paig_studio::{Options, Studio, prepare, train};
+use paig_studio::{ServerOptions, Studio, prepare, train};
 use paig_terminal::{environment, interrupt, say};
 
 use crate::PROGRAM;
@@ -21,7 +21,7 @@ const OPENER: &str = "xdg-open";
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  paig studio\n  paig studio throw.mp4\n  \
                         paig studio --folder lessons/week-3 --port 8080 --no-open")]
-pub struct Arguments {
+pub struct StudioArguments {
     /// Video to begin with, or a folder of pictures
     video: Option<PathBuf>,
     /// Folder of the projects
@@ -44,7 +44,7 @@ pub struct Arguments {
     train: Option<PathBuf>,
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &StudioArguments) -> Result<()> {
     environment::set();
     if let Some(project) = &arguments.prepare {
         return prepare(project);
@@ -53,7 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(training) = &arguments.train {
         return train(training, PROGRAM, &interrupt::asked);
     }
-    let studio = Studio::bind(Options {
+    let studio = Studio::bind(ServerOptions {
         workspace: arguments.folder.clone(),
         port: arguments.port,
         upload_limit: arguments.upload_limit.saturating_mul(MEGABYTE),

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use paig::support::device;
 use paig::tasks;
-use paig_experiments::sweep::{self, RunState, RunStatus, SweepPlan, SweepRequest, parse_seeds};
+use paig_experiments::sweep::{self, JobState, RunStatus, SweepPlan, SweepRequest, parse_seeds};
 use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::{SweepDisplay, conclude};
@@ -24,7 +24,7 @@ use crate::sweep_display::{SweepDisplay, conclude};
                   sweep --task spring_color --seeds 0-4 --grid model.exact_shift=true,false\n  \
                   sweep --task spring_color --seeds 0-9 --dry-run > commands.txt && parallel < commands.txt"
 )]
-pub struct Arguments {
+pub struct SweepArguments {
     #[arg(long, required = true)]
     #[arg(help = format!("System to learn: a task file (.toml), or one of {}; may be repeated", tasks::names()))]
     task: Vec<String>,
@@ -74,7 +74,7 @@ pub struct Arguments {
     dry_run: bool,
 }
 
-pub fn run(arguments: Arguments) -> Result<ExitCode> {
+pub fn run(arguments: SweepArguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let cores = device::cores();
     let request = SweepRequest {
@@ -121,7 +121,7 @@ fn print_status(runs: &[RunStatus]) {
         let verdict = found.map_or("-", |found| if found { "found" } else { "not found" });
         let (word, phase) = (state.word(), phase.as_deref().unwrap_or("-"));
         say!("{word:<11}{phase:>9}  {steps:>8}{seconds:>10.0}  {verdict:<10}{}", folder.display());
-        if let RunState::Unreadable(why) = state {
+        if let JobState::Unreadable(why) = state {
             say!("    {why}");
         }
     }

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use paig_terminal::progress::Progress;
+use paig_terminal::progress::PhaseProgress;
 use paig_terminal::say;
-use paig_track::Options;
+use paig_track::TrackingOptions;
 use paig_track::calibration::depth_line;
 use paig_video::track::{Followed, PICTURE, TABLE, track, write_picture, write_table};
 
@@ -24,7 +24,7 @@ use super::track_options::TrackOptions;
     after_help = "Examples:\n  paig track clip.mp4\n  paig track clip.mp4 --objects 2 --frames 30..200 --out positions.csv\n  \
                   paig track clip.mp4 --at 12:340,220 --ignore 0,0,200,80"
 )]
-pub struct Arguments {
+pub struct TrackArguments {
     /// The video
     video: PathBuf,
     /// Table of positions to write
@@ -45,7 +45,7 @@ pub struct Arguments {
     objects_shown: TrackOptions,
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &TrackArguments) -> Result<()> {
     ensure!(arguments.objects > 0, "--objects must be at least 1");
     let camera = arguments.camera.read(None)?;
     let out = TABLE.check(&arguments.out, &[&arguments.video])?;
@@ -53,16 +53,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let video = camera.open(&arguments.video)?;
     let (hints, ignore) = arguments.objects_shown.read()?;
     let calibration = camera.calibration(&video).context("--plane")?;
-    let options = Options {
+    let options = TrackingOptions {
         frames: arguments.frames.as_deref().map(|text| frames(text, video.frames)).transpose()?,
         objects: arguments.objects,
         slow_motion: camera.slow_motion,
         readout: camera.readout,
         hints,
         ignore,
-        ..Options::default()
+        ..TrackingOptions::default()
     };
-    let waiting = Progress::busy("tracking");
+    let waiting = PhaseProgress::busy("tracking");
     let tracking = track(&video, &options);
     waiting.finish();
     let Followed { tracking, segments } = tracking?;

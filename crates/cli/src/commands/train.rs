@@ -10,7 +10,7 @@ use paig::tasks;
 use paig_terminal::run::{RunArgs, interrupted};
 use paig_terminal::screen::Screen;
 use paig_terminal::{environment, interrupt, say};
-use paig_video::run::{Ending, execute};
+use paig_video::run::{VideoRunEnding, execute};
 
 use crate::PROGRAM;
 use crate::measure_display::print_measurement;
@@ -25,7 +25,7 @@ use crate::measure_display::print_measurement;
                   paig train --task 3bp_color --set join.max_steps=400 --out runs/longer\n  \
                   paig train --resume --out runs/spring_color/fast/seed=1"
 )]
-pub struct Arguments {
+pub struct TrainArguments {
     #[arg(long, help = format!(
         "The system to learn: a task file (.toml), or one of {}. Required, unless --config names it, or --resume or \
          --test-mode takes the run in --out",
@@ -36,7 +36,7 @@ pub struct Arguments {
     run: RunArgs,
 }
 
-pub fn run(arguments: &Arguments) -> Result<ExitCode> {
+pub fn run(arguments: &TrainArguments) -> Result<ExitCode> {
     // Before anything is opened: it starts the program over.
     environment::set();
     let task = arguments.task.as_deref();
@@ -47,11 +47,11 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let run = arguments.run.open(task)?.prepare(&mut screen)?;
     interrupt::catch()?;
     match execute(&run, PROGRAM, &mut screen, &interrupt::asked)? {
-        Ending::Finished { summary, measurement: None } => {
+        VideoRunEnding::Finished { summary, measurement: None } => {
             summary.verdict.iter().for_each(|verdict| say!("{verdict}"));
             Ok(ExitCode::SUCCESS)
         }
-        Ending::Finished { summary, measurement: Some(measured) } => {
+        VideoRunEnding::Finished { summary, measurement: Some(measured) } => {
             measured.iter().for_each(|measurement| {
                 print_measurement(measurement);
                 say!("look at {}", run.folder.path().join("measurement.html").display());
@@ -62,7 +62,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
             });
             Ok(measured.map(|_| ExitCode::SUCCESS)?)
         }
-        Ending::Scored => Ok(ExitCode::SUCCESS),
-        Ending::Interrupted { steps } => Ok(interrupted(steps, &run)),
+        VideoRunEnding::Scored => Ok(ExitCode::SUCCESS),
+        VideoRunEnding::Interrupted { steps } => Ok(interrupted(steps, &run)),
     }
 }

@@ -9,17 +9,17 @@ use paig::Error;
 use paig::kernels::Kernels;
 use paig::support::device;
 use paig::tasks;
-use paig::training::base::Outcome;
+use paig::training::base::TrainingOutcome;
 use paig::training::layers::usual_data_folder;
-use paig_experiments::baselines::whole_models::config::{WholeConfig, WholeModel};
-use paig_experiments::baselines::whole_models::scores::WholeScores;
-use paig_experiments::comparison::whole_run::WholeRun;
+use paig_experiments::baselines::end_to_end::config::{EndToEndConfig, EndToEndModel};
+use paig_experiments::baselines::end_to_end::scores::EndToEndScores;
+use paig_experiments::comparison::end_to_end_run::EndToEndRun;
 use paig_terminal::{environment, interrupt, say};
 
 /// The models.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[value(rename_all = "snake_case")]
-enum Model {
+enum BaselineModel {
     /// A convolutional LSTM that predicts frames, without objects or physics
     VideoLstm,
     /// A decompositional predictive auto-encoder: components that move, without physics
@@ -29,13 +29,13 @@ enum Model {
     Planet,
 }
 
-impl Model {
+impl BaselineModel {
     /// The model and the task that it takes if none is named.
-    fn model(self) -> (WholeModel, &'static str) {
+    fn model(self) -> (EndToEndModel, &'static str) {
         match self {
-            Model::VideoLstm => (WholeModel::VideoLstm, "spring_color"),
-            Model::Ddpae => (WholeModel::Ddpae, "spring_color"),
-            Model::Planet => (WholeModel::Planet, "pendulum"),
+            BaselineModel::VideoLstm => (EndToEndModel::VideoLstm, "spring_color"),
+            BaselineModel::Ddpae => (EndToEndModel::Ddpae, "spring_color"),
+            BaselineModel::Planet => (EndToEndModel::Planet, "pendulum"),
         }
     }
 
@@ -69,9 +69,9 @@ impl From<KernelChoice> for Kernels {
     allow_negative_numbers = true,
     after_help = "Example:\n  paig train-baseline video_lstm --task spring_color --seed 1"
 )]
-pub struct Arguments {
+pub struct TrainBaselineArguments {
     #[arg(value_enum)]
-    model: Model,
+    model: BaselineModel,
     #[arg(long, help = format!(
         "What is filmed: a task file (.toml), or one of {} [default: spring_color; for planet: pendulum]",
         tasks::names()
@@ -109,32 +109,43 @@ pub struct Arguments {
     device: String,
 }
 
-pub fn run(arguments: Arguments) -> Result<ExitCode> {
+pub fn run(arguments: TrainBaselineArguments) -> Result<ExitCode> {
     environment::set();
-    let Arguments { task, data, out, seed, learning_rate, batch, steps, checkpoint_every, threads, device, .. } =
-        arguments;
+    let TrainBaselineArguments {
+        task,
+        data,
+        out,
+        seed,
+        learning_rate,
+        batch,
+        steps,
+        checkpoint_every,
+        threads,
+        device,
+        ..
+    } = arguments;
     let kernels = arguments.kernels.into();
     let (model, usual_task) = arguments.model.model();
     let task = task.unwrap_or_else(|| usual_task.into());
     let device = device::parse(&device)?;
     let filmed = tasks::find(&task)?;
     let data = data.unwrap_or_else(|| usual_data_folder(&filmed, &task).into());
-    let config = WholeConfig { model, task, data, seed, learning_rate, batch, steps, checkpoint_every, kernels };
+    let config = EndToEndConfig { model, task, data, seed, learning_rate, batch, steps, checkpoint_every, kernels };
     device::set_threads(threads)?;
     interrupt::catch()?;
     let of_task = filmed.name;
     let folder = out
         .unwrap_or_else(|| Path::new("runs").join(of_task).join(arguments.model.name()).join(format!("seed={seed}")));
-    let run = WholeRun::prepare(&config, device)?;
+    let run = EndToEndRun::prepare(&config, device)?;
     let outcome = run.train(&folder, &interrupt::asked, &mut |record| {
         let error = record.score.unwrap_or(f64::NAN);
         say!("{} - step {}: validation error {error:.4}", folder.display(), record.step);
     })?;
-    if outcome == Outcome::Interrupted {
+    if outcome == TrainingOutcome::Interrupted {
         say!("stopped; the same command goes on");
         return Ok(interrupt::exit_code());
     }
-    if let Some(done) = WholeScores::read(&folder).map_err(Error::of_work)? {
+    if let Some(done) = EndToEndScores::read(&folder).map_err(Error::of_work)? {
         let losses = done.scores.losses;
         let extrap = losses.extrap_loss.map_or_else(String::new, |loss| format!(", L_extrap {loss:.4}"));
         say!("{} weights; L_pred {:.4}{extrap}; {}", done.weights, losses.pred_loss, folder.display());
@@ -144,13 +155,13 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
 
 #[cfg(test)]
 mod tests {
-    use paig_experiments::comparison::whole_run::has_worths;
+    use paig_experiments::comparison::end_to_end_run::has_worths;
 
     use super::*;
 
     #[test]
     fn each_model_takes_its_usual_task() {
-        for model in Model::value_variants() {
+        for model in BaselineModel::value_variants() {
             let (model, task) = model.model();
             let task = tasks::find(task).unwrap();
             assert!(!model.learns_rewards() || has_worths(&task), "{} for {model:?}", task.name);

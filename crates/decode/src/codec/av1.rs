@@ -2,16 +2,16 @@
 
 use re_rav1d::dav1d::{Decoder, Error as Failure, Picture as Av1Picture, PixelLayout, PlanarImageComponent, Settings};
 
-use super::{Decode, Facts, check_same};
+use super::{Decode, StreamFacts, check_same};
 use crate::colour::Tags;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::guard::guarded;
 use crate::limits::MOST_PIXELS;
-use crate::picture::{Chroma, Picture, Plane, Planes, Yuv};
+use crate::picture::{Chroma, DecodedPicture, PlaneSamples, SamplePlane, Yuv};
 
 pub(super) struct Av1 {
     decoder: Decoder,
-    facts: Facts,
+    facts: StreamFacts,
     format: Option<((u32, u32), u8)>,
 }
 
@@ -22,11 +22,12 @@ impl Av1 {
         settings.set_max_frame_delay(1);
         settings.set_all_layers(false);
         settings.set_frame_size_limit(MOST_PIXELS as u32);
-        let decoder = Decoder::with_settings(&settings).map_err(|error| Error::corrupt(format!("AV1: {error}")))?;
-        Ok(Av1 { decoder, facts: Facts::default(), format: None })
+        let decoder =
+            Decoder::with_settings(&settings).map_err(|error| DecodeError::corrupt(format!("AV1: {error}")))?;
+        Ok(Av1 { decoder, facts: StreamFacts::default(), format: None })
     }
 
-    fn drain(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
+    fn drain(&mut self, ready: &mut Vec<DecodedPicture>) -> Result<()> {
         loop {
             match guarded("AV1", || Ok(self.decoder.get_picture()))? {
                 Ok(picture) => ready.push(self.decoded(&picture)?),
@@ -36,7 +37,7 @@ impl Av1 {
         }
     }
 
-    fn decoded(&mut self, picture: &Av1Picture) -> Result<Picture> {
+    fn decoded(&mut self, picture: &Av1Picture) -> Result<DecodedPicture> {
         let yuv = yuv(picture)?;
         check_same(&mut self.format, ((picture.width(), picture.height()), yuv.depth))?;
         let code = [
@@ -47,15 +48,15 @@ impl Av1 {
         let mut colour = Tags::of_codes(code[0], code[1], code[2]);
         colour.full_range = Some(matches!(picture.color_range(), re_rav1d::dav1d::pixel::YUVRange::Full));
         if code[2] == 0 {
-            return Err(Error::unsupported("AV1 in RGB"));
+            return Err(DecodeError::unsupported("AV1 in RGB"));
         }
-        self.facts = Facts { depth: yuv.depth, colour, ..Facts::default() };
-        Ok(Picture::Yuv(yuv))
+        self.facts = StreamFacts { depth: yuv.depth, colour, ..StreamFacts::default() };
+        Ok(DecodedPicture::Yuv(yuv))
     }
 }
 
 impl Decode for Av1 {
-    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<DecodedPicture>) -> Result<()> {
         let data = packet.to_vec();
         let mut sent = guarded("AV1", || Ok(self.decoder.send_data(data, None, None, None)))?;
         loop {
@@ -70,19 +71,19 @@ impl Decode for Av1 {
         }
     }
 
-    fn finish(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
+    fn finish(&mut self, ready: &mut Vec<DecodedPicture>) -> Result<()> {
         self.drain(ready)
     }
 
-    fn facts(&self) -> Facts {
+    fn facts(&self) -> StreamFacts {
         self.facts
     }
 }
 
-fn failure(error: Failure) -> Error {
+fn failure(error: Failure) -> DecodeError {
     match error {
-        Failure::UnsupportedBitstream => Error::unsupported("a kind of AV1"),
-        error => Error::corrupt(format!("AV1: {error}")),
+        Failure::UnsupportedBitstream => DecodeError::unsupported("a kind of AV1"),
+        error => DecodeError::corrupt(format!("AV1: {error}")),
     }
 }
 
@@ -115,11 +116,11 @@ fn yuv(picture: &Av1Picture) -> Result<Yuv> {
     let words = |bytes: &Vec<u8>| bytes.chunks_exact(2).map(|it| u16::from_le_bytes([it[0], it[1]])).collect();
     let [y, u, v] = planes;
     let planes = if bytes == 1 {
-        let plane = |samples, stride| Plane { samples, stride };
-        Planes::Bytes([plane(y, widths[0]), plane(u, widths[1]), plane(v, widths[2])])
+        let plane = |samples, stride| SamplePlane { samples, stride };
+        PlaneSamples::Bytes([plane(y, widths[0]), plane(u, widths[1]), plane(v, widths[2])])
     } else {
-        let plane = |bytes, stride| Plane { samples: words(bytes), stride };
-        Planes::Words([plane(&y, widths[0]), plane(&u, widths[1]), plane(&v, widths[2])])
+        let plane = |bytes, stride| SamplePlane { samples: words(bytes), stride };
+        PlaneSamples::Words([plane(&y, widths[0]), plane(&u, widths[1]), plane(&v, widths[2])])
     };
     Ok(Yuv { size: (width, height), origin: (0, 0), depth, chroma, planes })
 }

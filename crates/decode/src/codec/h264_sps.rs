@@ -2,7 +2,7 @@
 
 use super::vui::{Signal, signal};
 use crate::bits::Bits;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::limits::{LARGEST_SIDE, check_size};
 
 /// Profiles with a chroma format.
@@ -34,7 +34,7 @@ const MOST_HELD: u32 = 16;
 
 /// A sequence parameter set.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sps {
+pub(super) struct H264Sps {
     /// 0 for grey, 1 for 4:2:0, 2 for 4:2:2, 3 for 4:4:4.
     pub chroma_format: u32,
     pub depth: u8,
@@ -49,7 +49,7 @@ pub(super) struct Sps {
     pub signal: Signal,
 }
 
-impl Sps {
+impl H264Sps {
     /// Parses the payload of a NAL unit, without its header.
     pub(super) fn parse(payload: &[u8]) -> Result<Self> {
         let mut bits = Bits::of_nal(payload);
@@ -98,7 +98,7 @@ impl Sps {
         // Intra profiles and the order type 2 do not reorder; the decoder has no order of type 1.
         let is_intra = matches!(profile, 44 | 100 | 110 | 122 | 244) && constraints & 0x10 != 0;
         let reorder = if order_type != 0 || is_intra { 0 } else { reorder.min(MOST_HELD) as usize };
-        Ok(Sps {
+        Ok(H264Sps {
             chroma_format,
             depth: u8::try_from(depth).unwrap_or(u8::MAX),
             size: (width, height),
@@ -114,7 +114,7 @@ impl Sps {
 fn side(code: u32) -> Result<u32> {
     match code {
         code if code < LARGEST_SIDE / 16 => Ok(code + 1),
-        code => Err(Error::too_large(format!("a side of its frames has {code} macroblocks"))),
+        code => Err(DecodeError::too_large(format!("a side of its frames has {code} macroblocks"))),
     }
 }
 
@@ -122,7 +122,7 @@ fn side(code: u32) -> Result<u32> {
 fn window(side: u32, unit: u32, before: u32, after: u32) -> Result<(u32, u32)> {
     let cropped = u64::from(unit) * (u64::from(before) + u64::from(after));
     if cropped >= u64::from(side) {
-        return Err(Error::corrupt(format!("its cropping leaves nothing of {side} pixels")));
+        return Err(DecodeError::corrupt(format!("its cropping leaves nothing of {side} pixels")));
     }
     Ok((unit * before, side - cropped as u32))
 }

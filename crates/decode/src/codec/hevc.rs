@@ -2,14 +2,14 @@
 
 use rusty_h265::Decoder;
 
-use super::hevc_sps::Sps;
+use super::hevc_sps::HevcSps;
 use super::nal::{first_kind, units};
-use super::{Decode, Facts, Role, check_same};
+use super::{Decode, PacketRole, StreamFacts, check_same};
 use crate::container::ParameterSets;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::guard::guarded;
 use crate::info::Fields;
-use crate::picture::{Chroma, Picture, Planes, Yuv};
+use crate::picture::{Chroma, DecodedPicture, PlaneSamples, Yuv};
 
 /// Types of NAL units.
 const SPS: u8 = 33;
@@ -22,7 +22,7 @@ const ENTRIES: std::ops::RangeInclusive<u8> = 16..=23;
 pub(super) struct Hevc {
     decoder: Decoder,
     length_bytes: Option<usize>,
-    sps: Option<Sps>,
+    sps: Option<HevcSps>,
     format: Option<((u32, u32), u8)>,
 }
 
@@ -39,54 +39,54 @@ impl Hevc {
 
     fn push_unit(&mut self, unit: &[u8]) -> Result<()> {
         if let (SPS, Some(payload)) = (kind(unit), unit.get(2..)) {
-            let sps = Sps::parse(payload)?;
+            let sps = HevcSps::parse(payload)?;
             if sps.chroma_format != 1 || sps.depth > 10 {
                 let what = format!("HEVC with {} bits and chroma format {}", sps.depth, sps.chroma_format);
-                return Err(Error::unsupported(what));
+                return Err(DecodeError::unsupported(what));
             }
             check_same(&mut self.format, (sps.size, sps.depth))?;
             self.sps = Some(sps);
         }
         match guarded("HEVC", || Ok(self.decoder.push_nal(unit, None)))? {
-            Err(rusty_h265::Error::Unsupported(what)) => Err(Error::unsupported(format!("HEVC with {what}"))),
-            Err(error) => Err(Error::corrupt(format!("HEVC: {error}"))),
+            Err(rusty_h265::Error::Unsupported(what)) => Err(DecodeError::unsupported(format!("HEVC with {what}"))),
+            Err(error) => Err(DecodeError::corrupt(format!("HEVC: {error}"))),
             Ok(()) if self.decoder.stats.errors > 0 || self.decoder.stats.generated_refs > 0 => {
-                Err(Error::corrupt("HEVC: a picture refers to one that is missing"))
+                Err(DecodeError::corrupt("HEVC: a picture refers to one that is missing"))
             }
             Ok(()) => Ok(()),
         }
     }
 
-    fn drain(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
+    fn drain(&mut self, ready: &mut Vec<DecodedPicture>) -> Result<()> {
         while let Ok(frame) = self.decoder.next_frame() {
             let picture = frame.picture;
             let (x, y, width, height) = picture.crop;
             let depth = picture.bit_depth_luma.max(picture.bit_depth_chroma);
             if picture.bit_depth_luma != picture.bit_depth_chroma {
-                return Err(Error::unsupported("HEVC with luma and chroma of unequal depth"));
+                return Err(DecodeError::unsupported("HEVC with luma and chroma of unequal depth"));
             }
             let yuv = Yuv {
                 size: (width, height),
                 origin: (x, y),
                 depth,
                 chroma: Chroma::Subsampled(1, 1),
-                planes: Planes::Hevc(picture),
+                planes: PlaneSamples::Hevc(picture),
             };
-            ready.push(Picture::Yuv(yuv));
+            ready.push(DecodedPicture::Yuv(yuv));
         }
         Ok(())
     }
 }
 
 impl Decode for Hevc {
-    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<DecodedPicture>) -> Result<()> {
         for unit in units(packet, self.length_bytes) {
             self.push_unit(unit?)?;
         }
         self.drain(ready)
     }
 
-    fn finish(&mut self, ready: &mut Vec<Picture>) -> Result<()> {
+    fn finish(&mut self, ready: &mut Vec<DecodedPicture>) -> Result<()> {
         guarded("HEVC", || {
             self.decoder.flush();
             Ok(())
@@ -94,11 +94,11 @@ impl Decode for Hevc {
         self.drain(ready)
     }
 
-    fn facts(&self) -> Facts {
-        let Some(sps) = self.sps else { return Facts::default() };
-        let Sps { depth, is_interlaced, signal, .. } = sps;
+    fn facts(&self) -> StreamFacts {
+        let Some(sps) = self.sps else { return StreamFacts::default() };
+        let HevcSps { depth, is_interlaced, signal, .. } = sps;
         let interlaced = is_interlaced.then_some(Fields::Unknown);
-        Facts { depth, colour: signal.colour, pixel_aspect: signal.pixel_aspect, interlaced }
+        StreamFacts { depth, colour: signal.colour, pixel_aspect: signal.pixel_aspect, interlaced }
     }
 }
 
@@ -108,15 +108,15 @@ fn kind(unit: &[u8]) -> u8 {
 }
 
 /// The role of the first slice.
-pub(super) fn role(packet: &[u8], length_bytes: Option<usize>) -> Role {
+pub(super) fn role(packet: &[u8], length_bytes: Option<usize>) -> PacketRole {
     let of = |kind: u8| match kind {
-        kind if ENTRIES.contains(&kind) => Role::Entry,
-        kind if LEADING.contains(&kind) => Role::Leading,
-        _ => Role::Picture,
+        kind if ENTRIES.contains(&kind) => PacketRole::Entry,
+        kind if LEADING.contains(&kind) => PacketRole::Leading,
+        _ => PacketRole::Picture,
     };
     match first_kind(packet, length_bytes, kind, |kind| kind <= LAST_SLICE) {
-        Ok(found) => found.map_or(Role::Hidden, of),
+        Ok(found) => found.map_or(PacketRole::Hidden, of),
         // Its slice lies beyond the first bytes.
-        Err(()) => Role::Picture,
+        Err(()) => PacketRole::Picture,
     }
 }

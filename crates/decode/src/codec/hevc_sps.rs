@@ -2,7 +2,7 @@
 
 use super::vui::{Signal, signal};
 use crate::bits::Bits;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::limits::check_size;
 
 /// Most sets of reference pictures.
@@ -12,7 +12,7 @@ const MOST_REFERENCES: u32 = 16;
 
 /// A sequence parameter set.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sps {
+pub(super) struct HevcSps {
     /// 0 for grey, 1 for 4:2:0, 2 for 4:2:2, 3 for 4:4:4.
     pub chroma_format: u32,
     pub depth: u8,
@@ -23,7 +23,7 @@ pub(super) struct Sps {
     pub signal: Signal,
 }
 
-impl Sps {
+impl HevcSps {
     /// Parses the payload of a NAL unit, without its header.
     pub(super) fn parse(payload: &[u8]) -> Result<Self> {
         let mut bits = Bits::of_nal(payload);
@@ -47,11 +47,11 @@ impl Sps {
         };
         let sides = (visible(width, unit[0], crop[0], crop[1]), visible(height, unit[1], crop[2], crop[3]));
         let (Some(width), Some(height)) = sides else {
-            return Err(Error::corrupt("its cropping leaves nothing of its frames"));
+            return Err(DecodeError::corrupt("its cropping leaves nothing of its frames"));
         };
         let signal = usability(&mut bits, layers)?;
         let depth = u8::try_from(depth).unwrap_or(u8::MAX);
-        Ok(Sps { chroma_format, depth, size: (width as u32, height as u32), is_interlaced, signal })
+        Ok(HevcSps { chroma_format, depth, size: (width as u32, height as u32), is_interlaced, signal })
     }
 }
 
@@ -126,7 +126,7 @@ fn scaling_lists(bits: &mut Bits) -> Result<()> {
 fn reference_sets(bits: &mut Bits) -> Result<()> {
     let count = bits.ue()?;
     if count > MOST_SETS {
-        return Err(Error::corrupt(format!("a parameter set claims {count} sets of references")));
+        return Err(DecodeError::corrupt(format!("a parameter set claims {count} sets of references")));
     }
     let mut before = 0;
     for set in 0..count {
@@ -143,7 +143,7 @@ fn reference_sets(bits: &mut Bits) -> Result<()> {
         } else {
             let (negative, positive) = (bits.ue()?, bits.ue()?);
             if negative > MOST_REFERENCES || positive > MOST_REFERENCES {
-                return Err(Error::corrupt("a parameter set claims too many references"));
+                return Err(DecodeError::corrupt("a parameter set claims too many references"));
             }
             before = negative + positive;
             for _ in 0..before {

@@ -1,6 +1,6 @@
 //! Huffman codes of JPEG and the bits of a scan (ITU-T T.81, annexes C, F and K).
 
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 
 /// Longest code, bits.
 const LONGEST: usize = 16;
@@ -25,7 +25,7 @@ impl Codes {
             code += i32::from(count);
             place += i32::from(count);
             if code > 1 << length || place as usize > values.len() {
-                return Err(Error::corrupt("JPEG: a table of codes is damaged"));
+                return Err(DecodeError::corrupt("JPEG: a table of codes is damaged"));
             }
             end[length] = code;
             code *= 2;
@@ -83,7 +83,7 @@ impl<'a> Scan<'a> {
                 return Ok(codes.values[(place + code - first) as usize]);
             }
         }
-        Err(Error::corrupt("JPEG: a code is damaged"))
+        Err(DecodeError::corrupt("JPEG: a code is damaged"))
     }
 
     /// A signed number of so many bits (F.2.2.1).
@@ -106,12 +106,12 @@ impl<'a> Scan<'a> {
                 _ => self.at += 1,
             }
         }
-        Err(Error::corrupt("JPEG: a part of the picture is missing"))
+        Err(DecodeError::corrupt("JPEG: a part of the picture is missing"))
     }
 
     /// Refuses a scan of which bits are missing; the last byte may be short of its filling.
     pub(super) fn check(&self) -> Result<()> {
-        if self.missing > 8 { Err(Error::corrupt("JPEG: the picture ends too early")) } else { Ok(()) }
+        if self.missing > 8 { Err(DecodeError::corrupt("JPEG: the picture ends too early")) } else { Ok(()) }
     }
 
     /// Place of the byte after the scan's last.

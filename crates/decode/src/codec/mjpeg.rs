@@ -2,11 +2,11 @@
 
 use super::jpeg_huffman::{Codes, Scan, usual};
 use super::jpeg_idct::inverse;
-use super::{Decode, Facts, check_same};
+use super::{Decode, StreamFacts, check_same};
 use crate::bytes::Bytes;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::limits::check_size;
-use crate::picture::{Chroma, Picture, Plane, Planes, Yuv};
+use crate::picture::{Chroma, DecodedPicture, PlaneSamples, SamplePlane, Yuv};
 
 /// Places of the coefficients in the order in which they are coded (figure A.6).
 #[rustfmt::skip]
@@ -38,7 +38,7 @@ struct Component {
     ac: usize,
 }
 
-struct Header {
+struct JpegHeader {
     size: (u32, u32),
     components: Vec<Component>,
 }
@@ -67,32 +67,33 @@ impl Mjpeg {
                 0xdb => self.take_quantizers(&mut segment)?,
                 0xdd => restart = usize::from(segment.u16()?),
                 0xda => {
-                    let mut header = header.ok_or_else(|| Error::corrupt("JPEG: a scan comes before its frame"))?;
+                    let mut header =
+                        header.ok_or_else(|| DecodeError::corrupt("JPEG: a scan comes before its frame"))?;
                     choose_codes(&mut segment, &mut header.components)?;
                     let (yuv, end) = self.scan(bytes.0, &header, restart)?;
                     // A second picture is the other field.
                     if bytes.0[end..].windows(3).any(|it| it == [0xff, 0xd8, 0xff]) {
-                        return Err(Error::unsupported("interlaced Motion JPEG"));
+                        return Err(DecodeError::unsupported("interlaced Motion JPEG"));
                     }
                     return Ok(yuv);
                 }
                 0xc2 | 0xc3 | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf => {
-                    return Err(Error::unsupported("progressive, lossless or arithmetic-coded JPEG"));
+                    return Err(DecodeError::unsupported("progressive, lossless or arithmetic-coded JPEG"));
                 }
-                0xd9 => return Err(Error::corrupt("JPEG: a frame holds no picture")),
+                0xd9 => return Err(DecodeError::corrupt("JPEG: a frame holds no picture")),
                 _ => {}
             }
         }
     }
 
-    fn header(&mut self, segment: &mut Bytes) -> Result<Header> {
+    fn header(&mut self, segment: &mut Bytes) -> Result<JpegHeader> {
         let depth = segment.u8()?;
         let (height, width) = (u32::from(segment.u16()?), u32::from(segment.u16()?));
         check_size(width, height)?;
         check_same(&mut self.size, (width, height))?;
         let count = segment.u8()?;
         if depth != 8 || !matches!(count, 1 | 3) {
-            return Err(Error::unsupported(format!("JPEG with {depth} bits and {count} components")));
+            return Err(DecodeError::unsupported(format!("JPEG with {depth} bits and {count} components")));
         }
         let mut components = Vec::new();
         for _ in 0..count {
@@ -107,12 +108,12 @@ impl Mjpeg {
             grey => grey.len() == 1,
         };
         if !is_known {
-            return Err(Error::unsupported(format!("JPEG with sampling factors {factors:?}")));
+            return Err(DecodeError::unsupported(format!("JPEG with sampling factors {factors:?}")));
         }
         if let [grey] = components.as_mut_slice() {
             (grey.across, grey.down) = (1, 1);
         }
-        Ok(Header { size: (width, height), components })
+        Ok(JpegHeader { size: (width, height), components })
     }
 
     fn take_codes(&mut self, segment: &mut Bytes) -> Result<()> {
@@ -121,7 +122,8 @@ impl Mjpeg {
             let mut counts = [0; 16];
             counts.copy_from_slice(segment.take(16)?);
             let values = segment.take(counts.iter().map(|count| usize::from(*count)).sum())?;
-            let place = self.codes.get_mut(number).ok_or_else(|| Error::corrupt("JPEG: a table has no such number"))?;
+            let place =
+                self.codes.get_mut(number).ok_or_else(|| DecodeError::corrupt("JPEG: a table has no such number"))?;
             *place = Some(Codes::new(&counts, values)?);
         }
         Ok(())
@@ -140,19 +142,19 @@ impl Mjpeg {
     }
 
     /// Decodes a scan of all components; returns the place after it.
-    fn scan(&self, bytes: &[u8], header: &Header, restart: usize) -> Result<(Yuv, usize)> {
-        let Header { size: (width, height), components } = header;
+    fn scan(&self, bytes: &[u8], header: &JpegHeader, restart: usize) -> Result<(Yuv, usize)> {
+        let JpegHeader { size: (width, height), components } = header;
         let (width, height) = (*width as usize, *height as usize);
         let (across, down) = (components[0].across, components[0].down);
         let (columns, rows) = (width.div_ceil(8 * across), height.div_ceil(8 * down));
         // Each block has two bits at least.
         if columns * rows * components.iter().map(|it| it.across * it.down).sum::<usize>() > 4 * bytes.len() + 4 {
-            return Err(Error::corrupt("JPEG: the picture ends too early"));
+            return Err(DecodeError::corrupt("JPEG: the picture ends too early"));
         }
-        let mut planes: [Plane<u8>; 3] = std::array::from_fn(|_| Plane { samples: Vec::new(), stride: 0 });
+        let mut planes: [SamplePlane<u8>; 3] = std::array::from_fn(|_| SamplePlane { samples: Vec::new(), stride: 0 });
         for (plane, it) in planes.iter_mut().zip(components) {
             let stride = 8 * columns * it.across;
-            *plane = Plane { samples: vec![0; stride * 8 * rows * it.down], stride };
+            *plane = SamplePlane { samples: vec![0; stride * 8 * rows * it.down], stride };
         }
         let (mut scan, mut last) = (Scan::new(bytes), [MIDDLE; 3]);
         for unit in 0..columns * rows {
@@ -177,20 +179,20 @@ impl Mjpeg {
             [_, chroma, ..] => Chroma::Subsampled(across / chroma.across - 1, down / chroma.down - 1),
             _ => Chroma::None,
         };
-        let yuv = Yuv { size: (width, height), origin: (0, 0), depth: 8, chroma, planes: Planes::Bytes(planes) };
+        let yuv = Yuv { size: (width, height), origin: (0, 0), depth: 8, chroma, planes: PlaneSamples::Bytes(planes) };
         Ok((yuv, scan.place()))
     }
 
     /// Coefficients of a block in row order, multiplied by their quantizers.
     fn block(&self, scan: &mut Scan, it: &Component, last: &mut i32) -> Result<[i16; 64]> {
-        let missing = || Error::corrupt("JPEG: a table is missing");
+        let missing = || DecodeError::corrupt("JPEG: a table is missing");
         let table = |number: usize| self.codes[number].as_ref().ok_or_else(missing);
         let quantizer = self.quantizers[it.quantizer].as_ref().ok_or_else(missing)?;
         let (dc, ac) = (table(it.dc)?, table(0x10 + it.ac)?);
         let mut coefficients = [0; 64];
         let bits = scan.value(dc)?;
         if bits > 15 {
-            return Err(Error::corrupt("JPEG: a coefficient is damaged"));
+            return Err(DecodeError::corrupt("JPEG: a coefficient is damaged"));
         }
         *last = last.wrapping_add(scan.signed(bits).wrapping_mul(quantizer[0].into()));
         coefficients[0] = (*last).clamp(i16::MIN.into(), i16::MAX.into()) as i16;
@@ -204,7 +206,7 @@ impl Mjpeg {
                 _ => {
                     place += zeros;
                     let level = scan.signed(bits);
-                    let at = *ZIGZAG.get(place).ok_or_else(|| Error::corrupt("JPEG: a block is too long"))?;
+                    let at = *ZIGZAG.get(place).ok_or_else(|| DecodeError::corrupt("JPEG: a block is too long"))?;
                     coefficients[at] = level.wrapping_mul(quantizer[at].into()) as i16;
                     place += 1;
                 }
@@ -234,12 +236,12 @@ fn marker(bytes: &mut Bytes) -> Result<u8> {
 /// Sets the tables that a scan chooses; all components must be in one scan.
 fn choose_codes(segment: &mut Bytes, components: &mut [Component]) -> Result<()> {
     if usize::from(segment.u8()?) != components.len() {
-        return Err(Error::unsupported("JPEG with several scans"));
+        return Err(DecodeError::unsupported("JPEG with several scans"));
     }
     for it in components {
         let (id, tables) = (segment.u8()?, segment.u8()?);
         if id != it.id {
-            return Err(Error::corrupt("JPEG: the components of a scan are in another order"));
+            return Err(DecodeError::corrupt("JPEG: the components of a scan are in another order"));
         }
         (it.dc, it.ac) = (usize::from(tables >> 4), usize::from(tables & 15));
     }
@@ -247,16 +249,16 @@ fn choose_codes(segment: &mut Bytes, components: &mut [Component]) -> Result<()>
 }
 
 impl Decode for Mjpeg {
-    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
-        ready.push(Picture::Yuv(self.picture(packet)?));
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<DecodedPicture>) -> Result<()> {
+        ready.push(DecodedPicture::Yuv(self.picture(packet)?));
         Ok(())
     }
 
-    fn finish(&mut self, _: &mut Vec<Picture>) -> Result<()> {
+    fn finish(&mut self, _: &mut Vec<DecodedPicture>) -> Result<()> {
         Ok(())
     }
 
-    fn facts(&self) -> Facts {
-        Facts { depth: 8, ..Facts::default() }
+    fn facts(&self) -> StreamFacts {
+        StreamFacts { depth: 8, ..StreamFacts::default() }
     }
 }

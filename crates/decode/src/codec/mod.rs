@@ -17,9 +17,9 @@ mod vui;
 
 use crate::colour::Tags;
 use crate::container::Setup;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::info::Fields;
-use crate::picture::Picture;
+use crate::picture::DecodedPicture;
 
 /// A decoder that is fed with the packets of a container.
 pub(crate) trait Decode: Send {
@@ -27,21 +27,21 @@ pub(crate) trait Decode: Send {
     ///
     /// # Errors
     /// Damage, or a tool of the codec that the decoder lacks.
-    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()>;
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<DecodedPicture>) -> Result<()>;
 
     /// Appends the pictures that waited for later ones.
     ///
     /// # Errors
     /// As for [`Decode::push`].
-    fn finish(&mut self, ready: &mut Vec<Picture>) -> Result<()>;
+    fn finish(&mut self, ready: &mut Vec<DecodedPicture>) -> Result<()>;
 
     /// Facts that the stream itself states; complete once a picture is ready.
-    fn facts(&self) -> Facts;
+    fn facts(&self) -> StreamFacts;
 }
 
 /// Facts that a stream states.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Facts {
+pub(crate) struct StreamFacts {
     pub depth: u8,
     pub colour: Tags,
     pub pixel_aspect: Option<f64>,
@@ -74,13 +74,13 @@ pub(crate) fn decoder(setup: &Setup) -> Result<Box<dyn Decode>> {
         Setup::Mjpeg => Box::new(mjpeg::Mjpeg::new()),
         #[cfg(feature = "av1")]
         Setup::Av1 => Box::new(av1::Av1::new()?),
-        setup => return Err(Error::unsupported(format!("{} video", name(setup)))),
+        setup => return Err(DecodeError::unsupported(format!("{} video", name(setup)))),
     })
 }
 
 /// What a packet is for, as far as its first bytes show without decoding it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Role {
+pub(crate) enum PacketRole {
     /// Decoding can begin with it.
     Entry,
     /// It gives a picture.
@@ -95,19 +95,19 @@ pub(crate) enum Role {
 pub(crate) const ROLE_BYTES: u64 = 4096;
 
 /// The role of a packet that begins with these bytes; `sync` is the container's mark.
-pub(crate) fn role(setup: &Setup, packet: &[u8], sync: bool) -> Role {
+pub(crate) fn role(setup: &Setup, packet: &[u8], sync: bool) -> PacketRole {
     match setup {
         Setup::H264(sets) => h264::role(packet, sets.length_bytes),
         Setup::Hevc(sets) => hevc::role(packet, sets.length_bytes),
         Setup::Vp8 => match packet.first() {
-            Some(tag) if tag & 0x10 == 0 => Role::Hidden,
-            Some(tag) if tag & 1 == 0 => Role::Entry,
-            _ => Role::Picture,
+            Some(tag) if tag & 0x10 == 0 => PacketRole::Hidden,
+            Some(tag) if tag & 1 == 0 => PacketRole::Entry,
+            _ => PacketRole::Picture,
         },
         Setup::Vp9 => vp9_header::role(packet),
-        Setup::Mjpeg => Role::Entry,
-        Setup::Av1 | Setup::Other(_) if sync => Role::Entry,
-        Setup::Av1 | Setup::Other(_) => Role::Picture,
+        Setup::Mjpeg => PacketRole::Entry,
+        Setup::Av1 | Setup::Other(_) if sync => PacketRole::Entry,
+        Setup::Av1 | Setup::Other(_) => PacketRole::Picture,
     }
 }
 
@@ -115,7 +115,7 @@ pub(crate) fn role(setup: &Setup, packet: &[u8], sync: bool) -> Role {
 pub(crate) fn check_same<T: PartialEq + std::fmt::Debug + Copy>(known: &mut Option<T>, found: T) -> Result<()> {
     match known {
         Some(known) if *known != found => {
-            Err(Error::unsupported(format!("a video whose format changes from {known:?} to {found:?}")))
+            Err(DecodeError::unsupported(format!("a video whose format changes from {known:?} to {found:?}")))
         }
         _ => {
             *known = Some(found);

@@ -2,27 +2,27 @@
 
 use std::result::Result;
 
-use crate::error::Error;
+use crate::error::DecodeError;
 
 /// The NAL units of a packet. One that is longer than the packet ends it with an error.
 pub(super) fn units<'a>(
     packet: &'a [u8],
     length_bytes: Option<usize>,
-) -> Box<dyn Iterator<Item = Result<&'a [u8], Error>> + 'a> {
+) -> Box<dyn Iterator<Item = Result<&'a [u8], DecodeError>> + 'a> {
     match length_bytes {
         Some(length_bytes) => Box::new(by_length(packet, length_bytes)),
         None => Box::new(by_start_code(packet).map(Ok)),
     }
 }
 
-fn by_length(packet: &[u8], length_bytes: usize) -> impl Iterator<Item = Result<&[u8], Error>> {
+fn by_length(packet: &[u8], length_bytes: usize) -> impl Iterator<Item = Result<&[u8], DecodeError>> {
     let mut rest = packet;
     std::iter::from_fn(move || {
         let (length, after) = rest.split_at_checked(length_bytes)?;
         let length = usize::try_from(crate::bytes::big_endian(length)).ok();
         let unit = length.and_then(|length| after.split_at_checked(length));
         rest = unit.map_or(&[], |unit| unit.1);
-        Some(unit.map(|unit| unit.0).ok_or_else(|| Error::corrupt("a NAL unit is longer than its packet")))
+        Some(unit.map(|unit| unit.0).ok_or_else(|| DecodeError::corrupt("a NAL unit is longer than its packet")))
     })
     .filter(|unit| !matches!(unit, Ok([])))
 }

@@ -1,10 +1,10 @@
 //! The beginning of a VP9 frame's header (VP9 bitstream specification, 6.2): size, depth and colour, before the decoder makes
 //! room for them.
 
-use super::Role;
+use super::PacketRole;
 use crate::bits::Bits;
 use crate::colour::Tags;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::limits::check_size;
 
 /// Colour space of a frame of RGB.
@@ -12,7 +12,7 @@ const RGB: u32 = 7;
 
 /// What a frame's header states.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Header {
+pub(super) struct Vp9Header {
     pub is_key: bool,
     /// Whether the frame, or one before that it names, is shown.
     pub is_shown: bool,
@@ -38,17 +38,17 @@ pub(super) fn frames(packet: &[u8]) -> Vec<&[u8]> {
     frames
 }
 
-impl Header {
+impl Vp9Header {
     pub(super) fn read(frame: &[u8]) -> Result<Self> {
         let mut bits = Bits::plain(&frame[..frame.len().min(64)]);
         if bits.bits(2)? != 2 {
-            return Err(Error::corrupt("VP9: a frame has no marker"));
+            return Err(DecodeError::corrupt("VP9: a frame has no marker"));
         }
         let profile = u32::from(bits.bit()?) + 2 * u32::from(bits.bit()?);
         if profile == 3 {
             bits.bit()?;
         }
-        let mut header = Header { is_key: false, is_shown: true, size: None, format: None };
+        let mut header = Vp9Header { is_key: false, is_shown: true, size: None, format: None };
         if bits.bit()? {
             return Ok(header);
         }
@@ -95,7 +95,7 @@ fn format(bits: &mut Bits, profile: u32) -> Result<(u8, Tags)> {
     };
     let space = bits.bits(3)?;
     if space == RGB {
-        return Err(Error::unsupported("VP9 in RGB"));
+        return Err(DecodeError::unsupported("VP9 in RGB"));
     }
     // Code points of H.273 by VP9's.
     let matrix = [2, 6, 1, 6, 7, 9, 2][space as usize];
@@ -109,14 +109,14 @@ fn format(bits: &mut Bits, profile: u32) -> Result<(u8, Tags)> {
 }
 
 /// The role of a packet.
-pub(super) fn role(packet: &[u8]) -> Role {
+pub(super) fn role(packet: &[u8]) -> PacketRole {
     // A packet that is cut off has no index; those that have one show a frame.
-    match Header::read(packet) {
-        Ok(header) if header.is_key => Role::Entry,
+    match Vp9Header::read(packet) {
+        Ok(header) if header.is_key => PacketRole::Entry,
         Ok(header) if !header.is_shown && packet.len() < super::ROLE_BYTES as usize && frames(packet).len() == 1 => {
-            Role::Hidden
+            PacketRole::Hidden
         }
-        _ => Role::Picture,
+        _ => PacketRole::Picture,
     }
 }
 
@@ -139,6 +139,6 @@ mod tests {
         // Marker 10, profile 00, no repetition, key frame, shown, not resilient; sync code; BT.601; 65536 x 65536.
         let mut key = vec![0b1000_0010, 0x49, 0x83, 0x42, 0b0010_1111];
         key.extend([0xff; 8]);
-        assert!(matches!(Header::read(&key), Err(Error::TooLarge { .. })));
+        assert!(matches!(Vp9Header::read(&key), Err(DecodeError::TooLarge { .. })));
     }
 }

@@ -5,7 +5,7 @@ use image::{GrayImage, RgbImage};
 use super::coefficients::Coefficients;
 use super::hdr::ToneMap;
 use super::{Colour, Transfer};
-use crate::picture::{Chroma, Row, Yuv};
+use crate::picture::{Chroma, SampleRow, Yuv};
 
 /// Fraction bits of a row's terms: their sums stay within 16 bits.
 const FRACTION: u32 = 5;
@@ -36,8 +36,8 @@ impl Converter {
             };
             let chroma = chroma.map(|(across, row, is_new)| ([yuv.row(1, row), yuv.row(2, row)], across, is_new));
             match (yuv.row(0, y), &self.tone_map) {
-                (Row::Bytes(luma), None) => self.bytes(luma, chroma, &mut terms, out),
-                (Row::Words(luma), None) if self.depth == 8 => self.words_of_8(luma, chroma, &mut terms, out),
+                (SampleRow::Bytes(luma), None) => self.bytes(luma, chroma, &mut terms, out),
+                (SampleRow::Words(luma), None) if self.depth == 8 => self.words_of_8(luma, chroma, &mut terms, out),
                 (luma, _) => self.deep(luma, chroma.map(|it| (it.0, it.1)), out),
             }
         }
@@ -56,8 +56,8 @@ impl Converter {
         let mut grey = Vec::with_capacity(width * height);
         for y in 0..height {
             match yuv.row(0, y) {
-                Row::Bytes(luma) => grey.extend(luma.iter().map(|&sample| levels[usize::from(sample)])),
-                Row::Words(luma) => {
+                SampleRow::Bytes(luma) => grey.extend(luma.iter().map(|&sample| levels[usize::from(sample)])),
+                SampleRow::Words(luma) => {
                     let most = levels.len() - 1;
                     grey.extend(luma.iter().map(|&sample| levels[usize::from(sample).min(most)]));
                 }
@@ -66,30 +66,36 @@ impl Converter {
         GrayImage::from_raw(width as u32, height as u32, grey).expect("a byte for each pixel")
     }
 
-    fn bytes(&self, luma: &[u8], chroma: Option<([Row; 2], usize, bool)>, terms: &mut Terms, out: &mut [u8]) {
-        if let Some(([Row::Bytes(u), Row::Bytes(v)], across, true)) = chroma {
+    fn bytes(&self, luma: &[u8], chroma: Option<([SampleRow; 2], usize, bool)>, terms: &mut Terms, out: &mut [u8]) {
+        if let Some(([SampleRow::Bytes(u), SampleRow::Bytes(v)], across, true)) = chroma {
             terms.set_chroma(&self.coefficients, u.iter().map(|&it| it.into()), v.iter().map(|&it| it.into()), across);
         }
         terms.convert(&self.coefficients, luma.iter().map(|&it| it.into()), out);
     }
 
     /// Words that hold bytes.
-    fn words_of_8(&self, luma: &[u16], chroma: Option<([Row; 2], usize, bool)>, terms: &mut Terms, out: &mut [u8]) {
-        if let Some(([Row::Words(u), Row::Words(v)], across, true)) = chroma {
+    fn words_of_8(
+        &self,
+        luma: &[u16],
+        chroma: Option<([SampleRow; 2], usize, bool)>,
+        terms: &mut Terms,
+        out: &mut [u8],
+    ) {
+        if let Some(([SampleRow::Words(u), SampleRow::Words(v)], across, true)) = chroma {
             terms.set_chroma(&self.coefficients, u.iter().map(|&it| it as i16), v.iter().map(|&it| it as i16), across);
         }
         terms.convert(&self.coefficients, luma.iter().map(|&it| it as i16), out);
     }
 
     /// Samples of more than 8 bits, or of high dynamic range.
-    fn deep(&self, luma: Row, chroma: Option<([Row; 2], usize)>, out: &mut [u8]) {
+    fn deep(&self, luma: SampleRow, chroma: Option<([SampleRow; 2], usize)>, out: &mut [u8]) {
         let scale = 1.0 / f32::from(1u16 << (self.depth - 8));
         let it = &self.coefficients;
         let [black, of_luma, red_v, green_u, green_v, blue_u] =
             [it.black, it.luma, it.red_v, it.green_u, it.green_v, it.blue_u].map(|it| it as f32);
-        let sample = |row: Row, at: usize| match row {
-            Row::Bytes(row) => f32::from(row[at]),
-            Row::Words(row) => f32::from(row[at]) * scale,
+        let sample = |row: SampleRow, at: usize| match row {
+            SampleRow::Bytes(row) => f32::from(row[at]),
+            SampleRow::Words(row) => f32::from(row[at]) * scale,
         };
         for (x, pixel) in out.chunks_exact_mut(3).enumerate() {
             let level = of_luma * (sample(luma, x) - black);
@@ -183,13 +189,15 @@ impl Terms {
 mod tests {
     use super::*;
     use crate::colour::Matrix;
-    use crate::picture::{Plane, Planes};
+    use crate::picture::{PlaneSamples, SamplePlane};
 
     fn picture(samples: [u8; 3], depth: u8) -> Yuv {
         let shift = depth - 8;
         let planes = match depth {
-            8 => Planes::Bytes(samples.map(|it| Plane { samples: vec![it; 4], stride: 2 })),
-            _ => Planes::Words(samples.map(|it| Plane { samples: vec![u16::from(it) << shift; 4], stride: 2 })),
+            8 => PlaneSamples::Bytes(samples.map(|it| SamplePlane { samples: vec![it; 4], stride: 2 })),
+            _ => PlaneSamples::Words(
+                samples.map(|it| SamplePlane { samples: vec![u16::from(it) << shift; 4], stride: 2 }),
+            ),
         };
         Yuv { size: (2, 2), origin: (0, 0), depth, chroma: Chroma::Subsampled(0, 0), planes }
     }

@@ -4,7 +4,7 @@ mod coefficients;
 mod convert;
 mod hdr;
 
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 
 pub(crate) use convert::Converter;
 
@@ -94,7 +94,9 @@ impl Colour {
             Some(9 | 10) => Matrix::Bt2020,
             None if transfer != Transfer::Standard => Matrix::Bt2020,
             None => Matrix::Bt601,
-            Some(code) => return Err(Error::unsupported(format!("a video with the colour matrix {code} of H.273"))),
+            Some(code) => {
+                return Err(DecodeError::unsupported(format!("a video with the colour matrix {code} of H.273")));
+            }
         };
         let full_range = tags.full_range.unwrap_or(is_jpeg);
         Ok(Colour { matrix, full_range, transfer, is_stated: tags.matrix.is_some() })

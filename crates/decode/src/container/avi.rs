@@ -3,9 +3,9 @@
 use std::fs::File;
 use std::io::BufReader;
 
-use super::{Geometry, Packet, ParameterSets, Setup, Stamps, Track};
+use super::{Geometry, Packet, ParameterSets, Setup, Stamps, VideoTrack};
 use crate::bytes::{Bytes, read_at};
-use crate::error::{Error, Result, printable};
+use crate::error::{DecodeError, Result, printable};
 use crate::limits::{LARGEST_DESCRIPTION, LARGEST_PACKET, check_frames};
 use crate::timeline::Timeline;
 use crate::upright::Orientation;
@@ -16,16 +16,16 @@ const HEADER: u64 = 8;
 const DEEPEST: usize = 4;
 
 /// Reads the headers and finds the frames of the first video stream.
-pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<Track> {
-    let mut found = Found::default();
+pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<VideoTrack> {
+    let mut found = AviTrack::default();
     walk(file, 0..length, 0, &mut found)?;
-    let stream = found.stream.ok_or_else(|| Error::corrupt("it has no video stream"))?;
+    let stream = found.stream.ok_or_else(|| DecodeError::corrupt("it has no video stream"))?;
     let (rate, scale) = (stream.rate, stream.scale);
     if rate == 0 || scale == 0 {
-        return Err(Error::corrupt(format!("its clock runs at {rate}/{scale} frames a second")));
+        return Err(DecodeError::corrupt(format!("its clock runs at {rate}/{scale} frames a second")));
     }
     let rate = f64::from(rate) / f64::from(scale);
-    Ok(Track {
+    Ok(VideoTrack {
         container: "avi",
         setup: stream.setup,
         packets: found.packets,
@@ -44,7 +44,7 @@ pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<Track> {
 }
 
 #[derive(Default)]
-struct Found {
+struct AviTrack {
     /// Streams met so far.
     streams: u32,
     stream: Option<Stream>,
@@ -78,7 +78,7 @@ impl Aspect {
 }
 
 /// Visits the chunks of a range of the file.
-fn walk(file: &mut BufReader<File>, range: std::ops::Range<u64>, depth: usize, found: &mut Found) -> Result<()> {
+fn walk(file: &mut BufReader<File>, range: std::ops::Range<u64>, depth: usize, found: &mut AviTrack) -> Result<()> {
     let mut at = range.start;
     while at + HEADER <= range.end {
         let header = read_at(file, at, HEADER)?;
@@ -107,14 +107,14 @@ fn walk(file: &mut BufReader<File>, range: std::ops::Range<u64>, depth: usize, f
     Ok(())
 }
 
-impl Found {
+impl AviTrack {
     fn packet(&mut self, name: [u8; 4], offset: u64, size: u64) -> Result<()> {
         let Some(stream) = &self.stream else { return Ok(()) };
         if name[..2] != stream.number || !matches!(&name[2..], b"dc" | b"db") {
             return Ok(());
         }
         if size > LARGEST_PACKET {
-            return Err(Error::too_large(format!("frame {} claims {size} bytes", self.ticks)));
+            return Err(DecodeError::too_large(format!("frame {} claims {size} bytes", self.ticks)));
         }
         if size > 0 {
             self.packets.push(Packet { offset, size, stamp: self.ticks, sync: false });
@@ -126,10 +126,10 @@ impl Found {
 }
 
 /// Reads the headers of a stream: `strh`, `strf` and `vprp`.
-fn stream(file: &mut BufReader<File>, range: std::ops::Range<u64>, found: &mut Found) -> Result<()> {
+fn stream(file: &mut BufReader<File>, range: std::ops::Range<u64>, found: &mut AviTrack) -> Result<()> {
     let size = range.end - range.start;
     if size > LARGEST_DESCRIPTION {
-        return Err(Error::too_large(format!("its header claims {size} bytes")));
+        return Err(DecodeError::too_large(format!("its header claims {size} bytes")));
     }
     let number = found.streams;
     found.streams += 1;

@@ -1,7 +1,7 @@
 //! The boxes of mp4 and mov: a size, a name of four letters, a payload (ISO/IEC 14496-12, 4.2).
 
 use crate::bytes::{Bytes, big_endian};
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 
 /// Names with which a file may begin.
 pub(super) const TOP_LEVEL: [&[u8; 4]; 10] =
@@ -43,7 +43,7 @@ pub(super) fn find_path<'a>(payload: &'a [u8], path: &[&[u8; 4]]) -> Option<&'a 
 
 /// The payload of a box that must be there.
 pub(super) fn need<'a>(payload: &'a [u8], name: &[u8; 4]) -> Result<&'a [u8]> {
-    find(payload, name).ok_or_else(|| Error::corrupt(format!("it has no box \"{}\"", name.escape_ascii())))
+    find(payload, name).ok_or_else(|| DecodeError::corrupt(format!("it has no box \"{}\"", name.escape_ascii())))
 }
 
 /// Version and flags of a full box, and what follows.

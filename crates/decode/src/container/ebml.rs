@@ -1,7 +1,7 @@
 //! Elements of EBML: an id, a size, a payload (RFC 8794).
 
 use crate::bytes::big_endian;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 
 /// Id of the header with which a file begins.
 pub(super) const HEADER: u32 = 0x1a45_dfa3;
@@ -33,8 +33,8 @@ pub(super) fn head(bytes: &[u8]) -> Result<Head> {
     Ok(Head { id: id as u32, length: (id_length + size_length) as u64, size: (!unknown).then_some(size) })
 }
 
-fn damaged() -> Error {
-    Error::corrupt("an element of its container is damaged")
+fn damaged() -> DecodeError {
+    DecodeError::corrupt("an element of its container is damaged")
 }
 
 /// A number of variable length and its bytes; `whole` keeps the bit that marks the length.

@@ -4,10 +4,10 @@ use std::fs::File;
 use std::io::BufReader;
 
 use super::ebml::{Element, Head, LONGEST_HEAD, elements, find, float, head, number, unsigned};
-use super::{Geometry, Packet, ParameterSets, Setup, Stamps, Track, mp4_entry};
+use super::{Geometry, Packet, ParameterSets, Setup, Stamps, VideoTrack, mp4_entry};
 use crate::bytes::{big_endian, read_at};
 use crate::colour::Tags;
-use crate::error::{Error, Result, printable};
+use crate::error::{DecodeError, Result, printable};
 use crate::info::Fields;
 use crate::limits::{LARGEST_DESCRIPTION, LARGEST_PACKET, check_frames};
 use crate::timeline::Timeline;
@@ -41,26 +41,26 @@ const USUAL_TICK: u64 = 1_000_000;
 const STRIPPING: u64 = 3;
 
 /// Reads the tracks and finds the blocks of the first video track.
-pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<Track> {
-    let mut found = Found::default();
+pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<VideoTrack> {
+    let mut found = MatroskaTrack::default();
     found.walk(file, length)?;
-    let mut track = found.track.ok_or_else(|| Error::corrupt("it has no video track"))?;
+    let mut track = found.track.ok_or_else(|| DecodeError::corrupt("it has no video track"))?;
     track.packets = found.packets;
     track.timeline = Timeline::whole(1e9 / found.tick.unwrap_or(USUAL_TICK) as f64);
     Ok(track)
 }
 
 #[derive(Default)]
-struct Found {
+struct MatroskaTrack {
     tick: Option<u64>,
     number: u64,
-    track: Option<Track>,
+    track: Option<VideoTrack>,
     packets: Vec<Packet>,
     /// Time of the cluster, ticks.
     cluster: i64,
 }
 
-impl Found {
+impl MatroskaTrack {
     /// Visits the elements of the file; what lies in segments, clusters and groups of blocks is visited in place.
     fn walk(&mut self, file: &mut BufReader<File>, length: u64) -> Result<()> {
         let mut at = 0;
@@ -75,7 +75,7 @@ impl Found {
             let end = match size {
                 Some(size) => payload.saturating_add(size),
                 None if open => payload,
-                None => return Err(Error::corrupt("an element of unknown size cannot be read")),
+                None => return Err(DecodeError::corrupt("an element of unknown size cannot be read")),
             };
             match id {
                 SEGMENT | CLUSTER => {}
@@ -86,7 +86,7 @@ impl Found {
                 INFO | TRACKS | TIMESTAMP => {
                     let size = end - payload;
                     if size > LARGEST_DESCRIPTION {
-                        return Err(Error::too_large(format!("its description claims {size} bytes")));
+                        return Err(DecodeError::too_large(format!("its description claims {size} bytes")));
                     }
                     self.describe(id, &read_at(file, payload, size)?)?;
                 }
@@ -120,7 +120,7 @@ impl Found {
         while at < start + size {
             let bytes = read_at(file, at, LONGEST_HEAD.min(start + size - at))?;
             let Head { id, length, size: inner } = head(&bytes)?;
-            let inner = inner.ok_or_else(|| Error::corrupt("a block of unknown size cannot be read"))?;
+            let inner = inner.ok_or_else(|| DecodeError::corrupt("a block of unknown size cannot be read"))?;
             match id {
                 BLOCK => block = Some((at + length, inner)),
                 REFERENCE => depends = true,
@@ -137,18 +137,18 @@ impl Found {
     /// A block: number of its track, time since the cluster's, flags, then one frame.
     fn block(&mut self, file: &mut BufReader<File>, place: u64, size: u64, sync: Option<bool>) -> Result<()> {
         if size > LARGEST_PACKET {
-            return Err(Error::too_large(format!("frame {} claims {size} bytes", self.packets.len())));
+            return Err(DecodeError::too_large(format!("frame {} claims {size} bytes", self.packets.len())));
         }
         let bytes = read_at(file, place, size.min(LONGEST_HEAD))?;
-        let (track, length) = number(&bytes, false).ok_or_else(|| Error::corrupt("a block is damaged"))?;
-        let rest = bytes.get(length..length + 3).ok_or_else(|| Error::corrupt("a block is damaged"))?;
+        let (track, length) = number(&bytes, false).ok_or_else(|| DecodeError::corrupt("a block is damaged"))?;
+        let rest = bytes.get(length..length + 3).ok_or_else(|| DecodeError::corrupt("a block is damaged"))?;
         if track != self.number || self.track.is_none() {
             return Ok(());
         }
         let since = i16::from_be_bytes([rest[0], rest[1]]);
         let flags = rest[2];
         if flags & 6 != 0 {
-            return Err(Error::unsupported("a Matroska video with several frames in a block"));
+            return Err(DecodeError::unsupported("a Matroska video with several frames in a block"));
         }
         let head = length as u64 + 3;
         let stamp = self.cluster.saturating_add(since.into());
@@ -161,16 +161,16 @@ impl Found {
 }
 
 /// Reads a track's entry; its blocks are found later.
-fn track(entry: &[u8]) -> Result<Track> {
-    let video = find(entry, VIDEO).ok_or_else(|| Error::corrupt("its video track has no size"))?;
+fn track(entry: &[u8]) -> Result<VideoTrack> {
+    let video = find(entry, VIDEO).ok_or_else(|| DecodeError::corrupt("its video track has no size"))?;
     let side = |id: u32| unsigned(video, id).and_then(|side| u32::try_from(side).ok()).unwrap_or(0);
     let size = (side(0xb0), side(0xba));
     let id = String::from_utf8_lossy(find(entry, CODEC_ID).unwrap_or_default()).into_owned();
     let rate = unsigned(entry, DEFAULT_DURATION).filter(|duration| *duration > 0).map(|it| 1e9 / it as f64);
     if projection(video) {
-        return Err(Error::unsupported("a Matroska video with a projection or a roll"));
+        return Err(DecodeError::unsupported("a Matroska video with a projection or a roll"));
     }
-    Ok(Track {
+    Ok(VideoTrack {
         container: "matroska",
         setup: setup(&id, find(entry, CODEC_PRIVATE).unwrap_or_default())?,
         packets: Vec::new(),
@@ -210,7 +210,7 @@ fn prefix(entry: &[u8]) -> Result<Vec<u8>> {
     for encoding in elements(encodings).filter(|it| it.id == CONTENT_ENCODING) {
         let stripped = find(encoding.payload, CONTENT_COMPRESSION)
             .filter(|it| unsigned(it, CONTENT_ALGORITHM).unwrap_or(0) == STRIPPING)
-            .ok_or_else(|| Error::unsupported("a compressed or encrypted Matroska track"))?;
+            .ok_or_else(|| DecodeError::unsupported("a compressed or encrypted Matroska track"))?;
         prefix = [find(stripped, CONTENT_SETTINGS).unwrap_or_default(), &prefix].concat();
     }
     Ok(prefix)

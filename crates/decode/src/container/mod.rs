@@ -16,7 +16,7 @@ use std::io::{BufReader, Read, Seek};
 
 use crate::bytes::big_endian;
 use crate::colour::Tags;
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::info::{Fields, Note};
 use crate::timeline::Timeline;
 use crate::upright::Orientation;
@@ -25,7 +25,7 @@ pub(crate) use self::transport::Transport;
 
 /// The video track of a file.
 #[derive(Debug)]
-pub(crate) struct Track {
+pub(crate) struct VideoTrack {
     pub container: &'static str,
     pub setup: Setup,
     /// In decoding order.
@@ -104,14 +104,14 @@ const LOOKED_AT: u64 = 400;
 ///
 /// # Errors
 /// Damage, no video in it, claims beyond the limits.
-pub(crate) fn read(file: &mut BufReader<File>) -> Result<Option<Track>> {
+pub(crate) fn read(file: &mut BufReader<File>) -> Result<Option<VideoTrack>> {
     let length = file.get_ref().metadata()?.len();
     let mut first = Vec::new();
     file.rewind()?;
     file.by_ref().take(LOOKED_AT).read_to_end(&mut first)?;
     file.rewind()?;
     if first.is_empty() {
-        return Err(Error::corrupt("it is empty"));
+        return Err(DecodeError::corrupt("it is empty"));
     }
     let name = |at: usize| first.get(at..at + 4).unwrap_or_default();
     let track = match () {
@@ -135,7 +135,7 @@ fn check_inside(packets: &[Packet], length: u64) -> Result<()> {
     if there < packets.len() {
         let beyond = packets.len() - there;
         let all = packets.len();
-        return Err(Error::corrupt(format!("it is cut off: {beyond} of its {all} frames lie beyond its end")));
+        return Err(DecodeError::corrupt(format!("it is cut off: {beyond} of its {all} frames lie beyond its end")));
     }
     Ok(())
 }

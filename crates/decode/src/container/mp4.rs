@@ -4,10 +4,10 @@ use std::fs::File;
 use std::io::BufReader;
 
 use super::boxes::{Box, boxes, find, find_path, full, need};
-use super::mp4_entry::{self, Entry};
-use super::{Geometry, Packet, Setup, Stamps, Track, mp4_fragments, mp4_tables, mp4_tags};
+use super::mp4_entry::{self, SampleEntry};
+use super::{Geometry, Packet, Setup, Stamps, VideoTrack, mp4_fragments, mp4_tables, mp4_tags};
 use crate::bytes::{Bytes, big_endian, read_at};
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::info::Note;
 use crate::limits::LARGEST_DESCRIPTION;
 use crate::timeline::{Edit, Timeline};
@@ -17,17 +17,18 @@ use crate::upright::Orientation;
 const ROUNDED: f64 = 0.01;
 
 /// Reads the description of the first video track.
-pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<Track> {
+pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<VideoTrack> {
     let Described { movie, fragments } = described(file, length)?;
     let track = boxes(&movie)
         .filter(|it| it.name == *b"trak")
         .map(|it| it.payload)
         .find(|trak| handler(trak) == Some(*b"vide"))
-        .ok_or_else(|| Error::corrupt("it has no video track"))?;
+        .ok_or_else(|| DecodeError::corrupt("it has no video track"))?;
     let media = need(track, b"mdia")?;
-    let table = find_path(media, &[b"minf", b"stbl"]).ok_or_else(|| Error::corrupt("it has no table of samples"))?;
+    let table =
+        find_path(media, &[b"minf", b"stbl"]).ok_or_else(|| DecodeError::corrupt("it has no table of samples"))?;
     let entry = mp4_entry::read(need(table, b"stsd")?)?;
-    let header = Header::read(need(track, b"tkhd")?)?;
+    let header = TrackHeader::read(need(track, b"tkhd")?)?;
     let ticks = clock(need(media, b"mdhd")?)?;
     let movie_header = need(&movie, b"mvhd")?;
     let mut samples = mp4_tables::samples(table, length)?;
@@ -51,11 +52,11 @@ pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<Track> {
     let geometry = Geometry { pixel_aspect: pixel_aspect(&entry, header.shown, orientation, stretch), orientation };
     let tags = mp4_tags::read(&movie);
     let stamps = if samples.offsets_differ { Stamps::Presentation } else { Stamps::Decoding };
-    let Entry { setup, colour, interlaced, .. } = entry;
+    let SampleEntry { setup, colour, interlaced, .. } = entry;
     // Codecs without reordering have one order.
     let reorders = matches!(setup, Setup::H264(_) | Setup::Hevc(_) | Setup::Other(_));
     let stamps = if reorders { stamps } else { Stamps::Presentation };
-    Ok(Track {
+    Ok(VideoTrack {
         container: "mp4",
         claimed_rate: mean_rate(&samples.packets, ticks),
         capture_rate: mp4_tags::capture_rate(&tags),
@@ -96,10 +97,10 @@ fn described(file: &mut BufReader<File>, length: u64) -> Result<Described> {
         if name == b"moov" || name == b"moof" {
             read = read.saturating_add(size);
             if read > LARGEST_DESCRIPTION {
-                return Err(Error::too_large(format!("its description claims {read} bytes")));
+                return Err(DecodeError::too_large(format!("its description claims {read} bytes")));
             }
             if at.saturating_add(size) > length {
-                return Err(Error::corrupt("it is cut off within its description"));
+                return Err(DecodeError::corrupt("it is cut off within its description"));
             }
             let payload = read_at(file, at + start, size - start)?;
             match name {
@@ -110,10 +111,12 @@ fn described(file: &mut BufReader<File>, length: u64) -> Result<Described> {
         at = at.saturating_add(size);
     }
     let movie = movie.ok_or_else(|| {
-        Error::corrupt("it has no description of its frames (\"moov\"), which recorders write last: it is incomplete")
+        DecodeError::corrupt(
+            "it has no description of its frames (\"moov\"), which recorders write last: it is incomplete",
+        )
     })?;
     if find(&movie, b"cmov").is_some() {
-        return Err(Error::unsupported("a mov with a compressed description"));
+        return Err(DecodeError::unsupported("a mov with a compressed description"));
     }
     Ok(Described { movie, fragments })
 }
@@ -128,7 +131,7 @@ fn clock(header: &[u8]) -> Result<u32> {
     let (version, _, mut bytes) = full(header)?;
     bytes.take(if version == 1 { 16 } else { 8 })?;
     match bytes.u32()? {
-        0 => Err(Error::corrupt("its clock has no ticks")),
+        0 => Err(DecodeError::corrupt("its clock has no ticks")),
         ticks => Ok(ticks),
     }
 }
@@ -149,14 +152,14 @@ fn matrix(bytes: &mut Bytes) -> Result<[i32; 9]> {
 }
 
 /// A track's header.
-struct Header {
+struct TrackHeader {
     id: u32,
     matrix: [i32; 9],
     /// Width and height at which it is shown before it is turned, pixels.
     shown: [f64; 2],
 }
 
-impl Header {
+impl TrackHeader {
     fn read(payload: &[u8]) -> Result<Self> {
         let (version, _, mut bytes) = full(payload)?;
         let wide = version == 1;
@@ -165,14 +168,14 @@ impl Header {
         // Reserved, duration, reserved, layer, group, volume, reserved.
         bytes.take(4 + if wide { 8 } else { 4 } + 16)?;
         let matrix = matrix(&mut bytes)?;
-        let mut fixed = || Ok::<_, Error>(f64::from(bytes.u32()?) / 65536.0);
-        Ok(Header { id, matrix, shown: [fixed()?, fixed()?] })
+        let mut fixed = || Ok::<_, DecodeError>(f64::from(bytes.u32()?) / 65536.0);
+        Ok(TrackHeader { id, matrix, shown: [fixed()?, fixed()?] })
     }
 }
 
 /// Shown width of a stored pixel over its height: a box states it, or the size at which the track is shown, or neither.
 /// A matrix may stretch in addition.
-fn pixel_aspect(entry: &Entry, shown: [f64; 2], orientation: Orientation, stretch: f64) -> Option<f64> {
+fn pixel_aspect(entry: &SampleEntry, shown: [f64; 2], orientation: Orientation, stretch: f64) -> Option<f64> {
     let stored = [entry.size.0, entry.size.1].map(f64::from);
     let by_size = |shown: [f64; 2]| {
         let aspect = shown[0] * stored[1] / (shown[1] * stored[0]);
@@ -194,7 +197,7 @@ fn edits(payload: &[u8], without_durations: bool) -> Result<Vec<Edit>> {
     let count = bytes.u32()? as usize;
     let entry = if version == 1 { 20 } else { 12 };
     if count > bytes.0.len() / entry {
-        return Err(Error::corrupt(format!("its edit list claims {count} entries")));
+        return Err(DecodeError::corrupt(format!("its edit list claims {count} entries")));
     }
     (0..count)
         .map(|_| {

@@ -4,7 +4,7 @@ use super::boxes::{boxes, find, full};
 use super::{ParameterSets, Setup};
 use crate::bytes::Bytes;
 use crate::colour::Tags;
-use crate::error::{Error, Result, printable};
+use crate::error::{DecodeError, Result, printable};
 use crate::info::Fields;
 use crate::limits::check_size;
 
@@ -15,7 +15,7 @@ const OBJECT_JPEG: u8 = 0x6c;
 
 /// A sample entry.
 #[derive(Debug)]
-pub(super) struct Entry {
+pub(super) struct SampleEntry {
     pub setup: Setup,
     /// Size of the coded frames, pixels.
     pub size: (u32, u32),
@@ -25,10 +25,10 @@ pub(super) struct Entry {
 }
 
 /// Reads the first entry.
-pub(super) fn read(payload: &[u8]) -> Result<Entry> {
+pub(super) fn read(payload: &[u8]) -> Result<SampleEntry> {
     let (_, _, mut bytes) = full(payload)?;
     let _count = bytes.u32()?;
-    let entry = boxes(bytes.0).next().ok_or_else(|| Error::corrupt("the description of its codec is missing"))?;
+    let entry = boxes(bytes.0).next().ok_or_else(|| DecodeError::corrupt("the description of its codec is missing"))?;
     let mut fixed = Bytes(entry.payload);
     let _reserved = fixed.take(24)?;
     let size = (u32::from(fixed.u16()?), u32::from(fixed.u16()?));
@@ -36,8 +36,9 @@ pub(super) fn read(payload: &[u8]) -> Result<Entry> {
     if size != (0, 0) {
         check_size(size.0, size.1)?;
     }
-    let inner = entry.payload.get(FIXED..).ok_or_else(|| Error::corrupt("the description of its codec ends early"))?;
-    Ok(Entry {
+    let inner =
+        entry.payload.get(FIXED..).ok_or_else(|| DecodeError::corrupt("the description of its codec ends early"))?;
+    Ok(SampleEntry {
         setup: setup(&entry.name, inner)?,
         size,
         pixel_aspect: aspect(inner)?,
@@ -47,8 +48,9 @@ pub(super) fn read(payload: &[u8]) -> Result<Entry> {
 }
 
 fn setup(name: &[u8; 4], inner: &[u8]) -> Result<Setup> {
-    let config =
-        |name: &[u8; 4]| find(inner, name).ok_or_else(|| Error::corrupt("the parameter sets of its codec are missing"));
+    let config = |name: &[u8; 4]| {
+        find(inner, name).ok_or_else(|| DecodeError::corrupt("the parameter sets of its codec are missing"))
+    };
     Ok(match name {
         b"avc1" | b"avc3" => Setup::H264(avc(config(b"avcC")?)?),
         b"hvc1" | b"hev1" => Setup::Hevc(hevc(config(b"hvcC")?)?),
@@ -58,7 +60,7 @@ fn setup(name: &[u8; 4], inner: &[u8]) -> Result<Setup> {
         b"jpeg" | b"mjpg" => Setup::Mjpeg,
         b"mp4v" if object_type(inner) == Some(OBJECT_JPEG) => Setup::Mjpeg,
         b"mp4v" => Setup::Other("MPEG-4 part 2".into()),
-        b"encv" => return Err(Error::unsupported("an encrypted video")),
+        b"encv" => return Err(DecodeError::unsupported("an encrypted video")),
         other => Setup::Other(printable(&String::from_utf8_lossy(other))),
     })
 }

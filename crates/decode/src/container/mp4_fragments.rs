@@ -2,8 +2,8 @@
 
 use super::boxes::{find, full, need};
 use super::mp4::all;
-use super::mp4_tables::Samples;
-use crate::error::{Error, Result};
+use super::mp4_tables::SampleTable;
+use crate::error::{DecodeError, Result};
 
 /// Values of samples that a fragment does not state.
 #[derive(Debug, Clone, Copy, Default)]
@@ -34,7 +34,7 @@ const NOT_SYNC: u32 = 0x1_0000;
 
 /// Appends the samples of all fragments, each with its place in a file of this length.
 pub(super) fn append(
-    samples: &mut Samples,
+    samples: &mut SampleTable,
     fragments: &[(u64, Vec<u8>)],
     defaults: &Defaults,
     length: u64,
@@ -59,7 +59,8 @@ pub(super) fn append(
             if let Some(time) = find(track.payload, b"tfdt") {
                 let (version, _, mut bytes) = full(time)?;
                 let begin = if version == 1 { bytes.u64()? } else { bytes.u32()?.into() };
-                samples.end = i64::try_from(begin).map_err(|_| Error::corrupt("a fragment begins beyond all time"))?;
+                samples.end =
+                    i64::try_from(begin).map_err(|_| DecodeError::corrupt("a fragment begins beyond all time"))?;
             }
             let mut at = base;
             for run in all(track.payload, b"trun") {
@@ -72,7 +73,7 @@ pub(super) fn append(
 
 /// Appends one run of samples; returns the place after its last.
 fn append_run(
-    samples: &mut Samples,
+    samples: &mut SampleTable,
     run: &[u8],
     defaults: &Defaults,
     base: u64,
@@ -90,7 +91,7 @@ fn append_run(
         entry => count <= bytes.0.len() / entry,
     };
     if !fits {
-        return Err(Error::corrupt(format!("a fragment claims {count} frames, more than it has room for")));
+        return Err(DecodeError::corrupt(format!("a fragment claims {count} frames, more than it has room for")));
     }
     for number in 0..count {
         let duration = if has(0x100) { bytes.u32()? } else { defaults.duration };

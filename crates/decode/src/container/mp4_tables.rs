@@ -2,12 +2,12 @@
 
 use super::Packet;
 use super::boxes::{find, full};
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::limits::{LARGEST_PACKET, check_frames};
 
 /// The samples of a track.
 #[derive(Debug, Default)]
-pub(super) struct Samples {
+pub(super) struct SampleTable {
     pub packets: Vec<Packet>,
     /// Decoding time of the sample after the last, ticks.
     pub end: i64,
@@ -17,11 +17,11 @@ pub(super) struct Samples {
     pub first_offset: Option<i64>,
 }
 
-impl Samples {
+impl SampleTable {
     /// Appends a sample that is decoded at the end so far.
     pub(super) fn push(&mut self, offset: u64, size: u64, duration: u32, shift: i64, sync: bool) -> Result<()> {
         if size > LARGEST_PACKET {
-            return Err(Error::too_large(format!("frame {} claims {size} bytes", self.packets.len())));
+            return Err(DecodeError::too_large(format!("frame {} claims {size} bytes", self.packets.len())));
         }
         check_frames(self.packets.len() + 1)?;
         self.offsets_differ |= *self.first_offset.get_or_insert(shift) != shift;
@@ -33,8 +33,8 @@ impl Samples {
 }
 
 /// Reads the tables of a track in a file of this length.
-pub(super) fn samples(table: &[u8], length: u64) -> Result<Samples> {
-    let sizes = Sizes::read(table, length)?;
+pub(super) fn samples(table: &[u8], length: u64) -> Result<SampleTable> {
+    let sizes = SampleSizes::read(table, length)?;
     let mut times = Runs::read(table, b"stts")?;
     let mut shifts = Runs::read(table, b"ctts")?;
     let chunks = chunks(table)?;
@@ -43,9 +43,9 @@ pub(super) fn samples(table: &[u8], length: u64) -> Result<Samples> {
     let timed = times.total();
     if timed != sizes.count as u64 {
         let sized = sizes.count;
-        return Err(Error::corrupt(format!("its tables disagree: sizes of {sized} frames, times of {timed}")));
+        return Err(DecodeError::corrupt(format!("its tables disagree: sizes of {sized} frames, times of {timed}")));
     }
-    let mut samples = Samples::default();
+    let mut samples = SampleTable::default();
     let mut sizes = sizes.iter();
     for (number, &chunk) in chunks.iter().enumerate() {
         let mut at = chunk;
@@ -59,12 +59,12 @@ pub(super) fn samples(table: &[u8], length: u64) -> Result<Samples> {
     }
     match sizes.count() {
         0 => Ok(samples),
-        left => Err(Error::corrupt(format!("its tables disagree: the places of {left} frames are missing"))),
+        left => Err(DecodeError::corrupt(format!("its tables disagree: the places of {left} frames are missing"))),
     }
 }
 
 /// Sizes of the samples, bytes.
-struct Sizes<'a> {
+struct SampleSizes<'a> {
     count: usize,
     each: Option<u64>,
     /// Bits of an entry.
@@ -72,12 +72,12 @@ struct Sizes<'a> {
     entries: &'a [u8],
 }
 
-impl<'a> Sizes<'a> {
+impl<'a> SampleSizes<'a> {
     fn read(table: &'a [u8], length: u64) -> Result<Self> {
         let (payload, compact) = match (find(table, b"stsz"), find(table, b"stz2")) {
             (Some(payload), _) => (payload, false),
             (None, Some(payload)) => (payload, true),
-            (None, None) => return Err(Error::corrupt("it has no sizes of its frames")),
+            (None, None) => return Err(DecodeError::corrupt("it has no sizes of its frames")),
         };
         let (_, _, mut bytes) = full(payload)?;
         let first = bytes.u32()?;
@@ -90,9 +90,9 @@ impl<'a> Sizes<'a> {
         };
         check_frames(count)?;
         if !fits {
-            return Err(Error::corrupt(format!("it claims {count} frames, more than it has room for")));
+            return Err(DecodeError::corrupt(format!("it claims {count} frames, more than it has room for")));
         }
-        Ok(Sizes { count, each, bits, entries: bytes.0 })
+        Ok(SampleSizes { count, each, bits, entries: bytes.0 })
     }
 
     fn iter(&self) -> impl Iterator<Item = u64> {
@@ -139,7 +139,7 @@ fn pairs(payload: &[u8]) -> Result<Vec<(u32, u32)>> {
     let (_, _, mut bytes) = full(payload)?;
     let count = bytes.u32()? as usize;
     if count > bytes.0.len() / 8 {
-        return Err(Error::corrupt(format!("a table claims {count} entries, more than it has room for")));
+        return Err(DecodeError::corrupt(format!("a table claims {count} entries, more than it has room for")));
     }
     (0..count).map(|_| Ok((bytes.u32()?, bytes.u32()?))).collect()
 }
@@ -149,12 +149,12 @@ fn chunks(table: &[u8]) -> Result<Vec<u64>> {
     let (payload, width) = match (find(table, b"stco"), find(table, b"co64")) {
         (Some(payload), _) => (payload, 4),
         (None, Some(payload)) => (payload, 8),
-        (None, None) => return Err(Error::corrupt("it has no places of its frames")),
+        (None, None) => return Err(DecodeError::corrupt("it has no places of its frames")),
     };
     let (_, _, mut bytes) = full(payload)?;
     let count = bytes.u32()? as usize;
     if count > bytes.0.len() / width {
-        return Err(Error::corrupt(format!("a table claims {count} entries, more than it has room for")));
+        return Err(DecodeError::corrupt(format!("a table claims {count} entries, more than it has room for")));
     }
     Ok(bytes.0.chunks_exact(width).take(count).map(crate::bytes::big_endian).collect())
 }
@@ -167,18 +167,18 @@ struct PerChunk {
 
 impl PerChunk {
     fn read(table: &[u8]) -> Result<Self> {
-        let payload = find(table, b"stsc").ok_or_else(|| Error::corrupt("it has no table of chunks"))?;
+        let payload = find(table, b"stsc").ok_or_else(|| DecodeError::corrupt("it has no table of chunks"))?;
         let (_, _, mut bytes) = full(payload)?;
         let count = bytes.u32()? as usize;
         if count > bytes.0.len() / 12 {
-            return Err(Error::corrupt(format!("a table claims {count} entries, more than it has room for")));
+            return Err(DecodeError::corrupt(format!("a table claims {count} entries, more than it has room for")));
         }
         let mut runs = Vec::with_capacity(count);
         for _ in 0..count {
             let run = (bytes.u32()?, bytes.u32()?);
             let described_by = bytes.u32()?;
             if described_by != 1 {
-                return Err(Error::unsupported("an mp4 whose codec changes within the track"));
+                return Err(DecodeError::unsupported("an mp4 whose codec changes within the track"));
             }
             runs.push(run);
         }

@@ -4,8 +4,8 @@
 use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 
-use super::{Geometry, Packet, ParameterSets, Setup, Stamps, Track};
-use crate::error::{Error, Result};
+use super::{Geometry, Packet, ParameterSets, Setup, Stamps, VideoTrack};
+use crate::error::{DecodeError, Result};
 use crate::limits::{LARGEST_PACKET, check_frames};
 use crate::timeline::Timeline;
 use crate::upright::Orientation;
@@ -36,8 +36,8 @@ pub(super) fn bytes_before(first: &[u8]) -> Option<usize> {
 }
 
 /// Reads a file and finds the frames of its first video stream.
-pub(super) fn read(file: &mut BufReader<File>, before: usize) -> Result<Track> {
-    let mut found = Found::default();
+pub(super) fn read(file: &mut BufReader<File>, before: usize) -> Result<VideoTrack> {
+    let mut found = TransportTrack::default();
     let mut packet = vec![0; before + SIZE];
     let mut place = 0;
     file.rewind()?;
@@ -48,12 +48,13 @@ pub(super) fn read(file: &mut BufReader<File>, before: usize) -> Result<Track> {
             break;
         }
     }
-    let (stream, setup) = found.video.ok_or_else(|| Error::corrupt("it has no table that names a video stream"))?;
+    let (stream, setup) =
+        found.video.ok_or_else(|| DecodeError::corrupt("it has no table that names a video stream"))?;
     let mut packets = found.packets;
     if let Some(last) = packets.last_mut() {
         last.size = place - last.offset;
     }
-    Ok(Track {
+    Ok(VideoTrack {
         container: "mpegts",
         setup,
         packets,
@@ -81,7 +82,7 @@ fn filled(file: &mut BufReader<File>, buffer: &mut [u8]) -> Result<bool> {
 }
 
 #[derive(Default)]
-struct Found {
+struct TransportTrack {
     /// Stream that holds the table of the programme.
     programme: Option<u16>,
     video: Option<(u16, Setup)>,
@@ -90,7 +91,7 @@ struct Found {
     last: Option<i64>,
 }
 
-impl Found {
+impl TransportTrack {
     fn packet(&mut self, place: u64, before: usize, packet: &[u8]) -> Result<()> {
         let Some((stream, starts, payload)) = payload(packet) else { return Ok(()) };
         match (&self.programme, &self.video) {
@@ -100,7 +101,7 @@ impl Found {
                 if let Some(last) = self.packets.last_mut() {
                     last.size = place - last.offset;
                     if last.size > LARGEST_PACKET {
-                        return Err(Error::too_large(format!("a frame takes {} bytes", last.size)));
+                        return Err(DecodeError::too_large(format!("a frame takes {} bytes", last.size)));
                     }
                 }
                 let stamp = self.stamp(payload)?;
@@ -115,7 +116,7 @@ impl Found {
     /// Presentation time of a frame, ticks; its clock's wraps are undone.
     fn stamp(&mut self, pes: &[u8]) -> Result<i64> {
         let number = self.packets.len();
-        let missing = || Error::corrupt(format!("frame {number} of its stream has no time stamp"));
+        let missing = || DecodeError::corrupt(format!("frame {number} of its stream has no time stamp"));
         let stamp = match pes {
             [0, 0, 1, _, _, _, _, flags, _, a, b, c, d, e, ..] if flags & 0x80 != 0 => {
                 let [a, b, c, d, e] = [a, b, c, d, e].map(|byte| i64::from(*byte));
@@ -228,7 +229,7 @@ mod tests {
                 [part(30, 7) << 1 | 0x21, part(22, 255), part(15, 127) << 1 | 1, part(7, 255), part(0, 127) << 1 | 1];
             [&[0, 0, 1, 0xe0, 0, 0, 0x80, 0x80, 5][..], &stamp].concat()
         };
-        let mut found = Found::default();
+        let mut found = TransportTrack::default();
         assert_eq!(found.stamp(&pes(WRAPS - 900)).unwrap(), WRAPS - 900);
         assert_eq!(found.stamp(&pes(2700)).unwrap(), WRAPS + 2700);
         assert_eq!(found.stamp(&pes(900)).unwrap(), WRAPS + 900);

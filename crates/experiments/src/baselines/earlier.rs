@@ -7,13 +7,13 @@ use serde::de::DeserializeOwned;
 
 use super::list::Comparison;
 use super::plan::Training;
-use super::results::{PredictedFrames, RESULTS, Row, SEARCH, Searched, SearchedOn};
+use super::results::{BaselineRow, PredictedFrames, RESULTS, SEARCH, Searched, SearchedOn};
 use paig::support::storage;
 
 /// The rows and searches of earlier reports, each once: the first that has it counts.
 #[derive(Debug, Clone, Default)]
 pub struct Earlier {
-    rows: Vec<Row>,
+    rows: Vec<BaselineRow>,
     searches: Vec<Searched>,
 }
 
@@ -25,7 +25,7 @@ impl Earlier {
     pub fn read(reports: &[PathBuf]) -> Result<Self> {
         let mut earlier = Earlier::default();
         for report in reports {
-            for mut row in read_json::<Vec<Row>>(&report.join(RESULTS))? {
+            for mut row in read_json::<Vec<BaselineRow>>(&report.join(RESULTS))? {
                 row.frames = Some(PredictedFrames::Report(report.clone()));
                 earlier.rows.push(row);
             }
@@ -35,7 +35,7 @@ impl Earlier {
     }
 
     /// The row of a training.
-    pub fn row(&self, list: &Comparison, training: &Training) -> Option<&Row> {
+    pub fn row(&self, list: &Comparison, training: &Training) -> Option<&BaselineRow> {
         self.rows.iter().find(|row| row.is_of(list, training))
     }
 

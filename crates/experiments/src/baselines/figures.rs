@@ -1,4 +1,4 @@
-//! The report's figures: scores of every predicted frame, validation losses of the whole other models, traces of the
+//! The report's figures: scores of every predicted frame, validation losses of the end-to-end baselines, traces of the
 //! parameters, and the gallery of future frames.
 
 use std::path::Path;
@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use plotters::style::RGBColor;
 use tch::Tensor;
 
-use super::list::{Comparison, Entry};
-use super::results::{FRAMES, PredictedFrames, Row, VALIDATION_ERROR};
+use super::list::{BaselineEntry, Comparison};
+use super::results::{BaselineRow, FRAMES, PredictedFrames, VALIDATION_ERROR};
 use paig::datasets::npz;
 use paig::runs::scores::{FrameSpread, PredictedFrame};
 use paig::support::statistics::Spread;
@@ -43,23 +43,23 @@ pub struct OfTask<'a> {
     pub list: &'a Comparison,
     pub task: &'a Task,
     /// Finished trainings of the task on all clips.
-    pub rows: &'a [Row],
+    pub rows: &'a [BaselineRow],
 }
 
 /// A model in a task's figures.
-struct Shown<'a> {
-    entry: &'a Entry,
+struct FigureModel<'a> {
+    entry: &'a BaselineEntry,
     colour: RGBColor,
-    rows: Vec<&'a Row>,
+    rows: Vec<&'a BaselineRow>,
 }
 
 impl OfTask<'_> {
     /// Each model that has any rows.
-    fn models(&self) -> impl Iterator<Item = Shown<'_>> {
+    fn models(&self) -> impl Iterator<Item = FigureModel<'_>> {
         let models = self.list.models.iter().zip(COLOURS.iter().cycle());
         models.filter_map(|(entry, &colour)| {
             let rows: Vec<_> = self.rows.iter().filter(|row| row.model == entry.name).collect();
-            (!rows.is_empty()).then_some(Shown { entry, colour, rows })
+            (!rows.is_empty()).then_some(FigureModel { entry, colour, rows })
         })
     }
 
@@ -85,8 +85,8 @@ impl OfTask<'_> {
         chart::write(path, HEIGHT, charts)
     }
 
-    fn lines(&self, shown: &Shown, score: fn(&FrameSpread) -> Spread) -> Vec<Line> {
-        let Shown { entry, colour, rows } = shown;
+    fn lines(&self, shown: &FigureModel, score: fn(&FrameSpread) -> Spread) -> Vec<Line> {
+        let FigureModel { entry, colour, rows } = shown;
         let system = &self.task.system;
         let frames: Vec<Vec<PredictedFrame>> =
             rows.iter().map(|row| row.frame_scores(system.input_steps, system.pred_steps)).collect();
@@ -112,18 +112,18 @@ impl OfTask<'_> {
         self.errors(path, "L_pred of validation clips of every run", |entry| entry.whole.is_none())
     }
 
-    /// Validation error over the steps of the whole other models: whether they were done.
+    /// Validation error over the steps of the end-to-end baselines: whether they were done.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn whole_models(&self, path: &Path) -> Result<bool> {
+    pub fn end_to_end(&self, path: &Path) -> Result<bool> {
         self.errors(path, "squared error of all predicted frames of validation clips, every run", |entry| {
             entry.whole.is_some()
         })
     }
 
     /// The error on validation clips over the steps, of every run of these models.
-    fn errors(&self, path: &Path, error: &str, shown: impl Fn(&Entry) -> bool) -> Result<bool> {
+    fn errors(&self, path: &Path, error: &str, shown: impl Fn(&BaselineEntry) -> bool) -> Result<bool> {
         let lines = self.courses(VALIDATION_ERROR, shown);
         let title = format!("{}: {error}", self.task.name);
         let chart = Chart { log: Some(true), ..over_steps(title, "squared error", lines) };
@@ -149,8 +149,8 @@ impl OfTask<'_> {
     }
 
     /// The course of one number over the steps, a line for each run in the colour of its model; of these models.
-    fn courses(&self, number: &str, shown: impl Fn(&Entry) -> bool) -> Vec<Line> {
-        let lines = self.models().filter(|model| shown(model.entry)).map(|Shown { entry, colour, rows }| {
+    fn courses(&self, number: &str, shown: impl Fn(&BaselineEntry) -> bool) -> Vec<Line> {
+        let lines = self.models().filter(|model| shown(model.entry)).map(|FigureModel { entry, colour, rows }| {
             let courses = rows.iter().filter_map(|row| row.courses.get(number).cloned());
             Line { label: entry.label.clone(), colour, stroke: Stroke::Dotted, pieces: courses.collect() }
         });
@@ -171,7 +171,7 @@ impl OfTask<'_> {
     pub fn gallery_rows(&self, strips: &Path) -> Result<Vec<(String, Tensor)>> {
         let columns = self.columns();
         let mut rows: Vec<(String, Tensor)> = Vec::new();
-        for Shown { entry, rows: of_model, .. } in self.models() {
+        for FigureModel { entry, rows: of_model, .. } in self.models() {
             let first = of_model[0];
             let Some(source) = &first.frames else { continue };
             let truth = rows.is_empty().then_some((TRUTH, TRUTH));

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 
-use super::whole_models::config::WholeModel;
+use super::end_to_end::config::EndToEndModel;
 use paig::support::storage;
 use paig::tasks::{self, Task};
 
@@ -22,10 +22,10 @@ pub struct Comparison {
     pub tasks: Vec<String>,
     pub seeds: Vec<u64>,
     pub clips: DatasetClips,
-    pub search: Search,
+    pub search: RateSearch,
     pub efficiency: Efficiency,
-    pub whole: WholeLength,
-    pub models: Vec<Entry>,
+    pub whole: EndToEndLength,
+    pub models: Vec<BaselineEntry>,
 }
 
 /// Clips of a dataset.
@@ -40,11 +40,11 @@ pub struct DatasetClips {
 /// How learning rates are chosen.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Search {
+pub struct RateSearch {
     pub task: String,
     pub seed: u64,
     pub rates: Vec<f64>,
-    /// Steps of a whole other model in the search.
+    /// Steps of an end-to-end baseline in the search.
     pub whole_steps: u64,
 }
 
@@ -57,10 +57,10 @@ pub struct Efficiency {
     pub models: Vec<String>,
 }
 
-/// How long the whole other models are trained.
+/// How long the end-to-end baselines are trained.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct WholeLength {
+pub struct EndToEndLength {
     pub steps: u64,
     pub batch: usize,
     pub checkpoint_every: u64,
@@ -69,7 +69,7 @@ pub struct WholeLength {
 /// One model.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Entry {
+pub struct BaselineEntry {
     /// In folders and results.
     pub name: String,
     /// In figures.
@@ -83,20 +83,20 @@ pub struct Entry {
     /// The rates that are tried; those of the search, if it has none of its own.
     #[serde(default)]
     pub rates: Option<Vec<f64>>,
-    /// Of a whole other model, where the search has not found a better one.
+    /// Of an end-to-end baseline, where the search has not found a better one.
     #[serde(default)]
     pub learning_rate: Option<f64>,
     /// Finds objects of its own instead of those that the others share.
     #[serde(default)]
     pub own_objects: bool,
-    /// Steps of a whole other model on these tasks; those of `whole` on the others.
+    /// Steps of an end-to-end baseline on these tasks; those of `whole` on the others.
     #[serde(default)]
     pub steps: BTreeMap<String, u64>,
     /// Shown in a table of its own, too, beside the first model.
     #[serde(default)]
     pub ablation: bool,
     #[serde(default)]
-    pub whole: Option<WholeModel>,
+    pub whole: Option<EndToEndModel>,
 }
 
 /// Refuses a list in which something stands twice.
@@ -129,20 +129,20 @@ impl Comparison {
         let sound = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
         once("model", &self.models.iter().map(|entry| &entry.name).collect::<Vec<_>>())?;
         for entry in &self.models {
-            let Entry { name, .. } = entry;
+            let BaselineEntry { name, .. } = entry;
             ensure!(!name.is_empty() && name.chars().all(sound), "model {name:?}: a-z, 0-9 and _ can stand in a name");
             ensure!(*name != OBJECTS, "model {name}: runs that find objects have this name; choose another");
             ensure!(
                 entry.whole.is_some() == entry.learning_rate.is_some(),
-                "model {name}: a whole other model has a learning_rate, and only such a one"
+                "model {name}: an end-to-end baseline has a learning_rate, and only such a one"
             );
             ensure!(
                 entry.whole.is_none() || entry.set.is_empty(),
-                "model {name}: a whole other model has no recipe to set"
+                "model {name}: an end-to-end baseline has no recipe to set"
             );
             ensure!(
                 entry.whole.is_some() || entry.steps.is_empty(),
-                "model {name}: steps stand in its recipe; they are given here for a whole other model"
+                "model {name}: steps stand in its recipe; they are given here for an end-to-end baseline"
             );
             if let Some(task) = entry.steps.keys().find(|task| !self.tasks.contains(task)) {
                 bail!("model {name}: steps for {task:?}, which is not among the tasks");
@@ -154,7 +154,7 @@ impl Comparison {
                 "model {name}: the learning rate must be positive, and all that are searched"
             );
         }
-        let WholeLength { steps, batch, checkpoint_every } = self.whole;
+        let EndToEndLength { steps, batch, checkpoint_every } = self.whole;
         ensure!(
             steps > 0 && batch > 0 && checkpoint_every > 0 && self.search.whole_steps > 0,
             "whole.steps, whole.batch, whole.checkpoint_every and search.whole_steps must be at least 1"
@@ -166,12 +166,12 @@ impl Comparison {
     }
 
     /// The learning rates that are tried for a model.
-    pub fn rates<'a>(&'a self, entry: &'a Entry) -> &'a [f64] {
+    pub fn rates<'a>(&'a self, entry: &'a BaselineEntry) -> &'a [f64] {
         entry.rates.as_ref().unwrap_or(&self.search.rates)
     }
 
-    /// Steps of a whole other model in a training of the comparison.
-    pub fn steps(&self, entry: &Entry, task: &str) -> u64 {
+    /// Steps of an end-to-end baseline in a training of the comparison.
+    pub fn steps(&self, entry: &BaselineEntry, task: &str) -> u64 {
         entry.steps.get(task).copied().unwrap_or(self.whole.steps)
     }
 
@@ -193,7 +193,7 @@ impl Comparison {
     ///
     /// # Errors
     /// A name that the list lacks.
-    pub fn model(&self, name: &str) -> Result<&Entry> {
+    pub fn model(&self, name: &str) -> Result<&BaselineEntry> {
         let known = || self.models.iter().map(|entry| entry.name.as_str()).collect::<Vec<_>>().join(", ");
         let found = self.models.iter().find(|entry| entry.name == name);
         found.with_context(|| format!("no model {name:?}; the models are {}", known()))

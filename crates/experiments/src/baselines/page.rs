@@ -8,8 +8,8 @@ use std::path::Path;
 use anyhow::{Context, Result};
 
 use super::figures::OfTask;
-use super::list::{Comparison, Entry};
-use super::results::{FRAMES, RESULTS, Row, SEARCH, Searched};
+use super::list::{BaselineEntry, Comparison};
+use super::results::{BaselineRow, FRAMES, RESULTS, SEARCH, Searched};
 use paig::support::output::FileSet;
 use paig::support::statistics::Spread;
 use paig::support::storage::storage;
@@ -35,7 +35,7 @@ pub struct Report<'a> {
     pub list: &'a Comparison,
     /// That count: the list's, and others that were asked for.
     pub seeds: &'a [u64],
-    pub rows: Vec<Row>,
+    pub rows: Vec<BaselineRow>,
     pub searched: Vec<Searched>,
     /// Training clips of the comparison; other rows count for the data efficiency.
     pub clips: usize,
@@ -54,7 +54,7 @@ impl Report<'_> {
                 let folder = out.join(folder);
                 storage().create_folder(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
             }
-            let json = |name: &str, write: &dyn Fn(&mut atomic::Writer) -> serde_json::Result<()>| {
+            let json = |name: &str, write: &dyn Fn(&mut atomic::FileWriter) -> serde_json::Result<()>| {
                 atomic::write_file(&out.join(name), |file| Ok(write(file)?))
             };
             json(RESULTS, &|file| json_lines::write(file, &self.rows, 1))?;
@@ -68,7 +68,7 @@ impl Report<'_> {
         let mut page = String::new();
         let (models, tasks) = (self.list.models.len(), self.list.tasks.len());
         let seeds = self.seeds.len();
-        let whole: Vec<&Row> = self.rows.iter().filter(|row| row.training_clips == self.clips).collect();
+        let whole: Vec<&BaselineRow> = self.rows.iter().filter(|row| row.training_clips == self.clips).collect();
         let _ = writeln!(
             page,
             "{TITLE}\n\nMade by `make baselines` ([docs/baselines.md](../../docs/baselines.md) says what is \
@@ -108,9 +108,10 @@ impl Report<'_> {
             tasks.join(" | "),
             "---|".repeat(tasks.len())
         );
-        let row =
-            |entry: &Entry, task: &String| self.rows.iter().find(|row| row.model == entry.name && row.task == *task);
-        let size = |entry: &Entry, task: &String| {
+        let row = |entry: &BaselineEntry, task: &String| {
+            self.rows.iter().find(|row| row.model == entry.name && row.task == *task)
+        };
+        let size = |entry: &BaselineEntry, task: &String| {
             let Some(of_model) = row(entry, task) else { return "-".into() };
             let first = models.first().and_then(|first| row(first, task));
             let times = first
@@ -132,7 +133,7 @@ impl Report<'_> {
         let _ = writeln!(
             page,
             "\n## Search of the learning rates\n\nL_pred on the validation clips of `{}` at the end of a training with \
-             seed {} (of a whole other model the error of all frames after the input), for each rate. The best is \
+             seed {} (of an end-to-end baseline the error of all frames after the input), for each rate. The best is \
              taken for all tasks, and a rate at which the training failed is the worst; a model whose search has not \
              finished is trained at its recipe's rate.\n\n| model | key | {} | taken |\n|---|---|{}---|",
             self.list.search.task,
@@ -163,15 +164,15 @@ impl Report<'_> {
     }
 
     fn task(&self, page: &mut String, task: &Task, out: &Path) -> Result<()> {
-        let of_task = |row: &&Row| row.task == task.name && row.training_clips == self.clips;
-        let rows: Vec<Row> = self.rows.iter().filter(of_task).cloned().collect();
+        let of_task = |row: &&BaselineRow| row.task == task.name && row.training_clips == self.clips;
+        let rows: Vec<BaselineRow> = self.rows.iter().filter(of_task).cloned().collect();
         let _ = writeln!(page, "\n## {}\n", task.name);
         if rows.is_empty() {
             page.push_str("Not run.\n");
             return Ok(());
         }
         self.table(page, task, &rows, |_| true);
-        let ablation = |entry: &Entry| entry.ablation || entry.name == "physics";
+        let ablation = |entry: &BaselineEntry| entry.ablation || entry.name == "physics";
         if rows.iter().any(|row| self.list.model(&row.model).is_ok_and(|entry| entry.ablation)) {
             page.push_str("\nThe ablation alone:\n\n");
             self.table(page, task, &rows, ablation);
@@ -182,8 +183,8 @@ impl Report<'_> {
         if !self.pictures {
             return Ok(());
         }
-        type Draw<'a> = &'a dyn Fn(&Path) -> Result<bool>;
-        let drawn: [(&str, &str, Draw); 5] = [
+        type DrawFigure<'a> = &'a dyn Fn(&Path) -> Result<bool>;
+        let drawn: [(&str, &str, DrawFigure); 5] = [
             ("frames", "SSIM and squared error of each predicted frame", &|path| figures.frame_scores(path)),
             ("gallery", "future frames of the first test clip", &|path| figures.gallery(path, &gallery)),
             (
@@ -193,7 +194,7 @@ impl Report<'_> {
                 &|path| figures.parameters(path),
             ),
             ("black-boxes", "L_pred of the black boxes on validation clips", &|path| figures.black_boxes(path)),
-            ("whole", "validation error of the whole other models", &|path| figures.whole_models(path)),
+            ("whole", "validation error of the end-to-end baselines", &|path| figures.end_to_end(path)),
         ];
         for (name, caption, draw) in drawn {
             let file = format!("{}-{name}.png", task.name);
@@ -205,7 +206,7 @@ impl Report<'_> {
     }
 
     /// A line for each of these models.
-    fn table(&self, page: &mut String, task: &Task, rows: &[Row], shown: impl Fn(&Entry) -> bool) {
+    fn table(&self, page: &mut String, task: &Task, rows: &[BaselineRow], shown: impl Fn(&BaselineEntry) -> bool) {
         let _ = writeln!(
             page,
             "| model | seeds | parameters | L_rec | L_pred | L_extrap | SSIM, end of T_pred | SSIM, last frame | SSIM < {SIMILAR} from \
@@ -213,12 +214,12 @@ impl Report<'_> {
         );
         let (input, pred) = (task.system.input_steps, task.system.pred_steps);
         for entry in self.list.models.iter().filter(|entry| shown(entry)) {
-            let of_model: Vec<&Row> = rows.iter().filter(|row| row.model == entry.name).collect();
+            let of_model: Vec<&BaselineRow> = rows.iter().filter(|row| row.model == entry.name).collect();
             if of_model.is_empty() {
                 let _ = writeln!(page, "| {} | 0 | | | | | | | | | |", entry.label);
                 continue;
             }
-            let spread = |digits: usize, number: &dyn Fn(&Row) -> Option<f64>| {
+            let spread = |digits: usize, number: &dyn Fn(&BaselineRow) -> Option<f64>| {
                 Spread::of(of_model.iter().filter_map(|row| number(row)))
                     .map_or("-".into(), |spread| spread.text(|value| format!("{value:.digits$}")))
             };
@@ -263,9 +264,11 @@ impl Report<'_> {
         counts.dedup();
         for name in &efficiency.models {
             for &clips in &counts {
-                let of = |row: &&Row| row.model == *name && row.task == efficiency.task && row.training_clips == clips;
-                let rows: Vec<&Row> = self.rows.iter().filter(of).collect();
-                let spread = |number: &dyn Fn(&Row) -> Option<f64>| {
+                let of = |row: &&BaselineRow| {
+                    row.model == *name && row.task == efficiency.task && row.training_clips == clips
+                };
+                let rows: Vec<&BaselineRow> = self.rows.iter().filter(of).collect();
+                let spread = |number: &dyn Fn(&BaselineRow) -> Option<f64>| {
                     Spread::of(rows.iter().filter_map(|row| number(row)))
                         .map_or("not run".into(), |spread| spread.text(|value| format!("{value:.2}")))
                 };
@@ -284,7 +287,7 @@ impl Report<'_> {
 }
 
 /// Each parameter that was learned, with its error.
-fn parameters(rows: &[&Row]) -> String {
+fn parameters(rows: &[&BaselineRow]) -> String {
     let names: BTreeSet<&String> = rows.iter().flat_map(|row| row.parameters.keys()).collect();
     let of_name = |name: &String| {
         let known = || rows.iter().filter_map(|row| row.parameters.get(name));

@@ -7,9 +7,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 
-use super::list::{Comparison, DatasetClips, Entry, OBJECTS};
-use super::whole_models::config::WholeConfig;
-use crate::sweep::{Job, SweepPlan};
+use super::end_to_end::config::EndToEndConfig;
+use super::list::{BaselineEntry, Comparison, DatasetClips, OBJECTS};
+use crate::sweep::{SweepJob, SweepPlan};
 use paig::datasets::settings::Counts;
 use paig::generators::DatasetJob;
 use paig::generators::source_images::SourceImages;
@@ -25,7 +25,7 @@ const DATA_SEED: u64 = 0;
 
 /// Where everything lies.
 #[derive(Debug, Clone)]
-pub struct Places {
+pub struct BaselineFolders {
     pub data: PathBuf,
     pub runs: PathBuf,
     /// Threads of each run.
@@ -37,18 +37,18 @@ pub struct Places {
 /// One training of a model: on which task, from how many clips, with which seed and rate.
 #[derive(Debug, Clone)]
 pub struct Training<'a> {
-    pub entry: &'a Entry,
+    pub entry: &'a BaselineEntry,
     pub task: String,
     /// Training clips.
     pub clips: usize,
     pub seed: u64,
-    /// Other than the recipe's, or the whole model's.
+    /// Other than the recipe's, or the end-to-end baseline's.
     pub rate: Option<f64>,
     /// One of the search, and not of the comparison.
     pub searched: bool,
 }
 
-impl Places {
+impl BaselineFolders {
     /// The datasets of so many training clips.
     fn data_of(&self, clips: usize) -> PathBuf {
         self.data.join(format!("clips={clips}"))
@@ -88,7 +88,7 @@ impl Places {
     ///
     /// # Errors
     /// An unknown task or recipe.
-    pub fn objects(&self, list: &Comparison, training: &Training) -> Result<Option<Job>> {
+    pub fn objects(&self, list: &Comparison, training: &Training) -> Result<Option<SweepJob>> {
         if training.entry.own_objects || training.entry.whole.is_some() {
             return Ok(None);
         }
@@ -101,7 +101,7 @@ impl Places {
     ///
     /// # Errors
     /// An unknown task, recipe or key.
-    pub fn job(&self, list: &Comparison, training: &Training) -> Result<Job> {
+    pub fn job(&self, list: &Comparison, training: &Training) -> Result<SweepJob> {
         let Training { entry, task, clips, seed, rate, .. } = training;
         let mut set = entry.set.clone();
         if let Some(objects) = self.objects(list, training)? {
@@ -114,15 +114,15 @@ impl Places {
         plan.jobs()?.pop().context("a plan of one run has one")
     }
 
-    /// What a whole other model is trained by.
+    /// What an end-to-end baseline is trained by.
     ///
     /// # Errors
     /// A model that is none.
-    pub fn whole(&self, list: &Comparison, training: &Training) -> Result<WholeConfig> {
+    pub fn whole(&self, list: &Comparison, training: &Training) -> Result<EndToEndConfig> {
         let Training { entry, task, clips, seed, rate, searched } = training;
         let rate = rate.or(entry.learning_rate);
-        Ok(WholeConfig {
-            model: entry.whole.with_context(|| format!("model {} is no whole other model", entry.name))?,
+        Ok(EndToEndConfig {
+            model: entry.whole.with_context(|| format!("model {} is no end-to-end baseline", entry.name))?,
             task: task.clone(),
             data: self.data_of(*clips),
             seed: *seed,
@@ -149,7 +149,7 @@ impl Places {
 
 impl Training<'_> {
     fn folder_name(&self) -> String {
-        let Entry { name, .. } = self.entry;
+        let BaselineEntry { name, .. } = self.entry;
         match self.rate {
             Some(rate) => format!("{name}-rate-{rate:e}"),
             None => name.clone(),
@@ -158,9 +158,9 @@ impl Training<'_> {
 }
 
 /// The trainings of the search, for each model with a rate to search.
-pub fn search<'a>(list: &'a Comparison, models: &[&'a Entry], clips: usize) -> Vec<Training<'a>> {
+pub fn search<'a>(list: &'a Comparison, models: &[&'a BaselineEntry], clips: usize) -> Vec<Training<'a>> {
     let searched = models.iter().filter(|entry| entry.rate.is_some());
-    let of_model = |entry: &&'a Entry| {
+    let of_model = |entry: &&'a BaselineEntry| {
         let entry = *entry;
         list.rates(entry).iter().map(move |rate| Training {
             entry,

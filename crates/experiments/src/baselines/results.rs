@@ -7,16 +7,16 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use tch::Device;
 
-use super::list::{Comparison, Entry, Search};
-use super::plan::{self, Places, Training};
-use super::whole_models::scores::WholeScores;
+use super::end_to_end::scores::EndToEndScores;
+use super::list::{BaselineEntry, Comparison, RateSearch};
+use super::plan::{self, BaselineFolders, Training};
 use crate::sweep;
 use paig::network::dynamics::DynamicsKind;
 use paig::network::physics_models::{PhysicsNet, VariableGroup};
 use paig::runs::course::Course;
-use paig::runs::metrics::Kind;
+use paig::runs::metrics::RecordKind;
 use paig::runs::names::CONFIG;
-use paig::runs::run::Run;
+use paig::runs::run::StoredRun;
 use paig::runs::scores::{PredictedFrame, Scores};
 use paig::runs::summary::LearnedParameter;
 use paig::training::config::Config;
@@ -28,12 +28,12 @@ pub(super) const FRAMES: &str = "frames";
 
 /// A finished training of the comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Row {
+pub struct BaselineRow {
     pub task: String,
     pub model: String,
     pub seed: u64,
     /// All of the model's weights, and those that carry it from frame to frame: dynamics, or velocity estimator and
-    /// physics; none of a whole other model.
+    /// physics; none of an end-to-end baseline.
     pub weights: usize,
     pub dynamics_weights: Option<usize>,
     /// None of a model that does not reconstruct.
@@ -52,14 +52,14 @@ pub struct Row {
     pub searched_rate: Option<f64>,
     pub parameters: BTreeMap<String, LearnedParameter>,
     /// Steps and values of what changed in the training, some 60 at most: each physical parameter by its name; of a black box
-    /// L_pred of the validations, of a whole other model their error, as `pred_loss`.
+    /// L_pred of the validations, of an end-to-end baseline their error, as `pred_loss`.
     pub courses: BTreeMap<String, Vec<(f64, f64)>>,
     /// Where its predicted frames are.
     #[serde(skip)]
     pub frames: Option<PredictedFrames>,
 }
 
-/// The course of a black box's or a whole other model's error.
+/// The course of a black box's or an end-to-end baseline's error.
 pub(super) const VALIDATION_ERROR: &str = "pred_loss";
 /// Points of a course that are kept, at most.
 const POINTS: usize = 60;
@@ -73,18 +73,18 @@ pub enum PredictedFrames {
     Report(PathBuf),
 }
 
-impl Row {
+impl BaselineRow {
     /// Of a training; none if it has not finished.
     ///
     /// # Errors
     /// A damaged run folder.
-    pub fn read(places: &Places, list: &Comparison, training: &Training) -> Result<Option<Row>> {
+    pub fn read(places: &BaselineFolders, list: &Comparison, training: &Training) -> Result<Option<BaselineRow>> {
         let folder = places.folder(list, training)?;
         let row = if training.entry.whole.is_some() { of_whole(training, &folder) } else { of_run(training, &folder) };
         row.with_context(|| format!("run {}", folder.display()))
     }
 
-    /// Whether it is of this training, at the same rate, and of a whole other model of as many steps.
+    /// Whether it is of this training, at the same rate, and of an end-to-end baseline of as many steps.
     pub fn is_of(&self, list: &Comparison, training: &Training) -> bool {
         let Training { entry, task, clips, seed, rate, .. } = training;
         let what = (&self.model, &self.task, self.training_clips, self.seed, self.searched_rate);
@@ -111,9 +111,9 @@ impl Row {
     }
 }
 
-fn row(training: &Training, folder: &Path, weights: usize, scores: &Scores) -> Row {
+fn row(training: &Training, folder: &Path, weights: usize, scores: &Scores) -> BaselineRow {
     let of_frames = |score: fn(&PredictedFrame) -> f64| scores.predicted_frames.iter().map(score).collect();
-    Row {
+    BaselineRow {
         task: training.task.clone(),
         model: training.entry.name.clone(),
         seed: training.seed,
@@ -141,12 +141,12 @@ fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     (0..kept).map(|place| points[place * last / (kept - 1).max(1)]).collect()
 }
 
-fn of_run(training: &Training, folder: &Path) -> Result<Option<Row>> {
+fn of_run(training: &Training, folder: &Path) -> Result<Option<BaselineRow>> {
     // What was stopped while its data were read has printed something, and no more.
     if !folder.join(CONFIG).exists() {
         return Ok(None);
     }
-    let Some(summary) = Run::read(folder)?.summary else { return Ok(None) };
+    let Some(summary) = StoredRun::read(folder)?.summary else { return Ok(None) };
     let config = Config::read(&folder.join(CONFIG))?;
     let model = PhysicsNet::new(&config.task.system, &config.model, Device::Cpu, config.seed)?;
     let count = |counts: &dyn Fn(VariableGroup) -> bool| -> usize {
@@ -157,11 +157,11 @@ fn of_run(training: &Training, folder: &Path) -> Result<Option<Row>> {
     let mut courses: BTreeMap<String, Vec<(f64, f64)>> =
         summary.parameters.keys().map(|name| (name.clone(), thinned(&course.points(None, name)))).collect();
     if config.model.dynamics != DynamicsKind::Physics {
-        let errors = course.points(Some(Kind::Valid), VALIDATION_ERROR);
+        let errors = course.points(Some(RecordKind::Valid), VALIDATION_ERROR);
         courses.insert(VALIDATION_ERROR.into(), thinned(&errors));
     }
     let carries = |group| !matches!(group, VariableGroup::Encoder | VariableGroup::Decoder);
-    Ok(Some(Row {
+    Ok(Some(BaselineRow {
         dynamics_weights: Some(count(&carries)),
         steps: summary.steps,
         seconds: summary.wall_seconds,
@@ -171,10 +171,10 @@ fn of_run(training: &Training, folder: &Path) -> Result<Option<Row>> {
     }))
 }
 
-fn of_whole(training: &Training, folder: &Path) -> Result<Option<Row>> {
-    let Some(whole) = WholeScores::read(folder)? else { return Ok(None) };
-    let errors = Course::read(folder)?.points(Some(Kind::Valid), VALIDATION_ERROR);
-    Ok(Some(Row {
+fn of_whole(training: &Training, folder: &Path) -> Result<Option<BaselineRow>> {
+    let Some(whole) = EndToEndScores::read(folder)? else { return Ok(None) };
+    let errors = Course::read(folder)?.points(Some(RecordKind::Valid), VALIDATION_ERROR);
+    Ok(Some(BaselineRow {
         steps: whole.config.steps,
         seconds: whole.seconds,
         courses: [(VALIDATION_ERROR.into(), thinned(&errors))].into(),
@@ -188,15 +188,15 @@ pub struct SearchedOn {
     task: String,
     seed: u64,
     training_clips: usize,
-    /// Of a whole other model.
+    /// Of an end-to-end baseline.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     steps: Option<u64>,
 }
 
 impl SearchedOn {
     /// As a list has it for a model, on so many training clips.
-    pub fn new(list: &Comparison, entry: &Entry, clips: usize) -> Self {
-        let Search { task, seed, whole_steps, .. } = &list.search;
+    pub fn new(list: &Comparison, entry: &BaselineEntry, clips: usize) -> Self {
+        let RateSearch { task, seed, whole_steps, .. } = &list.search;
         let steps = entry.whole.map(|_| *whole_steps);
         SearchedOn { task: task.clone(), seed: *seed, training_clips: clips, steps }
     }
@@ -251,10 +251,10 @@ impl Searched {
 ///
 /// # Errors
 /// A damaged run folder.
-pub fn searched(places: &Places, list: &Comparison, clips: usize) -> Result<Vec<Searched>> {
-    let models: Vec<&Entry> = list.models.iter().collect();
+pub fn searched(places: &BaselineFolders, list: &Comparison, clips: usize) -> Result<Vec<Searched>> {
+    let models: Vec<&BaselineEntry> = list.models.iter().collect();
     let trainings = plan::search(list, &models, clips);
-    let of_model = |entry: &&Entry| -> Option<Result<Searched>> {
+    let of_model = |entry: &&BaselineEntry| -> Option<Result<Searched>> {
         let key = entry.rate.clone()?;
         let of_rates = || -> Result<Searched> {
             let (mut rates, mut failed) = (Vec::new(), Vec::new());
@@ -271,20 +271,20 @@ pub fn searched(places: &Places, list: &Comparison, clips: usize) -> Result<Vec<
 }
 
 /// L_pred on validation clips of the weights that a finished training ended with.
-fn validated(places: &Places, list: &Comparison, training: &Training) -> Result<Option<f64>> {
+fn validated(places: &BaselineFolders, list: &Comparison, training: &Training) -> Result<Option<f64>> {
     let folder = places.folder(list, training)?;
-    if Row::read(places, list, training)?.is_none() {
+    if BaselineRow::read(places, list, training)?.is_none() {
         return Ok(None);
     }
     let last = |course: Course| course.last_validation(VALIDATION_ERROR);
     if training.entry.whole.is_some() {
-        return match WholeScores::read(&folder)?.and_then(|whole| whole.best) {
+        return match EndToEndScores::read(&folder)?.and_then(|whole| whole.best) {
             Some(best) => Ok(Some(best.error)),
             // A run of before was scored with its last weights.
             None => Ok(last(Course::read(&folder)?)),
         };
     }
-    Ok(Run::read(&folder)?.course_of_its_weights().and_then(last))
+    Ok(StoredRun::read(&folder)?.course_of_its_weights().and_then(last))
 }
 
 #[cfg(test)]
@@ -303,7 +303,7 @@ mod tests {
     fn a_run_that_only_printed_something_has_no_row_yet() {
         let folder = tempfile::tempdir().unwrap();
         let (list, place) = (list(), folder.path().to_path_buf());
-        let places = Places { data: place.join("data"), runs: place, threads: 1, device: "cpu".into() };
+        let places = BaselineFolders { data: place.join("data"), runs: place, threads: 1, device: "cpu".into() };
         for name in ["physics", "video_lstm"] {
             let entry = list.model(name).unwrap();
             let rate = entry.rate.as_ref().map(|_| 1e-3);
@@ -311,7 +311,7 @@ mod tests {
             let run = places.folder(&list, &training).unwrap();
             fs::create_dir_all(&run).unwrap();
             fs::write(run.join(sweep::OUTPUT), "reads its data\n").unwrap();
-            assert_eq!(Row::read(&places, &list, &training).unwrap(), None, "{name}");
+            assert_eq!(BaselineRow::read(&places, &list, &training).unwrap(), None, "{name}");
         }
     }
 

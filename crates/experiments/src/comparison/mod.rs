@@ -1,6 +1,6 @@
 //! The paper's comparison, from its list to its report.
 
-pub mod whole_run;
+pub mod end_to_end_run;
 
 use std::collections::BTreeSet;
 use std::panic::resume_unwind;
@@ -16,13 +16,13 @@ use paig::runs::metrics::Record;
 use paig::support::device;
 use tch::Device;
 
-use self::whole_run::WholeRun;
+use self::end_to_end_run::EndToEndRun;
 use crate::baselines::earlier::Earlier;
-use crate::baselines::list::{Comparison, Entry};
+use crate::baselines::list::{BaselineEntry, Comparison};
 use crate::baselines::page::Report;
-use crate::baselines::plan::{self, Places, Training};
-use crate::baselines::results::{Row, Searched, searched};
-use crate::sweep::{self, Job, SweepEvent};
+use crate::baselines::plan::{self, BaselineFolders, Training};
+use crate::baselines::results::{BaselineRow, Searched, searched};
+use crate::sweep::{self, SweepEvent, SweepJob};
 
 /// What happens in a comparison.
 #[derive(Debug)]
@@ -41,14 +41,14 @@ pub enum ComparisonEvent<'a> {
 
 /// Who watches a comparison, from whatever thread, and stops it.
 #[derive(Clone, Copy)]
-pub struct Watch<'a> {
+pub struct ComparisonWatch<'a> {
     pub observe: &'a (dyn Fn(ComparisonEvent) + Sync),
     pub stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 /// How a comparison ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
+pub enum ComparisonEnd {
     Finished,
     /// A training failed; the others are finished.
     Failed,
@@ -61,7 +61,7 @@ pub struct Comparing {
     /// The program that trains.
     pub program: PathBuf,
     pub list: Comparison,
-    pub places: Places,
+    pub places: BaselineFolders,
     pub earlier: Earlier,
     /// Training clips of each dataset.
     pub clips: usize,
@@ -78,9 +78,10 @@ impl Comparing {
     ///
     /// # Errors
     /// A name that is not in the list.
-    pub fn models(&self, names: &[String]) -> Result<Vec<&Entry>> {
+    pub fn models(&self, names: &[String]) -> Result<Vec<&BaselineEntry>> {
         let chosen = names.iter().map(|name| self.list.model(name)).collect::<Result<Vec<_>>>()?;
-        let is_chosen = |entry: &&Entry| names.is_empty() || chosen.iter().any(|chosen| chosen.name == entry.name);
+        let is_chosen =
+            |entry: &&BaselineEntry| names.is_empty() || chosen.iter().any(|chosen| chosen.name == entry.name);
         Ok(self.list.models.iter().filter(is_chosen).collect())
     }
 
@@ -96,7 +97,7 @@ impl Comparing {
         Ok(known.iter().filter(|task| names.is_empty() || names.contains(task)).cloned().collect())
     }
 
-    fn stop(&self, watch: Watch) -> bool {
+    fn stop(&self, watch: ComparisonWatch) -> bool {
         (watch.stop)() || self.budget.is_some_and(|budget| self.began.elapsed() > budget)
     }
 
@@ -106,13 +107,13 @@ impl Comparing {
     /// Data or programs that are missing. A training that fails is an event, and the others go on.
     pub fn train_all(
         &self,
-        models: &[&Entry],
+        models: &[&BaselineEntry],
         tasks: &[String],
         seeds: &[u64],
         search: bool,
         efficiency: bool,
-        watch: Watch,
-    ) -> Result<Ended, Error> {
+        watch: ComparisonWatch,
+    ) -> Result<ComparisonEnd, Error> {
         let mut failed = false;
         if search {
             let mut trainings = plan::search(&self.list, models, self.clips);
@@ -122,7 +123,7 @@ impl Comparing {
         let mut trainings = self.trainings(models, tasks, seeds, self.clips)?;
         if efficiency {
             let efficiency = &self.list.efficiency;
-            let models: Vec<&Entry> =
+            let models: Vec<&BaselineEntry> =
                 models.iter().copied().filter(|entry| efficiency.models.contains(&entry.name)).collect();
             for &clips in &efficiency.train {
                 trainings.extend(self.trainings(&models, std::slice::from_ref(&efficiency.task), seeds, clips)?);
@@ -131,9 +132,9 @@ impl Comparing {
         trainings.retain(|training| self.earlier.row(&self.list, training).is_none());
         failed |= self.train(&trainings, watch)?;
         Ok(match (self.stop(watch), failed) {
-            (true, _) => Ended::Stopped,
-            (false, true) => Ended::Failed,
-            (false, false) => Ended::Finished,
+            (true, _) => ComparisonEnd::Stopped,
+            (false, true) => ComparisonEnd::Failed,
+            (false, false) => ComparisonEnd::Finished,
         })
     }
 
@@ -146,13 +147,13 @@ impl Comparing {
     /// The trainings on so many clips, with the rates that the search has found.
     fn trainings<'a>(
         &self,
-        models: &[&'a Entry],
+        models: &[&'a BaselineEntry],
         tasks: &[String],
         seeds: &[u64],
         clips: usize,
     ) -> Result<Vec<Training<'a>>> {
         let found = self.searched()?;
-        let rate = |entry: &Entry| found.iter().find(|search| search.model == entry.name)?.chosen;
+        let rate = |entry: &BaselineEntry| found.iter().find(|search| search.model == entry.name)?.chosen;
         let mut trainings = Vec::new();
         for task in tasks {
             for &seed in seeds {
@@ -170,8 +171,8 @@ impl Comparing {
     }
 
     /// Makes the data, finds the objects, trains. Whether anything failed.
-    fn train(&self, trainings: &[Training], watch: Watch) -> Result<bool> {
-        let (mut objects, mut made): (Vec<Job>, _) = (Vec::new(), BTreeSet::new());
+    fn train(&self, trainings: &[Training], watch: ComparisonWatch) -> Result<bool> {
+        let (mut objects, mut made): (Vec<SweepJob>, _) = (Vec::new(), BTreeSet::new());
         for training in trainings {
             if made.insert((&training.task, training.clips)) {
                 let dataset = self.places.dataset(&training.task, self.list.clips, training.clips)?;
@@ -189,8 +190,8 @@ impl Comparing {
         Ok(failed)
     }
 
-    /// Trains whole other models, so many at a time. Whether one failed, which stops no other one.
-    fn train_whole(&self, trainings: &[&Training], watch: Watch) -> Result<bool> {
+    /// Trains end-to-end baselines, so many at a time. Whether one failed, which stops no other one.
+    fn train_whole(&self, trainings: &[&Training], watch: ComparisonWatch) -> Result<bool> {
         if trainings.is_empty() {
             return Ok(false);
         }
@@ -204,7 +205,7 @@ impl Comparing {
                     (self.places.whole(&self.list, training)?, self.places.folder(&self.list, training)?);
                 sweep::forget_failure(&folder)?;
                 let observe = &mut |record: &Record| (watch.observe)(ComparisonEvent::Validated(&folder, record));
-                let run = WholeRun::prepare(&config, self.device);
+                let run = EndToEndRun::prepare(&config, self.device);
                 if let Err(error) = run.and_then(|run| run.train(&folder, &|| self.stop(watch), observe)) {
                     let error = anyhow::Error::from(error);
                     (watch.observe)(ComparisonEvent::Failed(&folder, &error));
@@ -224,7 +225,7 @@ impl Comparing {
         Ok(failed.into_inner())
     }
 
-    fn sweep(&self, jobs: &[Job], watch: Watch) -> Result<bool> {
+    fn sweep(&self, jobs: &[SweepJob], watch: ComparisonWatch) -> Result<bool> {
         if jobs.is_empty() || self.stop(watch) {
             return Ok(false);
         }
@@ -256,7 +257,7 @@ impl Comparing {
         }
         let mut rows = Vec::new();
         for training in &trainings {
-            let here = Row::read(&self.places, &self.list, training)?;
+            let here = BaselineRow::read(&self.places, &self.list, training)?;
             rows.extend(here.or_else(|| self.earlier.row(&self.list, training).cloned()));
         }
         ensure!(!rows.is_empty(), "{} holds no finished training of the comparison", self.places.runs.display());

@@ -7,10 +7,10 @@ use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
 use super::environment::Environment;
-use super::eyes::{Eyes, Sight};
+use super::eyes::{Eyes, StateSource};
 use super::latent::LatentModel;
 use super::learned;
-use super::model::{Model, Outset};
+use super::model::{PlanStart, PlanningModel};
 use super::planner::Planner;
 use super::relearning::Relearning;
 use super::state::ControlState;
@@ -25,22 +25,22 @@ pub enum Controller<'a> {
     /// Anything within the limits, all as likely.
     Random(Box<ChaCha8Rng>),
     /// Plans from the true state; with the true equation as its model, the bound of what sight can reach.
-    TrueState { model: Box<dyn Model + 'a>, planner: Box<dyn Planner> },
+    TrueState { model: Box<dyn PlanningModel + 'a>, planner: Box<dyn Planner> },
     /// Plans from what is seen.
-    Seeing(Box<Seeing<'a>>),
+    Seeing(Box<VisionController<'a>>),
     /// Plans in a latent model of what is seen.
     Latent { model: Box<LatentModel>, planner: Box<dyn Planner> },
 }
 
 /// A planner that sees.
-pub struct Seeing<'a> {
+pub struct VisionController<'a> {
     eyes: Eyes<'a>,
-    model: Box<dyn Model + 'a>,
+    model: Box<dyn PlanningModel + 'a>,
     planner: Box<dyn Planner>,
     relearning: Option<Relearning>,
-    /// The model's parameters, raw, as they are when an episode begins; and from how many frames they have been learned
+    /// Unconstrained parameters of the model as they are when an episode begins; and from how many frames they have been learned
     /// again since.
-    raw: Vec<f64>,
+    unconstrained: Vec<f64>,
     relearned: usize,
     /// The last number of frames among which some showed nothing.
     unseen: usize,
@@ -85,10 +85,18 @@ impl<'a> Controller<'a> {
     }
 
     /// Plans from what is seen, on another model.
-    pub fn seeing_with(vision: Vision<'a>, model: Box<dyn Model + 'a>, planner: Box<dyn Planner>) -> Self {
-        let raw = raw_parameters(vision.model);
+    pub fn seeing_with(vision: Vision<'a>, model: Box<dyn PlanningModel + 'a>, planner: Box<dyn Planner>) -> Self {
+        let unconstrained = unconstrained_parameters(vision.model);
         let eyes = Eyes::new(vision);
-        Controller::Seeing(Box::new(Seeing { eyes, model, planner, relearning: None, raw, relearned: 0, unseen: 0 }))
+        Controller::Seeing(Box::new(VisionController {
+            eyes,
+            model,
+            planner,
+            relearning: None,
+            unconstrained,
+            relearned: 0,
+            unseen: 0,
+        }))
     }
 
     /// The same, which learns parameters again in each episode; those of no other controller.
@@ -131,10 +139,10 @@ impl<'a> Controller<'a> {
         }
     }
 
-    /// The parameters of its model as they are now, raw; none where none can be learned again.
+    /// Unconstrained parameters of its model as they are now; none where none can be learned again.
     pub fn parameters(&self) -> Vec<f64> {
         match self {
-            Controller::Seeing(seeing) => raw_parameters(seeing.eyes.vision.model),
+            Controller::Seeing(seeing) => unconstrained_parameters(seeing.eyes.vision.model),
             _ => Vec::new(),
         }
     }
@@ -175,32 +183,32 @@ impl<'a> Controller<'a> {
             }
             Controller::TrueState { model, planner } => {
                 let state = environment.true_state();
-                let planned = planner.plan(model.as_mut(), Outset { state: &state, step, reward: &rules.reward });
+                let planned = planner.plan(model.as_mut(), PlanStart { state: &state, step, reward: &rules.reward });
                 acted(planned, Some(state), None)
             }
             Controller::Seeing(seeing) => {
                 let relearned = seeing.relearn(frames, actions);
                 let (state, note) = match seeing.eyes.look(frames, actions, seeing.model.as_mut()) {
-                    Sight::Seen(state) => (state, relearned),
-                    Sight::Foretold(state, ago) => (state, Some(format!("not seen for {ago} steps: foretold"))),
-                    Sight::Lost => return Decision::Lost,
+                    StateSource::Seen(state) => (state, relearned),
+                    StateSource::Foretold(state, ago) => (state, Some(format!("not seen for {ago} steps: foretold"))),
+                    StateSource::Lost => return Decision::Lost,
                 };
-                let outset = Outset { state: &state, step, reward: &rules.reward };
+                let outset = PlanStart { state: &state, step, reward: &rules.reward };
                 let planned = seeing.planner.plan(seeing.model.as_mut(), outset);
                 acted(planned, Some(state), note)
             }
             Controller::Latent { model, planner } => {
                 model.see(frames, actions);
                 let nowhere = ControlState::new(Vec::new(), Vec::new());
-                let outset = Outset { state: &nowhere, step, reward: &rules.reward };
+                let outset = PlanStart { state: &nowhere, step, reward: &rules.reward };
                 acted(planner.plan(model.as_mut(), outset), None, None)
             }
         }
     }
 }
 
-fn raw_parameters(model: &PhysicsNet) -> Vec<f64> {
-    model.parameters.iter().map(|parameter| parameter.raw.double_value(&[])).collect()
+fn unconstrained_parameters(model: &PhysicsNet) -> Vec<f64> {
+    model.parameters.iter().map(|parameter| parameter.unconstrained.double_value(&[])).collect()
 }
 
 fn acted(planned: Option<f64>, from: Option<ControlState>, note: Option<String>) -> Decision {
@@ -210,26 +218,30 @@ fn acted(planned: Option<f64>, from: Option<ControlState>, note: Option<String>)
     }
 }
 
-impl Seeing<'_> {
+impl VisionController<'_> {
     fn begin(&mut self, seed: u64) {
         self.planner.begin(seed);
         self.eyes.begin();
         if self.relearned > 0 {
-            self.set(&self.raw.clone());
+            self.set(&self.unconstrained.clone());
         }
         (self.relearned, self.unseen) = (0, 0);
     }
 
-    /// Sets the parameters, raw.
-    fn set(&mut self, raw: &[f64]) {
+    /// Sets the unconstrained parameters.
+    fn set(&mut self, unconstrained: &[f64]) {
         let model = self.eyes.vision.model;
-        model.parameters.iter().zip(raw).for_each(|(parameter, raw)| model.set_raw(parameter, *raw));
+        model
+            .parameters
+            .iter()
+            .zip(unconstrained)
+            .for_each(|(parameter, unconstrained)| model.set_unconstrained(parameter, *unconstrained));
         self.rebuild();
     }
 
     /// See [`Controller::foretell`]. The parameters are the same afterwards.
     fn foretell(&mut self, parameters: &[f64], from: &ControlState, actions: &[f32]) -> Vec<ControlState> {
-        let now = raw_parameters(self.eyes.vision.model);
+        let now = unconstrained_parameters(self.eyes.vision.model);
         // A model that is not the learned one never has others.
         let others = self.relearned > 0 && parameters != now;
         if others {
@@ -274,7 +286,7 @@ mod tests {
     use crate::control::environment::Rules;
     use crate::control::pendulum::{FORMAT, PendulumEnvironment, PendulumSettings};
     use crate::control::planner::SearchSettings;
-    use crate::control::reward::Goal;
+    use crate::control::reward::GoalPath;
     use paig::network::physics_models::ModelOptions;
     use paig::tasks;
 
@@ -295,7 +307,7 @@ mod tests {
     fn what_a_missing_frame_holds_back_is_learned_at_the_next_decision() {
         let net = untrained();
         let mut controller = relearning(&net);
-        let rules = Rules::pendulum(Goal::angle(0.0));
+        let rules = Rules::pendulum(GoalPath::angle(0.0));
         let mut world = PendulumEnvironment::new(PendulumSettings::default(), rules).unwrap();
         world.reset(2);
         let mut frames = Vec::new();
@@ -321,7 +333,7 @@ mod tests {
         let foretold = controller.foretell(&early, &from, &actions);
         let Controller::Seeing(seeing) = &mut controller else { unreachable!("it sees") };
         // As if they had been learned again.
-        seeing.set(&early.iter().map(|raw| raw + 0.5).collect::<Vec<_>>());
+        seeing.set(&early.iter().map(|unconstrained| unconstrained + 0.5).collect::<Vec<_>>());
         seeing.relearned = 7;
         let late = controller.parameters();
         assert_ne!(controller.foretell(&late, &from, &actions), foretold);

@@ -1,6 +1,6 @@
 //! The cross-entropy method: plans are drawn, and the next ones are drawn as the best of them were spread.
 
-use super::model::{Model, Outset};
+use super::model::{PlanStart, PlanningModel};
 use super::planner::{Planner, Search, SearchSettings};
 
 /// Of the plans tried, those that the next draw's mean and spread are measured in: 100 of 1000.
@@ -37,7 +37,7 @@ impl Planner for CrossEntropy {
         self.search.begin(seed);
     }
 
-    fn plan(&mut self, model: &mut dyn Model, outset: Outset) -> Option<f64> {
+    fn plan(&mut self, model: &mut dyn PlanningModel, outset: PlanStart) -> Option<f64> {
         // Wide again: what is left of the last plan is only where the search begins.
         let widest = self.search.settings.largest as f32;
         self.search.spread.fill(widest);

@@ -42,7 +42,7 @@ pub struct Planned {
     pub from: ControlState,
     /// The actions of its decisions.
     pub actions: Vec<f32>,
-    /// The model's parameters then, raw: others may be learned later in the episode. Empty of a model that learns none.
+    /// Unconstrained parameters of the model then: others may be learned later in the episode. Empty of a model that learns none.
     pub parameters: Vec<f64>,
 }
 

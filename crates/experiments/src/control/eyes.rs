@@ -3,16 +3,16 @@
 use anyhow::Result;
 use tch::Tensor;
 
-use super::model::Model;
+use super::model::PlanningModel;
 use super::state::ControlState;
-use super::vision::{Places, Vision};
+use super::vision::{ObservedPositions, Vision};
 
 /// Frames in a row without a sight of the objects after which nothing is foretold any more.
 const MOST_BLIND: usize = 10;
 
 /// Where the state of a moment comes from.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Sight {
+pub enum StateSource {
     Seen(ControlState),
     /// Not seen: foretold from the last sight, so many steps ago.
     Foretold(ControlState, usize),
@@ -24,7 +24,7 @@ pub enum Sight {
 pub struct Eyes<'a> {
     pub vision: Vision<'a>,
     /// Of each frame: where the objects were seen, or foretold to be; none where neither is known.
-    places: Vec<Option<Places>>,
+    places: Vec<Option<ObservedPositions>>,
     /// Whether they were seen in it.
     seen: Vec<bool>,
     /// The last state that was estimated, and in which frame.
@@ -45,23 +45,23 @@ impl<'a> Eyes<'a> {
 
     /// The state at the last of all frames of the episode so far, after these actions between them. Only frames that are
     /// new are looked at; `model` foretells what they do not show.
-    pub fn look(&mut self, frames: &[Option<Tensor>], actions: &[f64], model: &mut dyn Model) -> Sight {
+    pub fn look(&mut self, frames: &[Option<Tensor>], actions: &[f64], model: &mut dyn PlanningModel) -> StateSource {
         self.see(frames);
-        let Some(now) = self.places.len().checked_sub(1) else { return Sight::Lost };
+        let Some(now) = self.places.len().checked_sub(1) else { return StateSource::Lost };
         let foretold = self.foretell(now, actions, model).unwrap_or_default();
         let window = self.window(now);
         let places: Vec<_> = self.places[window.clone()].iter().flatten().collect();
         let acted = || &actions[window.start..now];
         let sight = if self.seen[now] {
-            self.vision.state(&places, acted()).map_or(Sight::Lost, Sight::Seen)
+            self.vision.state(&places, acted()).map_or(StateSource::Lost, StateSource::Seen)
         } else {
             // What was seen and what acted before a missing frame is known all the same.
             let remembering = |state| ControlState { before: self.vision.before(&places, acted()), ..state };
-            foretold.map(remembering).map_or(Sight::Lost, |state| Sight::Foretold(state, self.blind(now)))
+            foretold.map(remembering).map_or(StateSource::Lost, |state| StateSource::Foretold(state, self.blind(now)))
         };
         match &sight {
-            Sight::Seen(state) | Sight::Foretold(state, _) => self.last = Some((now, state.clone())),
-            Sight::Lost => {}
+            StateSource::Seen(state) | StateSource::Foretold(state, _) => self.last = Some((now, state.clone())),
+            StateSource::Lost => {}
         }
         sight
     }
@@ -81,7 +81,7 @@ impl<'a> Eyes<'a> {
 
     /// Fills what was not seen since the last estimate with what the model foretells, as far as that is not too long after the
     /// last sight; returns the state that it foretells for now, unless nothing has been seen for too long.
-    fn foretell(&mut self, now: usize, actions: &[f64], model: &mut dyn Model) -> Result<Option<ControlState>> {
+    fn foretell(&mut self, now: usize, actions: &[f64], model: &mut dyn PlanningModel) -> Result<Option<ControlState>> {
         let Some((from, state)) = self.last.as_ref().filter(|_| self.blind(now) <= MOST_BLIND) else { return Ok(None) };
         if self.seen[from + 1..].iter().all(|seen| *seen) {
             return Ok(None);
@@ -111,7 +111,8 @@ impl<'a> Eyes<'a> {
     /// Where the objects were in the first frames, `[1, frames, coordinates]` of the equation, and 1 for each coordinate that
     /// was seen, 0 for one that was foretold, `[1, frames * coordinates]`. None where neither is known of a frame.
     pub fn first(&self, frames: usize) -> Option<(Tensor, Tensor)> {
-        let places: Vec<&Places> = self.places.get(..frames)?.iter().map(Option::as_ref).collect::<Option<_>>()?;
+        let places: Vec<&ObservedPositions> =
+            self.places.get(..frames)?.iter().map(Option::as_ref).collect::<Option<_>>()?;
         let positions = self.vision.coordinates(&places);
         let coordinates = positions.size()[2] as usize;
         let seen: Vec<f64> =
@@ -135,7 +136,7 @@ mod tests {
     /// Foretells that nothing moves.
     struct Still;
 
-    impl Model for Still {
+    impl PlanningModel for Still {
         fn roll_out(&mut self, _: &ControlState, _: &Plans, _: &mut Trajectories) -> Result<()> {
             unreachable!("one sequence of actions is followed")
         }
@@ -176,7 +177,7 @@ mod tests {
         eyes.last = Some((3, seen));
         let frames: [Option<Tensor>; 5] = Default::default();
         let sight = eyes.look(&frames, &actions, learned::of_net(&net).as_mut());
-        let Sight::Foretold(state, 1) = &sight else { panic!("{sight:?}") };
+        let StateSource::Foretold(state, 1) = &sight else { panic!("{sight:?}") };
         assert_eq!(state.before.iter().map(|moment| moment.action).collect::<Vec<_>>(), actions[1..]);
         for (moment, angle) in state.before.iter().zip(&angles[1..]) {
             // Places are pixels in float32, and angles of them.

@@ -30,19 +30,19 @@ impl Faults {
 }
 
 /// Another environment, seen through a faulty camera.
-pub struct Faulty {
+pub struct FaultyCamera {
     world: Box<dyn Environment>,
     faults: Faults,
     random: ChaCha8Rng,
 }
 
-impl Faulty {
+impl FaultyCamera {
     pub fn new(world: Box<dyn Environment>, faults: Faults) -> Self {
-        Faulty { world, faults, random: named_generator(0, "camera's faults") }
+        FaultyCamera { world, faults, random: named_generator(0, "camera's faults") }
     }
 }
 
-impl Environment for Faulty {
+impl Environment for FaultyCamera {
     fn reset(&mut self, seed: u64) {
         self.random = named_generator(seed, "camera's faults");
         self.world.reset(seed);

@@ -11,7 +11,7 @@ use tch::Tensor;
 use super::controller::Controller;
 use super::environment::{Environment, Rules};
 use super::episode::{Episode, Planned};
-use super::results::Row;
+use super::results::PlannerRow;
 use super::reward::Reward;
 use super::state::{ControlState, wrapped};
 use paig::network::cells::Coordinates;
@@ -32,16 +32,16 @@ const AHEAD: usize = 8;
 
 /// True positions and actions of an episode.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Course {
+pub struct EpisodeCourse {
     /// The first coordinate, one more than steps.
     pub positions: Vec<f64>,
     pub actions: Vec<f64>,
 }
 
-impl Course {
+impl EpisodeCourse {
     pub fn of(episode: &Episode) -> Self {
         let positions = episode.states.iter().map(|state| state.positions[0]).collect();
-        Course { positions, actions: episode.actions.clone() }
+        EpisodeCourse { positions, actions: episode.actions.clone() }
     }
 }
 
@@ -88,7 +88,7 @@ pub fn write_courses(
     path: &Path,
     coordinates: Coordinates,
     rules: &Rules,
-    courses: &[(&'static str, &Course)],
+    courses: &[(&'static str, &EpisodeCourse)],
 ) -> Result<bool> {
     let angle = coordinates == Coordinates::Angle;
     let shown = |x: f64| if angle { wrapped(x).to_degrees() } else { x };
@@ -134,8 +134,8 @@ fn unbroken(values: &[f64], shown: impl Fn(f64) -> f64, angle: bool) -> Vec<Vec<
 ///
 /// # Errors
 /// A file that cannot be written.
-pub fn write_clips(path: &Path, rows: &[Row]) -> Result<bool> {
-    let usual = |row: &&Row| {
+pub fn write_clips(path: &Path, rows: &[PlannerRow]) -> Result<bool> {
+    let usual = |row: &&PlannerRow| {
         row.clips.is_some() && row.setting.is_empty() && row.goal == Some(0.0) && row.gravity == Some(10.0)
     };
     let mut names: Vec<&str> = Vec::new();
@@ -146,13 +146,13 @@ pub fn write_clips(path: &Path, rows: &[Row]) -> Result<bool> {
     }
     let (mut lines, mut most) = (Vec::new(), 0);
     for name in names {
-        let mut of_name: Vec<&Row> = rows.iter().filter(usual).filter(|row| row.planner == name).collect();
+        let mut of_name: Vec<&PlannerRow> = rows.iter().filter(usual).filter(|row| row.planner == name).collect();
         of_name.sort_by_key(|row| row.clips);
         if of_name.windows(2).all(|pair| pair[0].clips == pair[1].clips) {
             continue;
         }
-        let at = |part: fn(&Row) -> f64| -> Vec<(f64, f64)> {
-            let share = |row: &&Row| (row.clips.unwrap_or(0) as f64, 100.0 * part(row) / row.upper_bound);
+        let at = |part: fn(&PlannerRow) -> f64| -> Vec<(f64, f64)> {
+            let share = |row: &&PlannerRow| (row.clips.unwrap_or(0) as f64, 100.0 * part(row) / row.upper_bound);
             of_name.iter().map(share).collect()
         };
         let colour = COLOURS[lines.len() / 2 % COLOURS.len()];

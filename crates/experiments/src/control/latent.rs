@@ -3,10 +3,10 @@
 use anyhow::{Result, bail};
 use tch::{Kind, Tensor};
 
-use super::model::{Model, Outset};
+use super::model::{PlanStart, PlanningModel};
 use super::plans::{Plans, Trajectories};
 use super::state::ControlState;
-use crate::baselines::whole_models::planet::{Belief, Planet};
+use crate::baselines::end_to_end::planet::{Belief, Planet};
 
 /// The model, and what it believes in an episode.
 #[derive(Debug)]
@@ -44,14 +44,14 @@ impl LatentModel {
     }
 }
 
-impl Model for LatentModel {
+impl PlanningModel for LatentModel {
     fn roll_out(&mut self, _start: &ControlState, _plans: &Plans, _into: &mut Trajectories) -> Result<()> {
         bail!("a latent model foretells rewards, no states")
     }
 
     /// From what it believes now, by the most likely latents; the rewards are those it was told of in its training, whatever
     /// the outset's.
-    fn returns(&mut self, _: Outset, plans: &Plans, _: &mut Trajectories, returns: &mut [f32]) -> Result<()> {
+    fn returns(&mut self, _: PlanStart, plans: &Plans, _: &mut Trajectories, returns: &mut [f32]) -> Result<()> {
         let _guard = tch::no_grad_guard();
         let candidates = plans.candidates as i64;
         let mut belief = self.belief.repeated(candidates);

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use tch::Tensor;
 
-use super::model::{Model, of_cell, row};
+use super::model::{PlanningModel, of_cell, row};
 use super::plans::{Plans, Trajectories};
 use super::state::ControlState;
 use paig::network::cells::Actions;
@@ -11,7 +11,7 @@ use paig::network::dynamics::BlackBox;
 use paig::network::physics_models::PhysicsNet;
 
 /// What a net foretells by, with its parameters as they are now.
-pub fn of_net(net: &PhysicsNet) -> Box<dyn Model + '_> {
+pub fn of_net(net: &PhysicsNet) -> Box<dyn PlanningModel + '_> {
     match &net.black_box {
         Some(network) => {
             let (look_back, dt) = (net.system.input_steps - 1, net.system.dt);
@@ -53,7 +53,7 @@ impl BlackBoxModel<'_> {
     }
 }
 
-impl Model for BlackBoxModel<'_> {
+impl PlanningModel for BlackBoxModel<'_> {
     fn roll_out(&mut self, start: &ControlState, plans: &Plans, into: &mut Trajectories) -> Result<()> {
         let _guard = tch::no_grad_guard();
         let candidates = plans.candidates as i64;

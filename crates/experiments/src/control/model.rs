@@ -1,6 +1,6 @@
 //! What a planner tries its plans on.
 //!
-//! Anything that foretells can be a [`Model`]: an equation in plain numbers ([`PlainModel`]), any cell on tensors
+//! Anything that foretells can be a [`PlanningModel`]: an equation in plain numbers ([`PlainModel`]), any cell on tensors
 //! ([`CellModel`]), a [black box](super::learned) that was learned, or one that foretells nothing but
 //! [rewards](super::latent).
 
@@ -17,7 +17,7 @@ use paig::network::cells::{Actions, Cell, State};
 
 /// Where a plan begins.
 #[derive(Debug, Clone, Copy)]
-pub struct Outset<'a> {
+pub struct PlanStart<'a> {
     pub state: &'a ControlState,
     /// The step of the episode that comes next.
     pub step: usize,
@@ -25,7 +25,7 @@ pub struct Outset<'a> {
 }
 
 /// A world that can be tried.
-pub trait Model {
+pub trait PlanningModel {
     /// Writes where each of the plans leads from one state.
     ///
     /// # Errors
@@ -49,7 +49,13 @@ pub trait Model {
     ///
     /// # Errors
     /// As [`Self::roll_out`].
-    fn returns(&mut self, outset: Outset, plans: &Plans, room: &mut Trajectories, returns: &mut [f32]) -> Result<()> {
+    fn returns(
+        &mut self,
+        outset: PlanStart,
+        plans: &Plans,
+        room: &mut Trajectories,
+        returns: &mut [f32],
+    ) -> Result<()> {
         self.roll_out(outset.state, plans, room)?;
         outset.reward.returns(outset.step, outset.state, plans, room, returns);
         Ok(())
@@ -64,7 +70,7 @@ pub struct PlainModel {
     pub dt: f64,
 }
 
-impl Model for PlainModel {
+impl PlanningModel for PlainModel {
     fn roll_out(&mut self, start: &ControlState, plans: &Plans, into: &mut Trajectories) -> Result<()> {
         into.make_room(plans.candidates, start.coordinates(), plans.steps());
         for step in 0..plans.steps() {
@@ -84,7 +90,7 @@ pub struct CellModel<C> {
     pub dt: f64,
 }
 
-impl<C: Deref<Target = dyn Cell>> Model for CellModel<C> {
+impl<C: Deref<Target = dyn Cell>> PlanningModel for CellModel<C> {
     fn roll_out(&mut self, start: &ControlState, plans: &Plans, into: &mut Trajectories) -> Result<()> {
         let _guard = tch::no_grad_guard();
         let (candidates, steps, coordinates) = (plans.candidates as i64, plans.steps(), start.coordinates() as i64);
@@ -105,7 +111,7 @@ pub(super) fn row(numbers: &[f64]) -> Tensor {
 
 /// A cell with its parameters as they are now: in plain numbers where it has that form, which takes a fraction of the
 /// time.
-pub fn of_cell<'a, C: Deref<Target = dyn Cell> + 'a>(cell: C, dt: f64) -> Box<dyn Model + 'a> {
+pub fn of_cell<'a, C: Deref<Target = dyn Cell> + 'a>(cell: C, dt: f64) -> Box<dyn PlanningModel + 'a> {
     match cell.plain() {
         Some(plain) => Box::new(PlainModel { cell: plain, dt }),
         None => Box::new(CellModel { cell, dt }),

@@ -1,6 +1,6 @@
 //! Model predictive path integral control: the next plan is the mean of all that were drawn, the better the heavier.
 
-use super::model::{Model, Outset};
+use super::model::{PlanStart, PlanningModel};
 use super::planner::{Planner, Search, SearchSettings};
 
 /// By how much less a plan is worth that weighs a factor e less.
@@ -23,7 +23,7 @@ impl Planner for PathIntegral {
         self.0.begin(seed);
     }
 
-    fn plan(&mut self, model: &mut dyn Model, outset: Outset) -> Option<f64> {
+    fn plan(&mut self, model: &mut dyn PlanningModel, outset: PlanStart) -> Option<f64> {
         let search = &mut self.0;
         let SearchSettings { candidates, iterations, largest, .. } = search.settings;
         for iteration in 0..iterations {

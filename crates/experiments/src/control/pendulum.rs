@@ -13,7 +13,7 @@ use tch::Tensor;
 
 use super::environment::{Environment, FrameFormat, Rules, check_looks, seen};
 use super::model::PlainModel;
-use super::reward::{Goal, Reward};
+use super::reward::{GoalPath, Reward};
 use super::state::ControlState;
 use paig::generators::render::Bar;
 use paig::generators::simulate::PENDULUM_MAX_SPEED;
@@ -129,7 +129,7 @@ impl PendulumSettings {
 impl Rules {
     /// The paper's: 50 steps, rewarded for being near a goal; at most 50 in all. With the first frame there are the four that
     /// the model's input takes.
-    pub fn pendulum(goal: Goal) -> Self {
+    pub fn pendulum(goal: GoalPath) -> Self {
         let (reward, frames_before) = (Reward::Goal(goal), 3);
         Rules { steps: 50, hold: 2, largest_action: MAX_TORQUE, reward, frames_before }
     }

@@ -2,7 +2,7 @@
 
 use rand_chacha::ChaCha8Rng;
 
-use super::model::{Model, Outset};
+use super::model::{PlanStart, PlanningModel};
 use super::plans::{Plans, Trajectories};
 use paig::support::random::{fill_normal, named_generator};
 
@@ -33,7 +33,7 @@ pub trait Planner {
 
     /// The action to hold now, within the limits. None where the model foretells no plan a finite return; the next call
     /// then begins without a plan.
-    fn plan(&mut self, model: &mut dyn Model, outset: Outset) -> Option<f64>;
+    fn plan(&mut self, model: &mut dyn PlanningModel, outset: PlanStart) -> Option<f64>;
 
     /// The decisions that the last plan made, the one to hold now first; `[decisions]`.
     fn planned(&self) -> &[f32];
@@ -79,7 +79,7 @@ impl Search {
 
     /// Draws candidates around the mean plan, and tries them. The first is the mean itself. False if not one has a finite
     /// return.
-    pub fn draw(&mut self, model: &mut dyn Model, outset: Outset) -> bool {
+    pub fn draw(&mut self, model: &mut dyn PlanningModel, outset: PlanStart) -> bool {
         let SearchSettings { candidates, hold, largest, .. } = self.settings;
         let largest = largest as f32;
         for ((actions, mean), spread) in self.actions.chunks_exact_mut(candidates).zip(&self.mean).zip(&self.spread) {

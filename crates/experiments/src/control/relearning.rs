@@ -9,7 +9,7 @@ use tch::Tensor;
 use paig::network::cells::Actions;
 use paig::network::physics_models::PhysicsNet;
 use paig::training::identify::Identify;
-use paig::training::identify::fit::{Start, Trust, fit};
+use paig::training::identify::fit::{FitStart, Trust, fit};
 
 /// Frames from which parameters are learned before all are there: a poor value soon is worth more than a good one late.
 const EARLY: [usize; 2] = [7, 13];
@@ -69,15 +69,18 @@ impl Relearning {
             velocity_learning_rate: None,
         };
         let named = |name: &str| self.names.iter().any(|given| given == name);
-        let all = Start::of(model);
+        let all = FitStart::of(model);
         let learned = model.parameters.iter().map(|parameter| named(&parameter.kind.name)).collect();
-        let start = Start { learned, free_offsets: false, ..all };
+        let start = FitStart { learned, free_offsets: false, ..all };
         let actions = Actions::new(Some(Tensor::from_slice(&actions[..frames - 1]).unsqueeze(0)));
         let trust = Trust { mask: Some(mask), ..Trust::default() };
         let fit = fit(&config, &model.system, positions, &actions, &start, &trust)?;
-        for (parameter, log) in model.parameters.iter().zip(&fit.raw).filter(|(it, _)| named(&it.kind.name)) {
+        for (parameter, log) in model.parameters.iter().zip(&fit.unconstrained).filter(|(it, _)| named(&it.kind.name)) {
             let value = log.is_finite().then_some(*log);
-            model.set_raw(parameter, value.with_context(|| format!("the fit of {} failed", parameter.kind.name))?);
+            model.set_unconstrained(
+                parameter,
+                value.with_context(|| format!("the fit of {} failed", parameter.kind.name))?,
+            );
         }
         Ok(())
     }

@@ -20,18 +20,18 @@ const RESAMPLES: usize = 2000;
 /// The file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Results {
+pub struct ControlResults {
     pub format: u32,
     /// The line of a study that these rows were played by.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub line: Option<String>,
-    pub rows: Vec<Row>,
+    pub rows: Vec<PlannerRow>,
 }
 
 /// One planner in one world.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Row {
+pub struct PlannerRow {
     pub task: String,
     pub planner: String,
     /// The run whose model sees; none of planners without one.
@@ -73,7 +73,7 @@ pub fn mean_and_interval(returns: &[f64], seed: u64) -> Option<[f64; 3]> {
     Some([returns.iter().sum::<f64>() / count, at(0.025), at(0.975)])
 }
 
-impl Results {
+impl ControlResults {
     /// The file's name.
     pub const FILE: &str = "results.json";
 
@@ -95,7 +95,7 @@ impl Results {
         if path.exists() {
             return Ok(());
         }
-        Results { format: FORMAT, line: None, rows: Vec::new() }.write(&path)
+        ControlResults { format: FORMAT, line: None, rows: Vec::new() }.write(&path)
     }
 
     /// Reads the file.

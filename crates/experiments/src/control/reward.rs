@@ -9,7 +9,7 @@ use paig::support::fast_math::nearest;
 
 /// Where to be, at each step of an episode.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Goal {
+pub struct GoalPath {
     /// One angle, radians, or x and y of the first object, pixels.
     pub place: Vec<f64>,
     /// The distance at which a step is worth nothing: half a turn, or the side of the frame.
@@ -20,20 +20,20 @@ pub struct Goal {
     pub period: f64,
 }
 
-impl Goal {
+impl GoalPath {
     /// An angle, radians.
     pub fn angle(angle: f64) -> Self {
-        Goal { place: vec![angle], scale: PI, swing: 0.0, period: 1.0 }
+        GoalPath { place: vec![angle], scale: PI, swing: 0.0, period: 1.0 }
     }
 
     /// A point in a frame of this side, pixels.
     pub fn point(place: [f64; 2], side: f64) -> Self {
-        Goal { place: place.to_vec(), scale: side, swing: 0.0, period: 1.0 }
+        GoalPath { place: place.to_vec(), scale: side, swing: 0.0, period: 1.0 }
     }
 
     /// The same goal on the move.
     pub fn swinging(self, swing: f64, period: f64) -> Self {
-        Goal { swing, period, ..self }
+        GoalPath { swing, period, ..self }
     }
 
     /// A coordinate of it after so many steps of an episode.
@@ -57,7 +57,7 @@ impl Goal {
 pub enum Reward {
     /// `1 - distance / scale` of the state after the step. Of an angle: `1 - |angle - goal| / pi`, 0..1, the difference
     /// wrapped to half a turn.
-    Goal(Goal),
+    Goal(GoalPath),
     /// Gymnasium's `-(angle^2 + 0.1 rate^2 + 0.001 torque^2)` of the state before the step, the angle wrapped to half a
     /// turn: about -16.3..0.
     Gymnasium,

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use tch::Tensor;
 
 use super::environment::{Environment, FrameFormat, Rules, check_looks, seen};
-use super::model::{self, Model};
+use super::model::{self, PlanningModel};
 use super::state::ControlState;
 use paig::datasets::files::Split;
 use paig::generators::render::Renderer;
@@ -87,14 +87,14 @@ impl SceneEnvironment {
     ///
     /// # Errors
     /// A task whose parameters are not known.
-    pub fn true_model(task: &Task) -> Result<Box<dyn Model>> {
+    pub fn true_model(task: &Task) -> Result<Box<dyn PlanningModel>> {
         let kind = &task.system.cell;
-        let raw = kind.parameters.iter().map(|parameter| {
+        let unconstrained = kind.parameters.iter().map(|parameter| {
             let value = task.truth_of(&parameter.name).or(parameter.fixed);
             let value = value.with_context(|| format!("task {}: {} is not known", task.name, parameter.name))?;
-            Ok(Tensor::from(parameter.bounds.raw(value) as f32))
+            Ok(Tensor::from(parameter.bounds.unconstrained(value) as f32))
         });
-        let cell = task.system.build_cell(&raw.collect::<Result<Vec<_>>>()?);
+        let cell = task.system.build_cell(&unconstrained.collect::<Result<Vec<_>>>()?);
         Ok(model::of_cell(cell, task.system.dt))
     }
 
@@ -165,13 +165,13 @@ mod tests {
     use tch::Kind;
 
     use super::*;
-    use crate::control::reward::{Goal, Reward};
+    use crate::control::reward::{GoalPath, Reward};
 
     fn puck_with(looks: &str) -> Result<SceneEnvironment> {
         let task = Task::from_toml(
             &(fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/control/puck.toml"))? + looks),
         )?;
-        let reward = Reward::Goal(Goal::point([22.0, 16.0], 32.0));
+        let reward = Reward::Goal(GoalPath::point([22.0, 16.0], 32.0));
         SceneEnvironment::new(&task, Rules { steps: 50, hold: 2, largest_action: 1.0, reward, frames_before: 3 })
     }
 
@@ -204,7 +204,7 @@ mod tests {
         let begin = toml::Table::from_iter([("positions".into(), toml::Value::from(vec![vec![1.0, 16.0]]))]);
         task["scene"].as_table_mut().unwrap().insert("begin".into(), begin.into());
         let task = Task::from_toml(&toml::to_string(&task).unwrap()).unwrap();
-        let reward = Reward::Goal(Goal::point([22.0, 16.0], 32.0));
+        let reward = Reward::Goal(GoalPath::point([22.0, 16.0], 32.0));
         let rules = Rules { steps: 50, hold: 2, largest_action: 1.0, reward, frames_before: 3 };
         let error = format!("{:#}", SceneEnvironment::new(&task, rules).unwrap_err());
         assert!(error.contains("no start off the walls") && error.contains("task puck"), "{error}");

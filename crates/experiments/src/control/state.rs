@@ -10,12 +10,12 @@ pub struct ControlState {
     /// Per time unit.
     pub velocities: Vec<f64>,
     /// The frames before, the last one last, as far as they are known and a model asks for them: an equation does not.
-    pub before: Vec<Moment>,
+    pub before: Vec<PastFrame>,
 }
 
 /// A frame that has passed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moment {
+pub struct PastFrame {
     pub positions: Vec<f64>,
     /// What acted from then to the next frame.
     pub action: f64,

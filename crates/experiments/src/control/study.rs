@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-use super::experiment::{Experiment, ExperimentEvent, Watch};
+use super::experiment::{Experiment, ExperimentEvent, ExperimentWatch};
 use super::figures;
-use super::results::{FORMAT, Results, Row};
+use super::results::{ControlResults, FORMAT, PlannerRow};
 use paig::Error;
 use paig::support::storage;
 
@@ -34,7 +34,7 @@ pub enum StudyEvent<'a> {
 /// A study's file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+struct StudyFile {
     play: Vec<Play>,
 }
 
@@ -51,7 +51,7 @@ struct Play {
 /// A file that cannot be read or holds no study, settings that `parse` refuses.
 pub fn read(path: &Path, parse: &dyn Fn(&str) -> Result<Experiment>) -> Result<Vec<StudyLine>> {
     let text = storage::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let file: File = toml::from_str(&text).with_context(|| format!("{}", path.display()))?;
+    let file: StudyFile = toml::from_str(&text).with_context(|| format!("{}", path.display()))?;
     let line = |Play { name, arguments }| {
         let experiment = parse(&arguments).with_context(|| format!("{}: {name}", path.display()))?;
         Ok(StudyLine { name, arguments, experiment })
@@ -70,21 +70,21 @@ pub fn play(
     take_over: bool,
     observe: &dyn Fn(StudyEvent),
     stop: &dyn Fn() -> bool,
-) -> Result<Option<Vec<Row>>, Error> {
-    Results::claim(out)?;
+) -> Result<Option<Vec<PlannerRow>>, Error> {
+    ControlResults::claim(out)?;
     let mut rows = Vec::new();
     for StudyLine { name, arguments, experiment } in lines {
         observe(StudyEvent::Begins(name));
-        let path = out.join(name).join(Results::FILE);
+        let path = out.join(name).join(ControlResults::FILE);
         if let Some(before) = take_over.then(|| taken_over(&path, arguments)).transpose()?.flatten() {
             observe(StudyEvent::TakenOver);
             rows.extend(before);
             continue;
         }
-        let watch = Watch { observe: &|event| observe(StudyEvent::Experiment(event)), stop };
+        let watch = ExperimentWatch { observe: &|event| observe(StudyEvent::Experiment(event)), stop };
         let played = experiment.run(&out.join(name), watch).with_context(|| name.clone())?;
         let Some(played) = played else { return Ok(None) };
-        let results = Results { format: FORMAT, line: Some(arguments.clone()), rows: played };
+        let results = ControlResults { format: FORMAT, line: Some(arguments.clone()), rows: played };
         results.write(&path).map_err(Error::of_work)?;
         rows.extend(results.rows);
     }
@@ -92,11 +92,11 @@ pub fn play(
 }
 
 /// The rows of earlier results with these settings, if there are any.
-fn taken_over(path: &Path, arguments: &String) -> Result<Option<Vec<Row>>> {
+fn taken_over(path: &Path, arguments: &String) -> Result<Option<Vec<PlannerRow>>> {
     if !path.exists() {
         return Ok(None);
     }
-    let before = Results::read(path)?;
+    let before = ControlResults::read(path)?;
     Ok((before.line.as_ref() == Some(arguments)).then_some(before.rows))
 }
 
@@ -104,13 +104,13 @@ fn taken_over(path: &Path, arguments: &String) -> Result<Option<Vec<Row>>> {
 ///
 /// # Errors
 /// Files that cannot be written.
-pub fn write(out: &Path, rows: Vec<Row>) -> Result<PathBuf, Error> {
+pub fn write(out: &Path, rows: Vec<PlannerRow>) -> Result<PathBuf, Error> {
     written(out, rows).map_err(Error::of_work)
 }
 
-fn written(out: &Path, rows: Vec<Row>) -> Result<PathBuf> {
+fn written(out: &Path, rows: Vec<PlannerRow>) -> Result<PathBuf> {
     figures::write_clips(&out.join("clips.png"), &rows)?;
-    let path = out.join(Results::FILE);
-    Results { format: FORMAT, line: None, rows }.write(&path)?;
+    let path = out.join(ControlResults::FILE);
+    ControlResults { format: FORMAT, line: None, rows }.write(&path)?;
     Ok(path)
 }

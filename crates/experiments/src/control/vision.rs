@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use tch::{Kind, Tensor};
 
 use super::environment::FrameFormat;
-use super::state::{ControlState, Moment};
+use super::state::{ControlState, PastFrame};
 use paig::network::cells::{Actions, Coordinates, State};
 use paig::network::physics_models::{Encoding, PhysicsNet, refinement};
 use paig::support::picture_file;
@@ -20,7 +20,7 @@ const OWN_PICTURES: usize = 4;
 const LEAST_SHARE: f64 = 0.4;
 
 /// Where each object is seen, `(x0, y0, x1, y1, ..)`, pixels.
-pub type Places = Vec<f32>;
+pub type ObservedPositions = Vec<f32>;
 
 /// A trained model that sees.
 #[derive(Debug)]
@@ -94,7 +94,7 @@ impl<'a> Vision<'a> {
     }
 
     /// Where the objects are in frames `[n, channels, S, S]`; none for a frame in which one of them is lost.
-    pub fn places(&self, frames: &Tensor) -> Vec<Option<Places>> {
+    pub fn places(&self, frames: &Tensor) -> Vec<Option<ObservedPositions>> {
         let _guard = tch::no_grad_guard();
         let system = &self.model.system;
         let frames = frames.to_device(self.model.variables.device());
@@ -124,7 +124,7 @@ impl<'a> Vision<'a> {
     }
 
     /// Where a state is seen.
-    pub fn places_of(&self, state: &ControlState) -> Places {
+    pub fn places_of(&self, state: &ControlState) -> ObservedPositions {
         let system = &self.model.system;
         let middle = system.side as f64 / 2.0;
         let places: Vec<f64> = match system.cell.coordinates {
@@ -139,7 +139,7 @@ impl<'a> Vision<'a> {
     }
 
     /// Coordinates of the equation at consecutive frames, `[1, frames, coordinates]`.
-    pub fn coordinates(&self, places: &[&Places]) -> Tensor {
+    pub fn coordinates(&self, places: &[&ObservedPositions]) -> Tensor {
         let numbers: Vec<f32> = places.iter().flat_map(|places| places.iter().copied()).collect();
         let places = Tensor::from_slice(&numbers).reshape([1, places.len() as i64, -1]);
         let coordinates = self.model.clip_coordinates(&places);
@@ -149,7 +149,7 @@ impl<'a> Vision<'a> {
     /// The state at the last of at most L consecutive frames; `actions` (one fewer) acted from each frame to the next. As
     /// the model estimates and refines it from L frames; from fewer by the last difference, refined; from one at rest. For a
     /// black box as it is seen, with the frames before. None if it is no finite number.
-    pub fn state(&self, places: &[&Places], actions: &[f64]) -> Option<ControlState> {
+    pub fn state(&self, places: &[&ObservedPositions], actions: &[f64]) -> Option<ControlState> {
         let _guard = tch::no_grad_guard();
         let model = self.model;
         let positions = self.coordinates(places);
@@ -173,14 +173,14 @@ impl<'a> Vision<'a> {
 
     /// What is known of the frames before the last of some consecutive ones; `actions` (one fewer) acted from each to the next.
     /// Nothing for an equation, which asks for none.
-    pub fn before(&self, places: &[&Places], actions: &[f64]) -> Vec<Moment> {
+    pub fn before(&self, places: &[&ObservedPositions], actions: &[f64]) -> Vec<PastFrame> {
         let _guard = tch::no_grad_guard();
         if self.model.black_box.is_none() {
             return Vec::new();
         }
         let positions = self.coordinates(places);
         let moment =
-            |(frame, action): (i64, &f64)| Moment { positions: flat(&positions.select(1, frame)), action: *action };
+            |(frame, action): (i64, &f64)| PastFrame { positions: flat(&positions.select(1, frame)), action: *action };
         (0..).zip(actions).map(moment).collect()
     }
 

@@ -12,7 +12,7 @@ use paig::datasets::settings::Counts;
 use paig::generators::DatasetJob;
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::Variant;
-use paig::runs::run::Run;
+use paig::runs::run::StoredRun;
 use paig::support::storage;
 use paig::tasks::{self, Task};
 
@@ -22,7 +22,7 @@ const RECIPE: &str = "fast";
 /// Clips of a dataset where a scene says nothing else.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Clips {
+struct ClipCounts {
     train: usize,
     valid: usize,
     test: usize,
@@ -31,7 +31,7 @@ struct Clips {
 /// One line of the list.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Entry {
+struct SuiteEntry {
     plain: String,
     train: Option<usize>,
     valid: Option<usize>,
@@ -41,14 +41,14 @@ struct Entry {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
-    clips: Clips,
+struct SuiteFile {
+    clips: ClipCounts,
     scenes: Table,
 }
 
 /// A scene of the suite.
 #[derive(Debug, Clone)]
-pub struct Scene {
+pub struct SuiteScene {
     pub name: String,
     /// The task with the same motion on a plain scene, whose limits of success count.
     pub plain: Task,
@@ -63,7 +63,7 @@ pub struct Scene {
 /// All scenes, in the order of their names.
 #[derive(Debug)]
 pub struct StressList {
-    pub scenes: Vec<Scene>,
+    pub scenes: Vec<SuiteScene>,
 }
 
 /// Seed of a dataset.
@@ -76,9 +76,9 @@ impl StressList {
     /// A list that cannot be read, an unknown key or task, a plain task without limits of success.
     pub fn read(path: &Path) -> Result<Self> {
         let read = || -> Result<Self> {
-            let File { clips, scenes } = toml::from_str(&storage::read_to_string(path)?)?;
-            let scene = |(name, entry): (String, toml::Value)| -> Result<Scene> {
-                let Entry { plain, train, valid, nine } = entry.try_into().with_context(|| name.clone())?;
+            let SuiteFile { clips, scenes } = toml::from_str(&storage::read_to_string(path)?)?;
+            let scene = |(name, entry): (String, toml::Value)| -> Result<SuiteScene> {
+                let SuiteEntry { plain, train, valid, nine } = entry.try_into().with_context(|| name.clone())?;
                 let file = path.with_extension("").join(format!("{name}.toml"));
                 ensure!(file.exists(), "{name}: {} is missing", file.display());
                 let clips = Counts {
@@ -93,7 +93,7 @@ impl StressList {
                     "{name}: its plain task {:?} has no [success] to judge by",
                     plain.name
                 );
-                Ok(Scene { plain, name, task, file, clips, nine })
+                Ok(SuiteScene { plain, name, task, file, clips, nine })
             };
             Ok(StressList { scenes: scenes.into_iter().map(scene).collect::<Result<_>>()? })
         };
@@ -104,7 +104,7 @@ impl StressList {
     ///
     /// # Errors
     /// A name that the list lacks.
-    pub fn of_names(&self, names: &[String]) -> Result<Vec<&Scene>> {
+    pub fn of_names(&self, names: &[String]) -> Result<Vec<&SuiteScene>> {
         let known: Vec<&str> = self.scenes.iter().map(|scene| scene.name.as_str()).collect();
         for name in names {
             ensure!(known.contains(&name.as_str()), "no scene {name:?}; the scenes are {}", known.join(", "));
@@ -120,7 +120,7 @@ impl StressList {
     }
 }
 
-impl Scene {
+impl SuiteScene {
     /// How its dataset of a seed is made, in `data/seed=N`.
     ///
     /// # Errors
@@ -157,10 +157,10 @@ impl Scene {
     ///
     /// # Errors
     /// A scene file that is no task any more.
-    pub fn runs(&self, data: &Path, runs: &Path, data_seed: DataSeed) -> Result<Vec<(u64, Result<Run>)>> {
+    pub fn runs(&self, data: &Path, runs: &Path, data_seed: DataSeed) -> Result<Vec<(u64, Result<StoredRun>)>> {
         let jobs = self.plan(data, runs, data_seed, 1).jobs()?;
         let begun = jobs.into_iter().filter(|job| job.folder.exists());
-        Ok(begun.map(|job| (job.seed, Run::read(&job.folder))).collect())
+        Ok(begun.map(|job| (job.seed, StoredRun::read(&job.folder))).collect())
     }
 }
 

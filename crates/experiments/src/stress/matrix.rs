@@ -6,10 +6,10 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
-use super::list::{DataSeed, Scene};
+use super::list::{DataSeed, SuiteScene};
 use paig::datasets::settings::NoiseFloor;
 use paig::datasets::states::States;
-use paig::runs::run::Run;
+use paig::runs::run::StoredRun;
 use paig::runs::summary::LearnedParameter;
 
 /// A limit of a loss where noise sets a floor: the plain task's, and this many floors. What noise leaves of a picture is
@@ -18,7 +18,7 @@ const FLOORS: f64 = 1.1;
 
 /// One run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Outcome {
+pub struct SceneOutcome {
     pub scene: String,
     /// The plain task.
     pub task: String,
@@ -48,10 +48,10 @@ fn finished_before() -> bool {
     true
 }
 
-impl Outcome {
+impl SceneOutcome {
     /// Of a run that was begun and has no results, and why.
-    fn without_results(scene: &Scene, data_seed: DataSeed, seed: u64, why: &str) -> Self {
-        Outcome {
+    fn without_results(scene: &SuiteScene, data_seed: DataSeed, seed: u64, why: &str) -> Self {
+        SceneOutcome {
             scene: scene.name.clone(),
             task: scene.plain.name.clone(),
             data_seed,
@@ -75,10 +75,10 @@ impl Outcome {
 ///
 /// # Errors
 /// Damaged settings beside the test file.
-pub fn outcome(scene: &Scene, data_seed: DataSeed, seed: u64, run: &Result<Run>) -> Result<Outcome> {
-    let Ok(run) = run else { return Ok(Outcome::without_results(scene, data_seed, seed, "unreadable")) };
+pub fn outcome(scene: &SuiteScene, data_seed: DataSeed, seed: u64, run: &Result<StoredRun>) -> Result<SceneOutcome> {
+    let Ok(run) = run else { return Ok(SceneOutcome::without_results(scene, data_seed, seed, "unreadable")) };
     let Some(summary) = &run.summary else {
-        return Ok(Outcome::without_results(scene, data_seed, seed, "not finished"));
+        return Ok(SceneOutcome::without_results(scene, data_seed, seed, "not finished"));
     };
     let noise_floor = noise_floor(run)?;
     let losses = &summary.test.scores.losses;
@@ -99,7 +99,7 @@ pub fn outcome(scene: &Scene, data_seed: DataSeed, seed: u64, run: &Result<Run>)
         }
     }
     let verdict = summary.verdict.as_ref();
-    Ok(Outcome {
+    Ok(SceneOutcome {
         scene: scene.name.clone(),
         task: scene.plain.name.clone(),
         data_seed,
@@ -119,7 +119,7 @@ pub fn outcome(scene: &Scene, data_seed: DataSeed, seed: u64, run: &Result<Run>)
 }
 
 /// The floor that was measured when the run's test file was made.
-fn noise_floor(run: &Run) -> Result<Option<NoiseFloor>> {
+fn noise_floor(run: &StoredRun) -> Result<Option<NoiseFloor>> {
     let file = Path::new(&run.config.data_folder().unwrap_or_default()).join(&run.config.task.test_file);
     let settings = States::settings_beside(&file)?.with_context(|| {
         format!("{} has lost its dataset {}, which says what noise leaves", run.folder.display(), file.display())

@@ -5,6 +5,6 @@ mod matrix;
 mod page;
 mod suite;
 
-pub use list::{DataSeed, Scene, StressList};
-pub use matrix::{Outcome, outcome};
-pub use suite::{Ended, Reported, StressEvent, Suite, Watch};
+pub use list::{DataSeed, StressList, SuiteScene};
+pub use matrix::{SceneOutcome, outcome};
+pub use suite::{Reported, StressEvent, Suite, SuiteEnd, SuiteWatch};

@@ -9,9 +9,9 @@ use image::ImageFormat;
 use image::imageops::FilterType;
 
 use super::list::StressList;
-use super::matrix::Outcome;
+use super::matrix::SceneOutcome;
 use paig::network::physics_models::losses::Loss;
-use paig::runs::run::Run;
+use paig::runs::run::StoredRun;
 use paig::support::output::FileSet;
 use paig::support::storage::storage;
 use paig::support::{atomic, json_lines, picture_file};
@@ -38,8 +38,8 @@ const SCALE: f64 = 0.4;
 pub(super) fn write(
     out: &Path,
     list: &StressList,
-    outcomes: &[Outcome],
-    pictured: Option<&BTreeMap<String, Run>>,
+    outcomes: &[SceneOutcome],
+    pictured: Option<&BTreeMap<String, StoredRun>>,
 ) -> Result<()> {
     FILES.replace(out, |out| {
         let pictures = out.join(PICTURES);
@@ -66,7 +66,7 @@ fn picture(from: &Path, to: &Path) -> Result<()> {
     atomic::write_file(to, |file| Ok(shown.write_to(&mut std::io::BufWriter::new(file), ImageFormat::Png)?))
 }
 
-fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> bool) -> String {
+fn page(list: &StressList, outcomes: &[SceneOutcome], has_picture: &dyn Fn(&str) -> bool) -> String {
     let mut page = String::new();
     let succeeded = outcomes.iter().filter(|outcome| outcome.succeeded).count();
     let systems: Vec<String> = list.systems().into_iter().map(|(task, scenes)| format!("{task} {scenes}")).collect();
@@ -92,9 +92,9 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
          |---|---|---|---|---|---|---|---|---|---|---|"
     );
     for scene in &list.scenes {
-        let runs: Vec<&Outcome> = outcomes.iter().filter(|outcome| outcome.scene == scene.name).collect();
-        let count = |holds: fn(&Outcome) -> bool| runs.iter().filter(|outcome| holds(outcome)).count();
-        let range = |number: fn(&Outcome) -> Option<f64>| range(runs.iter().filter_map(|outcome| number(outcome)));
+        let runs: Vec<&SceneOutcome> = outcomes.iter().filter(|outcome| outcome.scene == scene.name).collect();
+        let count = |holds: fn(&SceneOutcome) -> bool| runs.iter().filter(|outcome| holds(outcome)).count();
+        let range = |number: fn(&SceneOutcome) -> Option<f64>| range(runs.iter().filter_map(|outcome| number(outcome)));
         let floor = runs.iter().find_map(|outcome| outcome.noise_floor);
         let mut missed: Vec<&str> = runs.iter().flat_map(|outcome| &outcome.missed).map(String::as_str).collect();
         missed.sort_unstable();
@@ -115,13 +115,13 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
             missed.join(", ")
         );
     }
-    let disagree: Vec<&Outcome> = outcomes.iter().filter(|outcome| outcome.found != outcome.succeeded).collect();
+    let disagree: Vec<&SceneOutcome> = outcomes.iter().filter(|outcome| outcome.found != outcome.succeeded).collect();
     page.push_str("\n## Where the verdict is wrong\n\n");
     if disagree.is_empty() {
         page.push_str("Nowhere.\n");
     }
     for outcome in disagree {
-        let Outcome { scene, data_seed, seed, missed, failed_checks, .. } = outcome;
+        let SceneOutcome { scene, data_seed, seed, missed, failed_checks, .. } = outcome;
         let _ = if outcome.found {
             writeln!(
                 page,
@@ -145,7 +145,7 @@ fn page(list: &StressList, outcomes: &[Outcome], has_picture: &dyn Fn(&str) -> b
 }
 
 /// How many of the runs that count have no results.
-fn without_results(outcomes: &[Outcome]) -> String {
+fn without_results(outcomes: &[SceneOutcome]) -> String {
     match outcomes.iter().filter(|outcome| !outcome.finished).count() {
         0 => String::new(),
         count => format!("Without results, since they have not finished or cannot be read: {count}. "),
@@ -153,8 +153,8 @@ fn without_results(outcomes: &[Outcome]) -> String {
 }
 
 /// How often the verdict of a finished run agrees with the truth.
-fn agreement(outcomes: &[Outcome]) -> String {
-    let finished: Vec<&Outcome> = outcomes.iter().filter(|outcome| outcome.finished).collect();
+fn agreement(outcomes: &[SceneOutcome]) -> String {
+    let finished: Vec<&SceneOutcome> = outcomes.iter().filter(|outcome| outcome.finished).collect();
     let count = |found: bool, succeeded: bool| {
         finished.iter().filter(|outcome| outcome.found == found && outcome.succeeded == succeeded).count()
     };
@@ -168,7 +168,7 @@ fn agreement(outcomes: &[Outcome]) -> String {
 }
 
 /// The error of each parameter that is farthest from its truth.
-fn worst_errors(runs: &[&Outcome]) -> String {
+fn worst_errors(runs: &[&SceneOutcome]) -> String {
     let mut worst: BTreeMap<&str, f64> = BTreeMap::new();
     for (name, learned) in runs.iter().flat_map(|outcome| &outcome.parameters) {
         let Some(error) = learned.error_percent() else { continue };
@@ -209,8 +209,8 @@ mod tests {
         let runs = scene.runs(Path::new("data"), folder.path(), 1).unwrap();
         let [(1, run)] = &runs[..] else { panic!("{runs:?}") };
         let failed = outcome(scene, 1, 1, run).unwrap();
-        let well = Outcome { finished: true, succeeded: true, found: true, missed: Vec::new(), ..failed.clone() };
-        let well = Outcome { data_seed: 2, recons_loss: Some(0.1), ..well };
+        let well = SceneOutcome { finished: true, succeeded: true, found: true, missed: Vec::new(), ..failed.clone() };
+        let well = SceneOutcome { data_seed: 2, recons_loss: Some(0.1), ..well };
         let page = page(&list, &[failed, well], &|_| false);
         for line in [
             "**1 of 2 runs succeeded.** Without results, since they have not finished or cannot be read: 1. The verdict was \

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use super::list::{DataSeed, Scene, StressList};
-use super::matrix::{Outcome, outcome};
+use super::list::{DataSeed, StressList, SuiteScene};
+use super::matrix::{SceneOutcome, outcome};
 use super::page;
 use crate::sweep::{self, SweepEvent};
 use paig::Error;
@@ -35,14 +35,14 @@ pub enum StressEvent<'a> {
 
 /// Who watches the suite, from whatever thread, and stops it.
 #[derive(Clone, Copy)]
-pub struct Watch<'a> {
+pub struct SuiteWatch<'a> {
     pub observe: &'a (dyn Fn(StressEvent) + Sync),
     pub stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 /// How the runs ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
+pub enum SuiteEnd {
     Finished,
     /// A run failed; the others are finished.
     Failed,
@@ -73,11 +73,17 @@ impl Suite {
     ///
     /// # Errors
     /// A dataset that cannot be made, a run folder of another config. A run that fails is an event, and the others go on.
-    pub fn train(&self, program: &Path, scenes: &[&Scene], jobs: usize, watch: Watch) -> Result<Ended, Error> {
+    pub fn train(
+        &self,
+        program: &Path,
+        scenes: &[&SuiteScene],
+        jobs: usize,
+        watch: SuiteWatch,
+    ) -> Result<SuiteEnd, Error> {
         self.trained(program, scenes, jobs, watch).map_err(Error::of_work)
     }
 
-    fn trained(&self, program: &Path, scenes: &[&Scene], jobs: usize, watch: Watch) -> Result<Ended> {
+    fn trained(&self, program: &Path, scenes: &[&SuiteScene], jobs: usize, watch: SuiteWatch) -> Result<SuiteEnd> {
         let mut failed = false;
         for &data_seed in &self.data_seeds {
             let mut of_seed = Vec::new();
@@ -91,10 +97,10 @@ impl Suite {
             (watch.observe)(StressEvent::RunsEnd);
             failed |= !ended.failed.is_empty();
             if ended.stopped > 0 {
-                return Ok(Ended::Stopped);
+                return Ok(SuiteEnd::Stopped);
             }
         }
-        Ok(if failed { Ended::Failed } else { Ended::Finished })
+        Ok(if failed { SuiteEnd::Failed } else { SuiteEnd::Finished })
     }
 
     /// Writes the report of the runs of all scenes into `out`, with the outcomes of `others`, files of other machines; with or
@@ -136,7 +142,7 @@ impl Suite {
             }
         }
         others.iter().try_for_each(|file| add(&mut outcomes, file))?;
-        let place = |outcome: &Outcome| self.list.scenes.iter().position(|scene| scene.name == outcome.scene);
+        let place = |outcome: &SceneOutcome| self.list.scenes.iter().position(|scene| scene.name == outcome.scene);
         outcomes.sort_by_key(|outcome| (place(outcome), outcome.data_seed, outcome.seed));
         ensure!(!outcomes.is_empty(), "{} holds no run of the suite", self.runs.display());
         page::write(out, &self.list, &outcomes, pictures.then_some(&pictured))?;
@@ -146,9 +152,9 @@ impl Suite {
 }
 
 /// Adds those outcomes of a file whose run is not among them, or has not finished.
-fn add(outcomes: &mut Vec<Outcome>, file: &Path) -> Result<()> {
-    let read = || Ok::<Vec<Outcome>, anyhow::Error>(serde_json::from_slice(&storage::read(file)?)?);
-    let run = |outcome: &Outcome| (outcome.scene.clone(), outcome.data_seed, outcome.seed);
+fn add(outcomes: &mut Vec<SceneOutcome>, file: &Path) -> Result<()> {
+    let read = || Ok::<Vec<SceneOutcome>, anyhow::Error>(serde_json::from_slice(&storage::read(file)?)?);
+    let run = |outcome: &SceneOutcome| (outcome.scene.clone(), outcome.data_seed, outcome.seed);
     let others = read().with_context(|| format!("results of another machine, {}", file.display()))?;
     let there: BTreeSet<_> = others.iter().map(run).collect();
     outcomes.retain(|outcome| outcome.finished || !there.contains(&run(outcome)));

@@ -10,10 +10,10 @@ mod seeds;
 mod status;
 
 pub use paig::runs::names::{DONE, OUTPUT};
-pub use plan::{Job, Stage, SweepPlan};
+pub use plan::{JobStage, SweepJob, SweepPlan};
 pub use processes::{
     SweepEvent, SweepSummary, Work, failure, forget_failure, last_line, note_failure, run, training_program,
 };
 pub use request::{SweepRequest, jobs};
 pub use seeds::{MOST_RUNS, parse_seeds};
-pub use status::{RunState, RunStatus, status};
+pub use status::{JobState, RunStatus, status};

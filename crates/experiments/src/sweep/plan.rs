@@ -32,7 +32,7 @@ pub struct SweepPlan {
 
 /// One run of a sweep.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Job {
+pub struct SweepJob {
     pub task: String,
     pub seed: u64,
     pub folder: PathBuf,
@@ -44,7 +44,7 @@ pub struct Job {
 
 /// How far a job is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
+pub enum JobStage {
     New,
     CutOff,
     Finished,
@@ -55,7 +55,7 @@ impl SweepPlan {
     ///
     /// # Errors
     /// An unknown task, recipe or key, an unsound name, a change of the recipe without a name.
-    pub fn jobs(&self) -> Result<Vec<Job>> {
+    pub fn jobs(&self) -> Result<Vec<SweepJob>> {
         let changed = !self.set.is_empty() || self.config.is_some();
         ensure!(
             !changed || self.name.is_some(),
@@ -77,7 +77,7 @@ impl SweepPlan {
             let folder = self.out.join(&config.task.name).join(&variant).join(format!("seed={seed}"));
             let options = self.shared_options(task).with("seed", seed.to_string());
             let options = options.with("threads", self.threads.to_string());
-            Ok(Job { task: task.clone(), seed, folder, config, options })
+            Ok(SweepJob { task: task.clone(), seed, folder, config, options })
         };
         self.runs().map(job).collect()
     }
@@ -133,8 +133,8 @@ impl SweepPlan {
 ///
 /// # Errors
 /// Two different runs that would share a folder.
-pub(super) fn each_once(jobs: Vec<Job>) -> Result<Vec<Job>> {
-    let mut distinct: Vec<Job> = Vec::with_capacity(jobs.len());
+pub(super) fn each_once(jobs: Vec<SweepJob>) -> Result<Vec<SweepJob>> {
+    let mut distinct: Vec<SweepJob> = Vec::with_capacity(jobs.len());
     let mut places = BTreeMap::new();
     for job in jobs {
         match places.entry(job.folder.clone()) {
@@ -158,11 +158,11 @@ pub(super) fn each_once(jobs: Vec<Job>) -> Result<Vec<Job>> {
     Ok(distinct)
 }
 
-impl Job {
-    pub(super) fn stage(&self) -> Result<Stage> {
+impl SweepJob {
+    pub(super) fn stage(&self) -> Result<JobStage> {
         let path = self.folder.join(CONFIG);
         if !path.exists() {
-            return Ok(Stage::New);
+            return Ok(JobStage::New);
         }
         let mut saved = Config::read(&path)?;
         // A run goes on with the threads it was begun with.
@@ -172,6 +172,6 @@ impl Job {
             "{} was begun with another config; choose another --name or --out, or remove the folder",
             self.folder.display()
         );
-        Ok(if self.folder.join(DONE).exists() { Stage::Finished } else { Stage::CutOff })
+        Ok(if self.folder.join(DONE).exists() { JobStage::Finished } else { JobStage::CutOff })
     }
 }

@@ -12,7 +12,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use super::plan::{Job, Stage};
+use super::plan::{JobStage, SweepJob};
 use paig::Error;
 use paig::runs::folder::RunFolder;
 use paig::runs::names::{DONE, OUTPUT};
@@ -81,26 +81,26 @@ pub trait Work {
     ///
     /// # Errors
     /// A folder that belongs to other work.
-    fn stage(&self) -> Result<Stage>;
+    fn stage(&self) -> Result<JobStage>;
 
-    /// Words of the program's command line but for the folder, from a stage that is not [`Stage::Finished`].
-    fn words(&self, stage: Stage) -> Vec<OsString>;
+    /// Words of the program's command line but for the folder, from a stage that is not [`JobStage::Finished`].
+    fn words(&self, stage: JobStage) -> Vec<OsString>;
 }
 
-impl Work for Job {
+impl Work for SweepJob {
     fn folder(&self) -> &Path {
         &self.folder
     }
 
-    fn stage(&self) -> Result<Stage> {
-        Job::stage(self)
+    fn stage(&self) -> Result<JobStage> {
+        SweepJob::stage(self)
     }
 
-    fn words(&self, stage: Stage) -> Vec<OsString> {
+    fn words(&self, stage: JobStage) -> Vec<OsString> {
         let train = [OsString::from("train")].into_iter();
         match stage {
-            Stage::CutOff => train.chain(["--resume".into()]).collect(),
-            Stage::New | Stage::Finished => train.chain(self.options.words().iter().cloned()).collect(),
+            JobStage::CutOff => train.chain(["--resume".into()]).collect(),
+            JobStage::New | JobStage::Finished => train.chain(self.options.words().iter().cloned()).collect(),
         }
     }
 }
@@ -198,9 +198,9 @@ fn start<'a, W: Work>(program: &Path, job: &'a W, tell: &mut dyn FnMut(SweepEven
     }
     let from = fs::metadata(folder.join(OUTPUT)).map_or(0, |output| output.len());
     let (event, child) = match job.stage().and_then(|stage| Ok((stage, spawn(program, job, stage)?))) {
-        Ok((Stage::New, child)) => (SweepEvent::Started(folder), child),
-        Ok((Stage::CutOff, child)) => (SweepEvent::Resumed(folder), child),
-        Ok((Stage::Finished, _)) => (SweepEvent::Skipped(folder), None),
+        Ok((JobStage::New, child)) => (SweepEvent::Started(folder), child),
+        Ok((JobStage::CutOff, child)) => (SweepEvent::Resumed(folder), child),
+        Ok((JobStage::Finished, _)) => (SweepEvent::Skipped(folder), None),
         Err(error) => {
             tell(SweepEvent::Failed(folder, &error));
             return None;
@@ -211,8 +211,8 @@ fn start<'a, W: Work>(program: &Path, job: &'a W, tell: &mut dyn FnMut(SweepEven
 }
 
 /// The process of a run that is not finished.
-fn spawn(program: &Path, job: &impl Work, stage: Stage) -> Result<Option<Child>> {
-    if stage == Stage::Finished {
+fn spawn(program: &Path, job: &impl Work, stage: JobStage) -> Result<Option<Child>> {
+    if stage == JobStage::Finished {
         return Ok(None);
     }
     let mut command = Command::new(program);

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, ensure};
 
-use super::plan::{Job, SweepPlan, each_once};
+use super::plan::{SweepJob, SweepPlan, each_once};
 use super::seeds::MOST_RUNS;
 use paig::support::device;
 
@@ -47,7 +47,7 @@ impl SweepRequest {
 ///
 /// # Errors
 /// As for [`SweepPlan::jobs`], a name without a change, two different runs that would share a folder.
-pub fn jobs(plans: &[SweepPlan]) -> Result<Vec<Job>> {
+pub fn jobs(plans: &[SweepPlan]) -> Result<Vec<SweepJob>> {
     let mut jobs = Vec::new();
     for plan in plans {
         jobs.extend(plan.jobs()?);

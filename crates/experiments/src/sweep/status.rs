@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
-use super::plan::{Job, Stage};
+use super::plan::{JobStage, SweepJob};
 use paig::runs::course::Course;
 use paig::runs::folder::RunFolder;
 use paig::runs::summary::Summary;
@@ -13,7 +13,7 @@ use paig::runs::summary::Summary;
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunStatus {
     pub folder: PathBuf,
-    pub state: RunState,
+    pub state: JobState,
     /// Where its training stands; none before the first record.
     pub phase: Option<String>,
     /// Steps and seconds of training so far.
@@ -25,7 +25,7 @@ pub struct RunStatus {
 
 /// What a run does now.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum RunState {
+pub enum JobState {
     Waiting,
     Running,
     CutOff,
@@ -34,31 +34,31 @@ pub enum RunState {
     Unreadable(String),
 }
 
-impl RunState {
+impl JobState {
     /// In a word.
     pub fn word(&self) -> &str {
         match self {
-            RunState::Waiting => "waiting",
-            RunState::Running => "running",
-            RunState::CutOff => "cut off",
-            RunState::Finished => "finished",
-            RunState::Unreadable(_) => "unreadable",
+            JobState::Waiting => "waiting",
+            JobState::Running => "running",
+            JobState::CutOff => "cut off",
+            JobState::Finished => "finished",
+            JobState::Unreadable(_) => "unreadable",
         }
     }
 }
 
 /// How far the runs are, in their order. Nothing is written, nothing waited for.
-pub fn status(jobs: &[Job]) -> Vec<RunStatus> {
+pub fn status(jobs: &[SweepJob]) -> Vec<RunStatus> {
     jobs.iter().map(of_job).collect()
 }
 
-fn of_job(job: &Job) -> RunStatus {
+fn of_job(job: &SweepJob) -> RunStatus {
     let state = match job.stage() {
-        Ok(Stage::New) => RunState::Waiting,
-        Ok(Stage::Finished) => RunState::Finished,
-        Ok(Stage::CutOff) if RunFolder::is_in_use(&job.folder) => RunState::Running,
-        Ok(Stage::CutOff) => RunState::CutOff,
-        Err(error) => RunState::Unreadable(format!("{error:#}")),
+        Ok(JobStage::New) => JobState::Waiting,
+        Ok(JobStage::Finished) => JobState::Finished,
+        Ok(JobStage::CutOff) if RunFolder::is_in_use(&job.folder) => JobState::Running,
+        Ok(JobStage::CutOff) => JobState::CutOff,
+        Err(error) => JobState::Unreadable(format!("{error:#}")),
     };
     let course = Course::read(&job.folder).ok();
     let summary: Result<Option<Summary>> = Summary::read(&job.folder);

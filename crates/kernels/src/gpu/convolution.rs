@@ -17,7 +17,7 @@ enum Reading {
 
 /// What a convolution sees.
 #[derive(Debug)]
-pub struct Seen<'a> {
+pub struct ConvolutionInput<'a> {
     first: &'a Tensor,
     second: Option<&'a Tensor>,
     reading: Reading,
@@ -25,7 +25,7 @@ pub struct Seen<'a> {
 
 #[repr(C)]
 #[derive(Clone, Copy)]
-struct Input {
+struct GpuConvolutionInput {
     first: *const f32,
     second: *const f32,
     first_channels: c_int,
@@ -35,7 +35,7 @@ struct Input {
 
 unsafe extern "C" {
     fn paig_gpu_convolve(
-        input: Input,
+        input: GpuConvolutionInput,
         weight: *const f32,
         bias: *const f32,
         relu: bool,
@@ -67,7 +67,7 @@ unsafe extern "C" {
         device: c_int,
     ) -> c_int;
     fn paig_gpu_weight_gradient(
-        input: Input,
+        input: GpuConvolutionInput,
         gradient: *const f32,
         result: *mut f32,
         workspace: *mut f32,
@@ -94,25 +94,25 @@ unsafe extern "C" {
     ) -> bool;
 }
 
-impl<'a> Seen<'a> {
+impl<'a> ConvolutionInput<'a> {
     pub fn pictures(pictures: &'a Tensor) -> Self {
-        Seen { first: pictures, second: None, reading: Reading::AsTheyAre }
+        ConvolutionInput { first: pictures, second: None, reading: Reading::AsTheyAre }
     }
 
     /// The largest of each four pixels.
     pub fn pooled(pictures: &'a Tensor) -> Self {
-        Seen { first: pictures, second: None, reading: Reading::Pooled }
+        ConvolutionInput { first: pictures, second: None, reading: Reading::Pooled }
     }
 
     /// Pictures of twice the side, as [`crate::resize_bilinear_x2`].
     pub fn doubled(pictures: &'a Tensor) -> Self {
-        Seen { first: pictures, second: None, reading: Reading::Doubled }
+        ConvolutionInput { first: pictures, second: None, reading: Reading::Doubled }
     }
 
     /// The channels of two one after the other.
     pub fn joined(first: &'a Tensor, second: &'a Tensor) -> Self {
         assert!(first.size()[2..] == second.size()[2..] && first.size()[0] == second.size()[0], "pictures of one size");
-        Seen { first, second: Some(second), reading: Reading::AsTheyAre }
+        ConvolutionInput { first, second: Some(second), reading: Reading::AsTheyAre }
     }
 
     fn frames(&self) -> i64 {
@@ -134,8 +134,8 @@ impl<'a> Seen<'a> {
         self.first.size()[1] + self.second.map_or(0, |second| second.size()[1])
     }
 
-    fn input(&self) -> Input {
-        Input {
+    fn input(&self) -> GpuConvolutionInput {
+        GpuConvolutionInput {
             first: floats(self.first),
             second: self.second.map_or(std::ptr::null(), floats),
             first_channels: self.first.size()[1] as c_int,
@@ -153,7 +153,7 @@ pub fn fits(side: usize, tensor: &Tensor) -> bool {
 
 /// A convolution with zero padding of what is seen, by a weight `[outputs, inputs, 3, 3]` and a bias, and a ReLU if there is to be
 /// one: `[frames, outputs, S, S]`.
-pub fn convolve(seen: &Seen, [weight, bias]: [&Tensor; 2], relu: bool) -> Tensor {
+pub fn convolve(seen: &ConvolutionInput, [weight, bias]: [&Tensor; 2], relu: bool) -> Tensor {
     let (frames, side, outputs) = (seen.frames(), seen.side(), bias.size()[0]);
     assert_eq!(weight.size(), [outputs, seen.channels(), 3, 3], "a weight for what is seen");
     let mut result = empty_beside(seen.first, &[frames, outputs, side, side]);
@@ -188,7 +188,7 @@ pub fn input_gradient(gradient: &Tensor, weight: &Tensor, channels: i64, passes:
 }
 
 /// From what a convolution saw and the gradient of its result those of its weight and bias.
-pub fn weight_gradient(seen: &Seen, gradient: &Tensor) -> [Tensor; 2] {
+pub fn weight_gradient(seen: &ConvolutionInput, gradient: &Tensor) -> [Tensor; 2] {
     let (frames, outputs, side, _) = gradient.size4().expect("gradients of pictures");
     assert_eq!([frames, side], [seen.frames(), seen.side()], "a gradient of what was seen");
     let inputs = seen.channels();
@@ -208,7 +208,7 @@ pub fn weight_gradient(seen: &Seen, gradient: &Tensor) -> [Tensor; 2] {
     [result.narrow(0, 0, weights).view([outputs, inputs, 3, 3]), result.narrow(0, weights, outputs)]
 }
 
-/// Adds to the gradient of pictures that of what [`Seen::pooled`] makes of them; then 0 where they are not above 0.
+/// Adds to the gradient of pictures that of what [`ConvolutionInput::pooled`] makes of them; then 0 where they are not above 0.
 pub fn pool_backward(pooled_gradient: &Tensor, pictures: &Tensor, mut gradient: Tensor) -> Tensor {
     let (frames, channels, side, _) = pooled_gradient.size4().expect("gradients of pictures");
     assert_eq!(pictures.size(), [frames, channels, 2 * side, 2 * side], "pictures of twice the side");

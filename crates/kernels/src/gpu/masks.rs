@@ -10,7 +10,7 @@ use crate::autograd;
 /// `PaigParted` in `masks.cu`.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
-struct Sizes {
+struct GpuMaskSizes {
     frames: c_int,
     objects: c_int,
     channels: c_int,
@@ -19,7 +19,7 @@ struct Sizes {
 
 unsafe extern "C" {
     fn paig_gpu_part(
-        sizes: Sizes,
+        sizes: GpuMaskSizes,
         background: f32,
         logits: *const f32,
         frames: *const f32,
@@ -28,14 +28,14 @@ unsafe extern "C" {
         stream: *mut c_void,
     ) -> bool;
     fn paig_gpu_part_backward(
-        sizes: Sizes,
+        sizes: GpuMaskSizes,
         masks: *const f32,
         gradient: *const f32,
         by_logits: *mut f32,
         stream: *mut c_void,
     ) -> bool;
     fn paig_gpu_masked_backward(
-        sizes: Sizes,
+        sizes: GpuMaskSizes,
         frames: *const f32,
         gradient: *const f32,
         by_masks: *mut f32,
@@ -63,7 +63,7 @@ pub fn parted(background_logit: f64, logits: &Tensor, frames: &Tensor) -> [Tenso
     assert!(logits.device() == frames.device(), "all on one device");
     let [of_frames, of_objects, of_channels, pixels] =
         [count, objects, channels, side * side].map(|size| size as c_int);
-    let sizes = Sizes { frames: of_frames, objects: of_objects, channels: of_channels, pixels };
+    let sizes = GpuMaskSizes { frames: of_frames, objects: of_objects, channels: of_channels, pixels };
     let [seen, frames] = [logits, frames].map(|tensor| tensor.detach().contiguous());
     let mut masks = empty_beside(logits, &[count, objects + 1, side, side]);
     let mut masked = empty_beside(logits, &[objects, count, side, side, channels]);
@@ -80,7 +80,7 @@ pub fn parted(background_logit: f64, logits: &Tensor, frames: &Tensor) -> [Tenso
     [masks, masked.permute([0, 1, 4, 2, 3])]
 }
 
-fn with_softmax_gradient(sizes: Sizes, masks: Tensor, logits: &Tensor) -> Tensor {
+fn with_softmax_gradient(sizes: GpuMaskSizes, masks: Tensor, logits: &Tensor) -> Tensor {
     // The same memory without a history, which would hold itself.
     let (values, shape) = (masks.detach(), logits.size());
     autograd::attach(masks, &[logits], move |gradient| {
@@ -95,7 +95,7 @@ fn with_softmax_gradient(sizes: Sizes, masks: Tensor, logits: &Tensor) -> Tensor
     })
 }
 
-fn with_product_gradient(sizes: Sizes, masked: Tensor, masks: &Tensor, frames: Tensor) -> Tensor {
+fn with_product_gradient(sizes: GpuMaskSizes, masked: Tensor, masks: &Tensor, frames: Tensor) -> Tensor {
     let shape = masks.size();
     autograd::attach(masked, &[masks], move |gradient| {
         let gradient = gradient.contiguous();

@@ -8,7 +8,7 @@ use super::launch::{floats, floats_mut, on_stream, supports};
 use crate::update::{Rate, Rule, Updated};
 
 #[repr(C)]
-struct Variable {
+struct OptimizerVariable {
     variable: *mut f32,
     first: *mut f32,
     second: *mut f32,
@@ -19,7 +19,7 @@ struct Variable {
 
 #[repr(C)]
 #[derive(Clone, Copy)]
-struct Update {
+struct OptimizerUpdate {
     rule: c_int,
     clip: f32,
     first_decay: f32,
@@ -28,7 +28,12 @@ struct Update {
 }
 
 unsafe extern "C" {
-    fn paig_gpu_descend(update: Update, variables: *const Variable, count: c_int, stream: *mut c_void) -> bool;
+    fn paig_gpu_descend(
+        update: OptimizerUpdate,
+        variables: *const OptimizerVariable,
+        count: c_int,
+        stream: *mut c_void,
+    ) -> bool;
 }
 
 /// Whether the kernel can change a variable.
@@ -38,7 +43,7 @@ pub fn can_update(updated: &Updated) -> bool {
     supports(&tensors) && tensors.iter().all(|tensor| tensor.is_contiguous())
 }
 
-fn row(updated: &mut Updated) -> Variable {
+fn row(updated: &mut Updated) -> OptimizerVariable {
     let Updated { variable, gradient, slots, rate } = updated;
     let same = |tensor: &Tensor| tensor.size() == variable.size();
     assert!(same(gradient) && slots.iter().all(same), "a number of each for every number of a variable");
@@ -47,10 +52,17 @@ fn row(updated: &mut Updated) -> Variable {
     let count = variable.numel() as c_long;
     let mut slot = |number: usize| slots.get_mut(number).map_or(std::ptr::null_mut(), floats_mut);
     let (first, second) = (slot(0), slot(1));
-    Variable { variable: floats_mut(variable), first, second, gradient: floats(gradient), rate: floats(rate), count }
+    OptimizerVariable {
+        variable: floats_mut(variable),
+        first,
+        second,
+        gradient: floats(gradient),
+        rate: floats(rate),
+        count,
+    }
 }
 
-fn update(rule: Rule, clip: Option<f64>) -> Update {
+fn update(rule: Rule, clip: Option<f64>) -> OptimizerUpdate {
     let (rule, (first, second), epsilon) = match rule {
         Rule::Sgd => (0, (0.0, 0.0), 0.0),
         Rule::Momentum { decay } => (1, (decay, 0.0), 0.0),
@@ -59,7 +71,7 @@ fn update(rule: Rule, clip: Option<f64>) -> Update {
     };
     let [clip, first_decay, second_decay, epsilon] =
         [clip.unwrap_or(f64::INFINITY), first, second, epsilon].map(|number| number as f32);
-    Update { rule, clip, first_decay, second_decay, epsilon }
+    OptimizerUpdate { rule, clip, first_decay, second_decay, epsilon }
 }
 
 /// Changes the variables by their rates and their gradients, of which every number is clipped to +- `clip`.

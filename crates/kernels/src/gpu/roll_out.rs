@@ -14,7 +14,7 @@ use crate::autograd;
 /// What is computed from up to three numbers a, b and c.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(i32)]
-pub enum Operation {
+pub enum ScalarOperation {
     Plus,
     Minus,
     Times,
@@ -49,7 +49,7 @@ pub enum Operation {
 /// An operation on the numbers in these slots.
 #[derive(Debug, Clone, Copy)]
 pub struct Instruction {
-    pub operation: Operation,
+    pub operation: ScalarOperation,
     /// As many as the operation takes; any others for the rest.
     pub slots: [usize; 3],
     /// Of which of them a gradient is wanted.
@@ -64,7 +64,7 @@ pub const STATE: usize = 2;
 
 /// Slots of the walls.
 #[derive(Debug, Clone, Copy)]
-pub struct Barrier {
+pub struct BarrierSlots {
     /// Where they stand, of x and of y.
     pub near: [usize; 2],
     pub far: [usize; 2],
@@ -74,7 +74,7 @@ pub struct Barrier {
 
 /// A substep of an equation as a list.
 #[derive(Debug)]
-pub struct Listing {
+pub struct SubstepListing {
     /// Of all objects.
     pub coordinates: usize,
     pub parameters: usize,
@@ -85,7 +85,7 @@ pub struct Listing {
     pub moving: Vec<Instruction>,
     /// Slots of the positions after a substep, then of the velocities: each a result of its own of what changes.
     pub moved: Vec<usize>,
-    pub barrier: Option<Barrier>,
+    pub barrier: Option<BarrierSlots>,
     /// Whether what is held is the time, which goes on where the dataset ends.
     pub tells_time: bool,
     pub substeps: usize,
@@ -96,7 +96,7 @@ pub struct Listing {
 /// An equation that is ready to be rolled out.
 #[derive(Debug)]
 pub struct Scalars {
-    listing: Listing,
+    listing: SubstepListing,
     /// The list, on each device where it was used: a copy to a GPU cannot be recorded.
     texts: Mutex<Vec<Tensor>>,
 }
@@ -104,7 +104,7 @@ pub struct Scalars {
 /// As `PaigProgram` in `roll_out.cu`.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
-struct Program {
+struct GpuProgram {
     text: *const i32,
     still: c_int,
     moving: c_int,
@@ -123,7 +123,7 @@ struct Program {
 /// As `PaigHeld` in `roll_out.cu`.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
-struct Held {
+struct GpuHeldInputs {
     values: *const f32,
     frames: c_int,
     clip_step: c_int,
@@ -131,12 +131,12 @@ struct Held {
 }
 
 unsafe extern "C" {
-    fn paig_gpu_roll_out_room(program: Program, batch: c_int, backward: bool) -> usize;
+    fn paig_gpu_roll_out_room(program: GpuProgram, batch: c_int, backward: bool) -> usize;
     fn paig_gpu_roll_out(
-        program: Program,
+        program: GpuProgram,
         initial: *const f32,
         parameters: *const f32,
-        held: Held,
+        held: GpuHeldInputs,
         states: *mut f32,
         history: *mut f32,
         room: *mut f32,
@@ -145,10 +145,10 @@ unsafe extern "C" {
         stream: *mut c_void,
     ) -> bool;
     fn paig_gpu_roll_out_backward(
-        program: Program,
+        program: GpuProgram,
         gradient: *const f32,
         parameters: *const f32,
-        held: Held,
+        held: GpuHeldInputs,
         history: *const f32,
         room: *mut f32,
         by_initial: *mut f32,
@@ -160,10 +160,12 @@ unsafe extern "C" {
     ) -> bool;
 }
 
-impl Operation {
+impl ScalarOperation {
     /// How many numbers it takes.
     pub fn operands(self) -> usize {
-        use Operation::{Abs, Cos, Exp, Ln, MinusProduct, Negative, PlusProduct, Sigmoid, Sign, Sin, Sqrt, Tan, Tanh};
+        use ScalarOperation::{
+            Abs, Cos, Exp, Ln, MinusProduct, Negative, PlusProduct, Sigmoid, Sign, Sin, Sqrt, Tan, Tanh,
+        };
         match self {
             PlusProduct | MinusProduct => 3,
             Negative | Sqrt | Exp | Ln | Sin | Cos | Tan | Tanh | Sigmoid | Abs | Sign => 1,
@@ -181,7 +183,7 @@ impl Instruction {
     }
 }
 
-impl Listing {
+impl SubstepListing {
     /// The slot of the first parameter.
     pub fn first_parameter(coordinates: usize) -> usize {
         STATE + 2 * coordinates
@@ -208,7 +210,7 @@ impl Listing {
         });
         let moving = first + self.still.len()..last;
         assert!(self.moved.len() == 2 * self.coordinates && self.moved.iter().all(|slot| moving.contains(slot)));
-        let walls = self.barrier.map(|Barrier { near, far, left }| [near[0], near[1], far[0], far[1], left]);
+        let walls = self.barrier.map(|BarrierSlots { near, far, left }| [near[0], near[1], far[0], far[1], left]);
         assert!(walls.into_iter().flatten().all(|slot| slot < moving.start), "walls that stand");
         assert!(self.substeps > 0);
     }
@@ -217,7 +219,7 @@ impl Listing {
 impl Scalars {
     /// # Panics
     /// A list whose slots are not in order: a mistake in the program, never in its input.
-    pub fn new(listing: Listing) -> Self {
+    pub fn new(listing: SubstepListing) -> Self {
         listing.check();
         Scalars { listing, texts: Mutex::new(Vec::new()) }
     }
@@ -234,11 +236,12 @@ impl Scalars {
     }
 
     /// With its text, which must live as long as it is used.
-    fn program(&self, text: &Tensor) -> Program {
-        let Listing { coordinates, parameters, numbers, still, moving, barrier, tells_time, substeps, dt, .. } =
-            &self.listing;
-        let slot = |of: fn(&Barrier) -> usize| barrier.as_ref().map_or(-1, |barrier| of(barrier) as c_int);
-        Program {
+    fn program(&self, text: &Tensor) -> GpuProgram {
+        let SubstepListing {
+            coordinates, parameters, numbers, still, moving, barrier, tells_time, substeps, dt, ..
+        } = &self.listing;
+        let slot = |of: fn(&BarrierSlots) -> usize| barrier.as_ref().map_or(-1, |barrier| of(barrier) as c_int);
+        GpuProgram {
             text: text.data_ptr().cast_const().cast(),
             still: still.len() as c_int,
             moving: moving.len() as c_int,
@@ -256,15 +259,15 @@ impl Scalars {
     }
 }
 
-impl Held {
+impl GpuHeldInputs {
     /// What is held, `[batch, frames]`, side by side in memory or not.
     fn of(values: Option<&Tensor>) -> Self {
         let Some(values) = values else {
-            return Held { values: std::ptr::null(), frames: 0, clip_step: 0, frame_step: 0 };
+            return GpuHeldInputs { values: std::ptr::null(), frames: 0, clip_step: 0, frame_step: 0 };
         };
         let (size, stride) = (values.size(), values.stride());
         let [frames, clip_step, frame_step] = [size[1], stride[0], stride[1]].map(|n| n as c_int);
-        Held { values: values.data_ptr().cast_const().cast(), frames, clip_step, frame_step }
+        GpuHeldInputs { values: values.data_ptr().cast_const().cast(), frames, clip_step, frame_step }
     }
 }
 
@@ -300,7 +303,7 @@ pub fn roll_out(
     let past = if records { floats_mut(&mut history) } else { std::ptr::null_mut() };
     // SAFETY: tensors of the sizes that are said, which live on the stream as long as the launch needs them.
     on_stream(&initial, |stream| unsafe {
-        let ([states, room], program, acts) = (into, scalars.program(&text), Held::of(held.as_ref()));
+        let ([states, room], program, acts) = (into, scalars.program(&text), GpuHeldInputs::of(held.as_ref()));
         let [from, values] = [&initial, &parameters].map(floats);
         paig_gpu_roll_out(program, from, values, acts, states, past, room, batch as c_int, frames as c_int, stream)
     });
@@ -331,7 +334,7 @@ fn backward(
     let into = [&mut by_initial, &mut by_clip, &mut by_parameters, &mut room].map(floats_mut);
     // SAFETY: as above.
     on_stream(gradient, |stream| unsafe {
-        let ([by_initial, by_clip, by_parameters, room], held) = (into, Held::of(held));
+        let ([by_initial, by_clip, by_parameters, room], held) = (into, GpuHeldInputs::of(held));
         let ([gradient, parameters, history], program) =
             ([gradient, parameters, history].map(floats), scalars.program(&text));
         let (batch, frames) = (batch as c_int, frames as c_int);
@@ -363,13 +366,13 @@ fn room(scalars: &Scalars, text: &Tensor, states: &Tensor, backward: bool) -> Te
 
 #[cfg(test)]
 mod tests {
-    use Operation::*;
+    use ScalarOperation::*;
 
     use super::super::testing::{scattered, test_device};
     use super::*;
 
     /// One coordinate, accelerated by what an operation gives of the position, the velocity and a parameter.
-    fn equation(operation: Operation, padding: usize) -> Arc<Scalars> {
+    fn equation(operation: ScalarOperation, padding: usize) -> Arc<Scalars> {
         let limit = STATE + 3;
         let slots = match operation {
             AtMost | AtLeast => [STATE, limit, limit],
@@ -387,7 +390,7 @@ mod tests {
             vec![Instruction { operation, slots, learns }, move_on(STATE + 1, first), move_on(STATE, first + 1)];
         moving.extend(vec![Instruction { operation: Negative, slots: [HELD; 3], learns: [false; 3] }; padding]);
         let (substeps, dt) = (2, 0.2);
-        Arc::new(Scalars::new(Listing {
+        Arc::new(Scalars::new(SubstepListing {
             coordinates: 1,
             parameters: 1,
             numbers: vec![0.5, (dt / substeps as f64) as f32],
@@ -402,7 +405,7 @@ mod tests {
     }
 
     /// The operation on tensors.
-    fn of_tensors(operation: Operation, [a, b, c]: [&Tensor; 3]) -> Tensor {
+    fn of_tensors(operation: ScalarOperation, [a, b, c]: [&Tensor; 3]) -> Tensor {
         match operation {
             Plus => a + b,
             Minus => a - b,
@@ -431,7 +434,7 @@ mod tests {
         }
     }
 
-    const ALL: [Operation; 24] = [
+    const ALL: [ScalarOperation; 24] = [
         Plus,
         Minus,
         Times,

@@ -6,7 +6,7 @@ use tch::Tensor;
 
 use super::launch::{empty_beside, floats, floats_mut, on_stream};
 use crate::autograd;
-use crate::sprites::Scene;
+use crate::sprites::SceneSizes;
 
 /// Sides of frames that the gradients can be computed of (`MOST_COLUMNS` in `sprites.cu`).
 const MOST_COLUMNS: usize = 512;
@@ -14,7 +14,7 @@ const MOST_COLUMNS: usize = 512;
 /// `PaigScene` in `sprites.cu`.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
-struct Sizes {
+struct GpuSceneSizes {
     frames: c_int,
     objects: c_int,
     channels: c_int,
@@ -27,7 +27,7 @@ struct Sizes {
 /// `PaigDrawn` in `sprites.cu`.
 #[derive(Debug)]
 #[repr(C)]
-struct Drawn {
+struct GpuDrawn {
     sprites: *const f32,
     background: *const f32,
     rows: *const f32,
@@ -37,7 +37,7 @@ struct Drawn {
 /// `PaigSeen` in `sprites.cu`.
 #[derive(Debug)]
 #[repr(C)]
-struct Seen {
+struct GpuFrames {
     frames: *const f32,
     normaliser: *const f32,
     gradient: *const f32,
@@ -46,7 +46,7 @@ struct Seen {
 /// `PaigDrawnGradients` in `sprites.cu`.
 #[derive(Debug)]
 #[repr(C)]
-struct DrawnGradients {
+struct GpuDrawnGradients {
     sprites: *mut f32,
     background: *mut f32,
     rows: *mut f32,
@@ -54,20 +54,26 @@ struct DrawnGradients {
 }
 
 unsafe extern "C" {
-    fn paig_gpu_draw(sizes: Sizes, drawn: Drawn, frames: *mut f32, normaliser: *mut f32, stream: *mut c_void) -> bool;
-    fn paig_gpu_draw_workspace(sizes: Sizes) -> usize;
+    fn paig_gpu_draw(
+        sizes: GpuSceneSizes,
+        drawn: GpuDrawn,
+        frames: *mut f32,
+        normaliser: *mut f32,
+        stream: *mut c_void,
+    ) -> bool;
+    fn paig_gpu_draw_workspace(sizes: GpuSceneSizes) -> usize;
     fn paig_gpu_draw_backward(
-        sizes: Sizes,
-        drawn: Drawn,
-        seen: Seen,
-        by: DrawnGradients,
+        sizes: GpuSceneSizes,
+        drawn: GpuDrawn,
+        seen: GpuFrames,
+        by: GpuDrawnGradients,
         workspace: *mut f32,
         stream: *mut c_void,
     ) -> bool;
 }
 
 /// Whether the kernels can draw a scene.
-pub fn can_draw(scene: &Scene) -> bool {
+pub fn can_draw(scene: &SceneSizes) -> bool {
     matches!(scene.channels, 1 | 3) && scene.side <= MOST_COLUMNS
 }
 
@@ -75,7 +81,7 @@ pub fn can_draw(scene: &Scene) -> bool {
 ///
 /// # Panics
 /// Tensors that do not fit the scene, frames of neither 1 nor 3 channels, or of more than 512 columns.
-pub fn draw(scene: Scene, inputs: [&Tensor; 4]) -> Tensor {
+pub fn draw(scene: SceneSizes, inputs: [&Tensor; 4]) -> Tensor {
     let rows = inputs[2];
     let values = inputs.map(|input| input.detach().contiguous());
     let sizes = checked(scene, &values);
@@ -98,15 +104,15 @@ pub fn draw(scene: Scene, inputs: [&Tensor; 4]) -> Tensor {
 }
 
 /// The gradients by the values from frames, their normaliser and their gradient.
-fn backward(sizes: Sizes, values: &[Tensor; 4], seen: [&Tensor; 3], by: [&mut Tensor; 4]) {
+fn backward(sizes: GpuSceneSizes, values: &[Tensor; 4], seen: [&Tensor; 3], by: [&mut Tensor; 4]) {
     // SAFETY: a function of numbers alone.
     let floats_needed = unsafe { paig_gpu_draw_workspace(sizes) };
     let mut workspace = empty_beside(seen[0], &[floats_needed as i64]);
     let workspace = floats_mut(&mut workspace);
     let [frames, normaliser, gradient] = seen.map(floats);
-    let of_frames = Seen { frames, normaliser, gradient };
+    let of_frames = GpuFrames { frames, normaliser, gradient };
     let [sprites, background, rows, columns] = by.map(floats_mut);
-    let by = DrawnGradients { sprites, background, rows, columns };
+    let by = GpuDrawnGradients { sprites, background, rows, columns };
     // SAFETY: as in `draw`; the workspace is given back to the stream that it is used on.
     on_stream(seen[0], |stream| unsafe {
         paig_gpu_draw_backward(sizes, drawn(values), of_frames, by, workspace, stream)
@@ -115,7 +121,7 @@ fn backward(sizes: Sizes, values: &[Tensor; 4], seen: [&Tensor; 3], by: [&mut Te
 
 /// # Panics
 /// As [`draw`].
-fn checked(scene: Scene, values: &[Tensor; 4]) -> Sizes {
+fn checked(scene: SceneSizes, values: &[Tensor; 4]) -> GpuSceneSizes {
     let [sprites, background, rows, columns] = values;
     let frames = rows.size()[1];
     let [objects, channels, window, side] =
@@ -127,12 +133,12 @@ fn checked(scene: Scene, values: &[Tensor; 4]) -> Sizes {
     assert_eq!(columns.size(), rows.size(), "columns as the rows");
     assert!(values.iter().all(|value| value.device() == rows.device()), "all on one device");
     let [frames, objects, channels, window, side] = [frames, objects, channels, window, side].map(|size| size as c_int);
-    Sizes { frames, objects, channels, window, side, outside: scene.outside, background: scene.background }
+    GpuSceneSizes { frames, objects, channels, window, side, outside: scene.outside, background: scene.background }
 }
 
-fn drawn(values: &[Tensor; 4]) -> Drawn {
+fn drawn(values: &[Tensor; 4]) -> GpuDrawn {
     let [sprites, background, rows, columns] = values.each_ref().map(floats);
-    Drawn { sprites, background, rows, columns }
+    GpuDrawn { sprites, background, rows, columns }
 }
 
 #[cfg(test)]
@@ -140,10 +146,10 @@ mod tests {
     use tch::{Device, Kind, Tensor};
 
     use super::super::testing::{assert_close, test_device};
-    use super::{Scene, draw};
+    use super::{SceneSizes, draw};
     use crate::backend::Kernels;
 
-    fn by_libtorch(scene: Scene, inputs: [&Tensor; 4]) -> Tensor {
+    fn by_libtorch(scene: SceneSizes, inputs: [&Tensor; 4]) -> Tensor {
         let [sprites, background, rows, columns] = inputs.map(Tensor::shallow_clone);
         let layers = || [&sprites, &background].map(Tensor::shallow_clone);
         let [frames] = crate::operations::draw(Kernels::Libtorch, scene, layers, [[rows, columns]]);
@@ -151,7 +157,7 @@ mod tests {
     }
 
     /// Sprites, a background, rows and columns, some of them outside.
-    fn anything(scene: Scene, frames: i64, device: Device) -> [Tensor; 4] {
+    fn anything(scene: SceneSizes, frames: i64, device: Device) -> [Tensor; 4] {
         let [objects, channels, window, side] =
             [scene.objects, scene.channels, scene.window, scene.side].map(|size| size as i64);
         let sprites = Tensor::randn([objects, 1 + channels, window, window], (Kind::Float, device)) * 2.0;
@@ -166,7 +172,7 @@ mod tests {
         tch::manual_seed(5);
         let sizes = [(3, 3, 16, 32, 9), (2, 1, 18, 36, 1), (1, 3, 7, 15, 30), (9, 1, 64, 128, 2)];
         for (objects, channels, window, side, frames) in sizes {
-            let scene = Scene { objects, channels, window, side, outside: 5.0, background: 1.0 };
+            let scene = SceneSizes { objects, channels, window, side, outside: 5.0, background: 1.0 };
             let inputs = anything(scene, frames, device);
             let own = draw(scene, inputs.each_ref());
             let other = by_libtorch(scene, inputs.each_ref());
@@ -183,7 +189,7 @@ mod tests {
     #[test]
     fn what_is_outside_has_no_gradient_and_what_is_no_place_shows() {
         let Some(device) = test_device() else { return };
-        let scene = Scene { objects: 1, channels: 1, window: 4, side: 8, outside: 5.0, background: 1.0 };
+        let scene = SceneSizes { objects: 1, channels: 1, window: 4, side: 8, outside: 5.0, background: 1.0 };
         let [sprites, background, rows, columns] = anything(scene, 2, device).map(|input| input.detach());
         let outside = rows.full_like(-0.5).set_requires_grad(true);
         draw(scene, [&sprites, &background, &outside, &columns]).sum(Kind::Float).backward();

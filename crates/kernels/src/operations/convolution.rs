@@ -7,7 +7,7 @@ use tch::{Device, Kind, Tensor};
 
 use crate::autograd;
 use crate::backend::{Backend, Kernels};
-use crate::convolution::{Kernel, Memory};
+use crate::convolution::{ConvolutionKernel, ConvolutionMemory};
 use crate::simd::Instructions;
 use crate::tensors::{floats, floats_mut};
 
@@ -15,12 +15,12 @@ use crate::tensors::{floats, floats_mut};
 #[derive(Debug)]
 pub struct Convolution {
     kernels: Kernels,
-    memory: Arc<Memory>,
+    memory: Arc<ConvolutionMemory>,
 }
 
 impl Convolution {
     pub fn new(kernels: Kernels) -> Self {
-        Convolution { kernels, memory: Arc::new(Memory::new()) }
+        Convolution { kernels, memory: Arc::new(ConvolutionMemory::new()) }
     }
 
     /// Whether the kernel computes a layer with this weight `[outputs, inputs, height, width]`; otherwise libtorch does.
@@ -31,7 +31,7 @@ impl Convolution {
     fn instructions_for(&self, weight: &Tensor) -> Option<Instructions> {
         let Backend::Cpu(instructions) = self.kernels.backend(&[weight]) else { return None };
         let size = weight.size();
-        let fits = size[..2].iter().all(|channels| Kernel::fits(instructions, *channels as usize));
+        let fits = size[..2].iter().all(|channels| ConvolutionKernel::fits(instructions, *channels as usize));
         (size[2..] == [3, 3] && fits).then_some(instructions)
     }
 
@@ -40,7 +40,7 @@ impl Convolution {
         let kernel = self.instructions_for(weight).map(|instructions| {
             let values = [weight, bias].map(|tensor| tensor.detach().contiguous());
             let [weights, biases] = values.each_ref().map(floats);
-            Arc::new(Kernel::new(instructions, weights, biases, Arc::clone(&self.memory)))
+            Arc::new(ConvolutionKernel::new(instructions, weights, biases, Arc::clone(&self.memory)))
         });
         PreparedConvolution { kernel, variables: [weight, bias].map(Tensor::shallow_clone) }
     }
@@ -49,7 +49,7 @@ impl Convolution {
 /// A convolution with the weights of one moment, differentiable by its input and by them.
 #[derive(Debug)]
 pub struct PreparedConvolution {
-    kernel: Option<Arc<Kernel>>,
+    kernel: Option<Arc<ConvolutionKernel>>,
     variables: [Tensor; 2],
 }
 
@@ -64,7 +64,7 @@ impl PreparedConvolution {
     }
 }
 
-fn on_cpu(kernel: &Arc<Kernel>, inputs: [&Tensor; 3]) -> Tensor {
+fn on_cpu(kernel: &Arc<ConvolutionKernel>, inputs: [&Tensor; 3]) -> Tensor {
     let pictures = inputs[0];
     let sizes = inputs.map(|input| input.size());
     let (count, channels, side, width) = pictures.size4().expect("pictures [pictures, channels, S, S]");

@@ -7,7 +7,7 @@ use crate::backend::{Backend, Kernels};
 use crate::gpu;
 use crate::interpolation::sample_separable;
 use crate::simd::Instructions;
-use crate::sprites::{self, Drawn, Scene};
+use crate::sprites::{self, Drawn, SceneSizes};
 use crate::tensors::{floats, floats_mut};
 
 /// Drawn frames and their layers.
@@ -23,9 +23,9 @@ pub struct Rendering {
 
 /// Sprites `[objects, 1 + channels, window, window]` (mask logits, then colours), and a background
 /// `[1, channels, side, side]`.
-pub type Layers = [Tensor; 2];
+pub type SpriteLayers = [Tensor; 2];
 /// Source pixels in a sprite of each row and each column of the frames, `[objects, frames, side]`.
-pub type Places = [Tensor; 2];
+pub type SourcePixels = [Tensor; 2];
 
 /// The frames of a scene, `[frames, channels, side, side]`, for each of some lists of places, differentiable by
 /// layers and places.
@@ -33,9 +33,9 @@ pub type Places = [Tensor; 2];
 /// `layers` gives what is drawn: one value for all lists where a kernel draws them, one for each list where libtorch does.
 pub fn draw<const LISTS: usize>(
     kernels: Kernels,
-    scene: Scene,
-    layers: impl Fn() -> Layers,
-    places: [Places; LISTS],
+    scene: SceneSizes,
+    layers: impl Fn() -> SpriteLayers,
+    places: [SourcePixels; LISTS],
 ) -> [Tensor; LISTS] {
     let inputs: Vec<&Tensor> = places.iter().flatten().collect();
     match kernels.backend(&inputs) {
@@ -51,7 +51,7 @@ pub fn draw<const LISTS: usize>(
     }
 }
 
-fn on_cpu(instructions: Instructions, scene: Scene, inputs: [&Tensor; 4]) -> Tensor {
+fn on_cpu(instructions: Instructions, scene: SceneSizes, inputs: [&Tensor; 4]) -> Tensor {
     let values = inputs.map(|input| input.detach().contiguous());
     let frames = inputs[2].size()[1];
     let [channels, side] = [scene.channels, scene.side].map(|n| n as i64);
@@ -75,7 +75,7 @@ fn drawn(values: &[Tensor; 4]) -> Drawn<'_> {
 }
 
 /// The same by libtorch.
-pub fn by_libtorch(scene: Scene, [sprites, background]: Layers, [rows, columns]: Places) -> Tensor {
+pub fn by_libtorch(scene: SceneSizes, [sprites, background]: SpriteLayers, [rows, columns]: SourcePixels) -> Tensor {
     let moved = sample_separable(&sprites, &rows, &columns);
     compose(&moved, &background, f64::from(scene.outside), f64::from(scene.background)).frames
 }

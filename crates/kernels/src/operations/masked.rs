@@ -32,7 +32,7 @@ pub fn masked_frames(kernels: Kernels, background_logit: f64, logits: &Tensor, f
 /// The first `objects` of masks `[frames, masks, S, S]` times frames, with the channels innermost in memory.
 fn masked_on_cpu(objects: i64, masks: &Tensor, frames: &Tensor) -> Tensor {
     let (count, channels, side, _) = frames.size4().expect("frames [frames, channels, S, S]");
-    let sizes = masks::Sizes {
+    let sizes = masks::MaskSizes {
         frames: count as usize,
         objects: objects as usize,
         masks: masks.size()[1] as usize,

@@ -8,7 +8,7 @@ use crate::backend::{Backend, Kernels};
 use crate::gpu;
 use crate::interpolation::resize_bilinear_x2;
 use crate::tensors::{floats, floats_mut, numbers};
-use crate::unet::{Kernel, Shape};
+use crate::unet::{Shape, UnetKernel};
 
 /// The CPU kernel computes as many frames as a vector has lanes at a time, also where there are fewer. Below this number,
 /// libtorch is faster.
@@ -20,12 +20,12 @@ pub struct UNetOperation {
     kernels: Kernels,
     shape: Shape,
     /// None where libtorch computes on the CPU.
-    kernel: Option<Kernel>,
+    kernel: Option<UnetKernel>,
 }
 
 impl UNetOperation {
     pub fn new(kernels: Kernels, shape: Shape) -> Self {
-        let kernel = kernels.instructions().map(|instructions| Kernel::new(instructions, shape));
+        let kernel = kernels.instructions().map(|instructions| UnetKernel::new(instructions, shape));
         UNetOperation { kernels, shape, kernel }
     }
 
@@ -51,7 +51,7 @@ impl UNetOperation {
     }
 }
 
-fn on_cpu(kernel: &Kernel, layers: &[(&Tensor, &Tensor)], frames: &Tensor) -> Tensor {
+fn on_cpu(kernel: &UnetKernel, layers: &[(&Tensor, &Tensor)], frames: &Tensor) -> Tensor {
     let variables: Vec<&Tensor> = layers.iter().flat_map(|&(weight, bias)| [weight, bias]).collect();
     let values: Vec<_> = layers.iter().map(|(weight, bias)| (numbers(weight), numbers(bias))).collect();
     let Shape { side, channels, objects, .. } = kernel.shape();

@@ -2,10 +2,15 @@
 
 use super::super::simd::{Instructions, Lanes, dispatched};
 use super::super::threads::{in_parallel, part_of};
-use super::{Drawn, DrawnGradients, Scene, WIDE, Workspace, check};
+use super::{Drawn, DrawnGradients, FrameWorkspace, SceneSizes, WIDE, check};
 
 /// From the gradient of the frames those of what was drawn.
-pub fn draw_backward(instructions: Instructions, scene: &Scene, drawn: &Drawn, gradient: &[f32]) -> DrawnGradients {
+pub fn draw_backward(
+    instructions: Instructions,
+    scene: &SceneSizes,
+    drawn: &Drawn,
+    gradient: &[f32],
+) -> DrawnGradients {
     let frames = check(scene, drawn, gradient.len());
     let part = part_of(frames);
     let parts: Vec<_> = gradient.chunks(part * scene.frame()).enumerate().collect();
@@ -44,7 +49,7 @@ pub struct PartGradients {
 }
 
 impl PartGradients {
-    fn new(scene: &Scene, frames: usize) -> Self {
+    fn new(scene: &SceneSizes, frames: usize) -> Self {
         let lines = vec![0.0; scene.objects * frames * scene.side];
         PartGradients {
             frames,
@@ -58,15 +63,15 @@ impl PartGradients {
 
 dispatched! {
     fn draw_part_backward(
-        scene: &Scene, drawn: &Drawn, place: (usize, usize), gradient: &[f32], sums: &mut PartGradients,
+        scene: &SceneSizes, drawn: &Drawn, place: (usize, usize), gradient: &[f32], sums: &mut PartGradients,
     ) = draw_frames_backward
 }
 
 /// Gradients within a frame.
 struct FrameGradients {
-    /// As [`Workspace::sampled`].
+    /// As [`FrameWorkspace::sampled`].
     sampled: Vec<f32>,
-    /// As [`Workspace::line`], of one object.
+    /// As [`FrameWorkspace::line`], of one object.
     line: Vec<f32>,
     /// A row of each channel of the frame's gradient.
     frame: Vec<f32>,
@@ -77,14 +82,14 @@ struct FrameGradients {
 
 #[inline(always)]
 fn draw_frames_backward<L: Lanes>(
-    scene: &Scene,
+    scene: &SceneSizes,
     drawn: &Drawn,
     (first, frames): (usize, usize),
     gradient: &[f32],
     sums: &mut PartGradients,
 ) {
     let row = scene.row();
-    let mut space = Workspace::new(scene);
+    let mut space = FrameWorkspace::new(scene);
     let mut back = FrameGradients {
         sampled: vec![0.0; space.sampled.len()],
         line: vec![0.0; scene.layers() * row],
@@ -118,9 +123,9 @@ impl FrameGradients {
     #[inline(always)]
     fn through_background(
         &mut self,
-        scene: &Scene,
+        scene: &SceneSizes,
         drawn: &Drawn,
-        space: &Workspace,
+        space: &FrameWorkspace,
         gradient: &[f32],
         background: &mut [f32],
         y: usize,
@@ -151,7 +156,7 @@ impl FrameGradients {
 
     /// The gradients of an object's layers in the row.
     #[inline(always)]
-    fn through_masks(&mut self, scene: &Scene, space: &Workspace, object: usize) {
+    fn through_masks(&mut self, scene: &SceneSizes, space: &FrameWorkspace, object: usize) {
         let (row, layers) = (scene.row(), scene.layers());
         let of_object = &space.line[object * layers * row..][..layers * row];
         let masks = &of_object[..row];
@@ -175,7 +180,7 @@ impl FrameGradients {
 
     /// Adds the row's gradients to those of the sampled sprite; gives that of the row's source pixel.
     #[inline(always)]
-    fn through_row(&mut self, scene: &Scene, space: &Workspace, object: usize, y: usize) -> f32 {
+    fn through_row(&mut self, scene: &SceneSizes, space: &FrameWorkspace, object: usize, y: usize) -> f32 {
         let (row, layers, window) = (scene.row(), scene.layers(), scene.window);
         let sample = space.rows[object * scene.side + y];
         if sample.is_outside() {
@@ -207,8 +212,8 @@ impl FrameGradients {
     #[inline(always)]
     fn through_columns(
         &self,
-        scene: &Scene,
-        space: &Workspace,
+        scene: &SceneSizes,
+        space: &FrameWorkspace,
         object: usize,
         (sprite, sprite_sums): (&[f32], &mut [f32]),
         columns: &mut [f32],

@@ -16,7 +16,7 @@ const WIDE: usize = 16;
 
 /// The sizes of a scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scene {
+pub struct SceneSizes {
     pub objects: usize,
     /// Colours of a pixel. A sprite has one channel more, its mask's logits, which come first.
     pub channels: usize,
@@ -30,7 +30,7 @@ pub struct Scene {
     pub background: f32,
 }
 
-impl Scene {
+impl SceneSizes {
     fn layers(&self) -> usize {
         1 + self.channels
     }
@@ -74,21 +74,21 @@ pub struct DrawnGradients {
 
 /// Where a row or column falls in a sprite: between two pixels with these weights, or outside, where both weights are 0.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sample {
+struct SpriteSample {
     below: usize,
     above: usize,
     weights: [f32; 2],
 }
 
-impl Sample {
+impl SpriteSample {
     fn new(pixel: f32, size: usize) -> Self {
         let below = pixel.floor();
         if !(below >= 0.0 && below + 1.0 <= (size - 1) as f32) {
             // What is no place shows in the weight.
             let weight = if pixel.is_finite() { 0.0 } else { f32::NAN };
-            return Sample { below: 0, above: 0, weights: [weight; 2] };
+            return SpriteSample { below: 0, above: 0, weights: [weight; 2] };
         }
-        Sample { below: below as usize, above: below as usize + 1, weights: [below + 1.0 - pixel, pixel - below] }
+        SpriteSample { below: below as usize, above: below as usize + 1, weights: [below + 1.0 - pixel, pixel - below] }
     }
 
     fn is_outside(&self) -> bool {
@@ -97,10 +97,10 @@ impl Sample {
 }
 
 /// Memory for one frame.
-struct Workspace {
+struct FrameWorkspace {
     /// Samples of each object's rows and columns, `[objects, side]`.
-    rows: Vec<Sample>,
-    columns: Vec<Sample>,
+    rows: Vec<SpriteSample>,
+    columns: Vec<SpriteSample>,
     /// Sprites with their columns sampled, `[objects, layers, window, row]`.
     sampled: Vec<f32>,
     /// A row of each object's layers, `[objects, layers, row]`; logits, then masks, in the first.
@@ -110,12 +110,12 @@ struct Workspace {
     sum: Vec<f32>,
 }
 
-impl Workspace {
-    fn new(scene: &Scene) -> Self {
+impl FrameWorkspace {
+    fn new(scene: &SceneSizes) -> Self {
         let (objects, row) = (scene.objects, scene.row());
-        Workspace {
-            rows: vec![Sample::default(); objects * scene.side],
-            columns: vec![Sample::default(); objects * scene.side],
+        FrameWorkspace {
+            rows: vec![SpriteSample::default(); objects * scene.side],
+            columns: vec![SpriteSample::default(); objects * scene.side],
             sampled: vec![0.0; objects * scene.layers() * scene.window * row],
             line: vec![0.0; objects * scene.layers() * row],
             rest: vec![0.0; row],
@@ -125,13 +125,13 @@ impl Workspace {
 
     /// Samples the columns of a frame's sprites.
     #[inline(always)]
-    fn sample_columns(&mut self, scene: &Scene, drawn: &Drawn, (frame, frames): (usize, usize)) {
+    fn sample_columns(&mut self, scene: &SceneSizes, drawn: &Drawn, (frame, frames): (usize, usize)) {
         let (side, window, row) = (scene.side, scene.window, scene.row());
         for object in 0..scene.objects {
             let given = (object * frames + frame) * side;
-            let sample = |pixels: &[f32], samples: &mut [Sample]| {
+            let sample = |pixels: &[f32], samples: &mut [SpriteSample]| {
                 for (sample, &pixel) in samples.iter_mut().zip(&pixels[given..given + side]) {
-                    *sample = Sample::new(pixel, window);
+                    *sample = SpriteSample::new(pixel, window);
                 }
             };
             sample(drawn.rows, &mut self.rows[object * side..][..side]);
@@ -149,7 +149,7 @@ impl Workspace {
 
     /// The layers of a row, the masks of its objects and of the background.
     #[inline(always)]
-    fn compose_row(&mut self, scene: &Scene, y: usize) {
+    fn compose_row(&mut self, scene: &SceneSizes, y: usize) {
         let (row, layers, window) = (scene.row(), scene.layers(), scene.window);
         for object in 0..scene.objects {
             let sample = self.rows[object * scene.side + y];
@@ -168,7 +168,7 @@ impl Workspace {
     }
 
     #[inline(always)]
-    fn softmax(&mut self, scene: &Scene) {
+    fn softmax(&mut self, scene: &SceneSizes) {
         let (row, stride) = (scene.row(), scene.layers() * scene.row());
         // `rest` holds the largest logit first.
         self.rest.fill(scene.background);
@@ -211,7 +211,7 @@ fn exp(x: f32) -> f32 {
 }
 
 /// Draws frames `[frames, channels, side, side]`.
-pub fn draw(instructions: Instructions, scene: &Scene, drawn: &Drawn, to: &mut [f32]) {
+pub fn draw(instructions: Instructions, scene: &SceneSizes, drawn: &Drawn, to: &mut [f32]) {
     let frames = check(scene, drawn, to.len());
     let part = part_of(frames);
     let parts: Vec<_> = to.chunks_mut(part * scene.frame()).enumerate().collect();
@@ -220,7 +220,7 @@ pub fn draw(instructions: Instructions, scene: &Scene, drawn: &Drawn, to: &mut [
 
 /// # Panics
 /// Arrays that do not fit together.
-fn check(scene: &Scene, drawn: &Drawn, floats: usize) -> usize {
+fn check(scene: &SceneSizes, drawn: &Drawn, floats: usize) -> usize {
     let frames = floats / scene.frame();
     assert_eq!(floats, frames * scene.frame());
     assert_eq!(drawn.sprites.len(), scene.objects * scene.sprite());
@@ -231,13 +231,13 @@ fn check(scene: &Scene, drawn: &Drawn, floats: usize) -> usize {
 }
 
 dispatched! {
-    fn draw_part(scene: &Scene, drawn: &Drawn, place: (usize, usize), to: &mut [f32]) = draw_frames
+    fn draw_part(scene: &SceneSizes, drawn: &Drawn, place: (usize, usize), to: &mut [f32]) = draw_frames
 }
 
 #[inline(always)]
-fn draw_frames<L: Lanes>(scene: &Scene, drawn: &Drawn, (first, frames): (usize, usize), to: &mut [f32]) {
+fn draw_frames<L: Lanes>(scene: &SceneSizes, drawn: &Drawn, (first, frames): (usize, usize), to: &mut [f32]) {
     let (side, row, layers) = (scene.side, scene.row(), scene.layers());
-    let mut space = Workspace::new(scene);
+    let mut space = FrameWorkspace::new(scene);
     let mut background = vec![0.0; row];
     let mut line = vec![0.0; row];
     for (frame, to) in to.chunks_exact_mut(scene.frame()).enumerate() {

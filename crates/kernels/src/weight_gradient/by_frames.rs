@@ -2,7 +2,7 @@
 
 use super::super::filtering::{PRODUCTS, Tiles, taps};
 use super::super::simd::{Lanes, dispatched};
-use super::Kernels;
+use super::KernelGradients;
 
 dispatched! {
     /// Adds the products of as many outputs as a convolution computes together with some inputs.
@@ -36,7 +36,7 @@ fn add_outputs<L: Lanes, const O: usize>(
             let totals = totals.as_mut_ptr().add(point * inputs * O * L::LANES);
             let mut input = 0;
             while input < inputs {
-                let strip = Strip { seen: seen.add(input * of_channel), moved, of_channel };
+                let strip = FrameStrip { seen: seen.add(input * of_channel), moved, of_channel };
                 let totals = totals.add(input * O * L::LANES);
                 input += match inputs - input {
                     1 => strip.add::<L, O, 1>(totals),
@@ -49,7 +49,7 @@ fn add_outputs<L: Lanes, const O: usize>(
 }
 
 /// Some inputs at a point.
-struct Strip {
+struct FrameStrip {
     /// `[input][tile]`.
     seen: *const f32,
     /// `[output][tile]`.
@@ -57,7 +57,7 @@ struct Strip {
     of_channel: usize,
 }
 
-impl Strip {
+impl FrameStrip {
     /// Of `O` outputs and `I` inputs, in registers over all tiles; gives `I`.
     ///
     /// # Safety
@@ -91,11 +91,11 @@ impl Strip {
 
 dispatched! {
     /// From the sums to the gradients.
-    fn finish(totals: &[f32], kernels: Kernels) = finish_lanes
+    fn finish(totals: &[f32], kernels: KernelGradients) = finish_lanes
 }
 
 #[inline(always)]
-fn finish_lanes<L: Lanes>(totals: &[f32], mut kernels: Kernels) {
+fn finish_lanes<L: Lanes>(totals: &[f32], mut kernels: KernelGradients) {
     assert!(totals.len() >= PRODUCTS * kernels.inputs * L::OUTPUTS * L::LANES);
     for input in 0..kernels.inputs {
         for first in (0..L::OUTPUTS).step_by(4) {

@@ -4,7 +4,7 @@
 
 use super::super::filtering::{PRODUCTS, Tiles, taps};
 use super::super::simd::{Lanes, dispatched};
-use super::Kernels;
+use super::KernelGradients;
 
 dispatched! {
     /// Adds the products of as many outputs as a vector has lanes with some inputs.
@@ -46,7 +46,7 @@ fn add_lanes<L: Lanes>(
             let totals = totals.add(point * inputs * L::LANES);
             let mut input = 0;
             while input < inputs {
-                let strip = Strip { seen: seen.add(input * count * L::LANES), turned, frames: count * L::LANES };
+                let strip = OutputStrip { seen: seen.add(input * count * L::LANES), turned, frames: count * L::LANES };
                 let totals = totals.add(input * L::LANES);
                 input += match inputs - input {
                     1 => strip.add::<L, 1>(totals),
@@ -61,7 +61,7 @@ fn add_lanes<L: Lanes>(
 }
 
 /// Some inputs at a point.
-struct Strip {
+struct OutputStrip {
     /// `[input][frame]`, the frames being those of all tiles.
     seen: *const f32,
     /// `[frame][output]`.
@@ -69,7 +69,7 @@ struct Strip {
     frames: usize,
 }
 
-impl Strip {
+impl OutputStrip {
     /// Of `I` inputs, in registers; gives `I`.
     ///
     /// # Safety
@@ -93,11 +93,11 @@ impl Strip {
 
 dispatched! {
     /// From the sums to the gradients.
-    fn finish(totals: &[f32], kernels: Kernels) = finish_lanes
+    fn finish(totals: &[f32], kernels: KernelGradients) = finish_lanes
 }
 
 #[inline(always)]
-fn finish_lanes<L: Lanes>(totals: &[f32], mut kernels: Kernels) {
+fn finish_lanes<L: Lanes>(totals: &[f32], mut kernels: KernelGradients) {
     assert!(totals.len() >= PRODUCTS * kernels.inputs * L::LANES);
     let mut lanes = [0.0; 16];
     for input in 0..kernels.inputs {

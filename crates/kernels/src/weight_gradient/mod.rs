@@ -111,7 +111,7 @@ fn add_some(
             }
         }
         for (totals, sums) in totals.chunks(of_outputs).zip(sums.chunks_mut(outputs * all * 9)) {
-            let kernels = Kernels { sums, all, first, inputs: input.channels };
+            let kernels = KernelGradients { sums, all, first, inputs: input.channels };
             match lane {
                 Lane::Frame => by_frames::finish(instructions, totals, kernels),
                 Lane::Output => by_outputs::finish(instructions, totals, kernels),
@@ -122,14 +122,14 @@ fn add_some(
 
 /// The gradients of the kernels of some outputs, `[output][input][y][x]`, of which those of some inputs are to be added.
 #[derive(Debug)]
-struct Kernels<'a> {
+struct KernelGradients<'a> {
     sums: &'a mut [f32],
     all: usize,
     first: usize,
     inputs: usize,
 }
 
-impl Kernels<'_> {
+impl KernelGradients<'_> {
     #[inline(always)]
     fn add(&mut self, output: usize, input: usize, tap: usize, part: f32) {
         self.sums[(output * self.all + self.first + input) * 9 + tap] += part;

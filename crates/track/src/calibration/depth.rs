@@ -16,14 +16,18 @@ const CERTAIN: f64 = 6.0;
 /// One line where the apparent size of an object changes along one direction of the picture: it comes nearer or goes away,
 /// and one scale does not hold. `None` where the size stays, or too few frames show it whole.
 pub fn depth_line(track: &Track) -> Option<String> {
-    let points: Vec<Sight> = track
+    let points: Vec<DiameterSample> = track
         .points
         .windows(3)
         .filter(|near| near.iter().all(|p| p.visibility == Visibility::Visible))
         .filter_map(|near| {
             let place = |k: usize| near[k].measurement.map(|m| m.position);
             let (before, at, after) = (place(0)?, place(1)?, place(2)?);
-            Some(Sight { at, speed: size([after[0] - before[0], after[1] - before[1]]), diameter: near[1].diameter? })
+            Some(DiameterSample {
+                at,
+                speed: size([after[0] - before[0], after[1] - before[1]]),
+                diameter: near[1].diameter?,
+            })
         })
         .collect();
     if points.len() < LEAST_FRAMES {
@@ -47,7 +51,7 @@ pub fn depth_line(track: &Track) -> Option<String> {
 }
 
 /// An object in one frame.
-struct Sight {
+struct DiameterSample {
     at: [f64; 2],
     /// Pixels per two frames: motion blur makes a fast object look larger.
     speed: f64,
@@ -56,7 +60,7 @@ struct Sight {
 
 /// Relative change of the diameter over the range along an axis, by least squares with the speed as another cause, and its
 /// standard error. `None` where the object does not move along the axis.
-fn change(points: &[Sight], axis: usize, usual: f64) -> Option<(f64, f64)> {
+fn change(points: &[DiameterSample], axis: usize, usual: f64) -> Option<(f64, f64)> {
     let range = points.iter().map(|p| p.at[axis]).fold(f64::NEG_INFINITY, f64::max)
         - points.iter().map(|p| p.at[axis]).fold(f64::INFINITY, f64::min);
     let fastest = points.iter().map(|p| p.speed).fold(1e-9, f64::max);
@@ -64,7 +68,7 @@ fn change(points: &[Sight], axis: usize, usual: f64) -> Option<(f64, f64)> {
         return None;
     }
     let mean = points.iter().map(|p| p.at[axis]).sum::<f64>() / points.len() as f64;
-    let row = |p: &Sight| Vector3::new(1.0, (p.at[axis] - mean) / range, p.speed / fastest);
+    let row = |p: &DiameterSample| Vector3::new(1.0, (p.at[axis] - mean) / range, p.speed / fastest);
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for point in points {
         normal += row(point) * row(point).transpose();
@@ -83,7 +87,7 @@ fn change(points: &[Sight], axis: usize, usual: f64) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
     use crate::quality::Quality;
-    use crate::track::{Measurement, Method, Point, Role};
+    use crate::track::{Method, Point, Role, TrackPoint};
 
     fn track(diameter: impl Fn(f64) -> f64) -> Track {
         let point = |frame: usize| {
@@ -92,7 +96,7 @@ mod tests {
             Point {
                 frame,
                 visibility: Visibility::Visible,
-                measurement: Some(Measurement {
+                measurement: Some(TrackPoint {
                     position: [x, 50.0],
                     covariance: [[0.01; 2]; 2],
                     method: Method::Template,

@@ -6,7 +6,7 @@ mod plane;
 
 pub use depth::depth_line;
 pub use lens::Lens;
-pub use plane::Plane;
+pub use plane::MotionPlane;
 
 /// Reasons why a calibration is not possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -6,12 +6,12 @@ use super::CalibrationError;
 
 /// Plane of the motion: maps pixels to metres and back.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plane {
+pub struct MotionPlane {
     to_metres: Matrix3<f64>,
     to_pixels: Matrix3<f64>,
 }
 
-impl Plane {
+impl MotionPlane {
     /// Plane of a rectangle of `width` by `height` metres whose corners are seen at these places, pixels: bottom left, bottom
     /// right, top right, top left. The origin is the bottom left corner, x runs along the bottom, y up.
     ///
@@ -102,7 +102,7 @@ mod tests {
     fn places_on_a_plane_at_thirty_degrees_are_found() {
         let (width, height) = (1.2, 0.8);
         let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(seen);
-        let plane = Plane::of_rectangle(corners, width, height).unwrap();
+        let plane = MotionPlane::of_rectangle(corners, width, height).unwrap();
         for place in [[0.3, 0.4], [1.5, -0.2], [-0.4, 1.1]] {
             let found = plane.metres(seen(place));
             assert!((found[0] - place[0]).abs() < 1e-9 && (found[1] - place[1]).abs() < 1e-9, "{found:?}");
@@ -123,8 +123,8 @@ mod tests {
     #[test]
     fn corners_out_of_order_are_refused() {
         let corners = [[0.0, 0.0], [100.0, 80.0], [100.0, 0.0], [0.0, 80.0]];
-        assert_eq!(Plane::of_rectangle(corners, 1.0, 1.0), Err(CalibrationError::Corners));
+        assert_eq!(MotionPlane::of_rectangle(corners, 1.0, 1.0), Err(CalibrationError::Corners));
         let corners = [[0.0, 0.0], [100.0, 0.0], [100.0, 80.0], [0.0, 80.0]];
-        assert!(matches!(Plane::of_rectangle(corners, 0.0, 1.0), Err(CalibrationError::Sides { .. })));
+        assert!(matches!(MotionPlane::of_rectangle(corners, 0.0, 1.0), Err(CalibrationError::Sides { .. })));
     }
 }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Origin of a slow-motion factor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Source {
+pub enum FactorSource {
     /// A person gave it.
     Given,
     /// The camera's tag of its capture rate.
@@ -34,7 +34,7 @@ pub enum Finding {
     /// The header claims another rate than the stamps; frames a second.
     Claimed { claimed: f64, stamps: f64 },
     /// The file plays slower than it was filmed; the times were divided by the factor.
-    SlowMotion { factor: f64, source: Source },
+    SlowMotion { factor: f64, source: FactorSource },
     /// The edit list plays pieces at other speeds.
     EditedSpeed { rates: Vec<f64> },
     /// Pictures that repeat the one before.
@@ -80,8 +80,8 @@ impl Finding {
             ),
             Self::SlowMotion { factor, source } => {
                 let why = match source {
-                    Source::Given => "as given",
-                    Source::Tag => "by the camera's tag",
+                    FactorSource::Given => "as given",
+                    FactorSource::Tag => "by the camera's tag",
                 };
                 format!("the file plays {factor:.4} times as slow as it was filmed ({why}); times are divided by that")
             }

@@ -18,7 +18,7 @@ use crate::track::Track;
 
 /// What a file states about time.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Clock {
+pub struct StatedTime {
     /// Presentation time of every frame, seconds, ascending; absent where the source has no times.
     pub times: Option<Vec<f64>>,
     /// Frame rate that a header claims, frames a second.
@@ -45,7 +45,7 @@ pub struct TimeBase {
 
 impl TimeBase {
     /// Time base of a file. `slow_motion` is how many times as slow as filmed it plays, where a person knows it.
-    pub fn new(clock: &Clock, slow_motion: Option<f64>) -> Self {
+    pub fn new(clock: &StatedTime, slow_motion: Option<f64>) -> Self {
         let mut base = Self { times: clock.times.clone(), slow_motion: 1.0, ..Self::default() };
         stamps::read(&mut base, clock, slow_motion);
         base

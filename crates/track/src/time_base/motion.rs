@@ -2,7 +2,7 @@
 
 use super::TimeBase;
 use super::finding::Finding;
-use crate::boundary::{Around, Boundary, SIDE, size};
+use crate::boundary::{Boundary, SIDE, TrackBoundaries, size};
 use crate::statistics::median;
 use crate::track::Track;
 
@@ -26,7 +26,7 @@ const RESIDUAL: f64 = 3.0;
 const MOST_PLACES: usize = 4;
 
 pub(super) fn find(base: &mut TimeBase, track: &Track) {
-    let Some(Around { noise, boundaries }) = Around::of(track, base) else { return };
+    let Some(TrackBoundaries { noise, boundaries }) = TrackBoundaries::of(track, base) else { return };
     dropped(base, &boundaries, noise);
     changed(base, &boundaries, noise);
 }
@@ -116,14 +116,14 @@ fn changed(base: &mut TimeBase, boundaries: &[Boundary], noise: f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Clock;
+    use super::super::StatedTime;
     use super::*;
     use crate::quality::Quality;
-    use crate::track::{Measurement, Method, Point, Role, Visibility};
+    use crate::track::{Method, Point, Role, TrackPoint, Visibility};
 
     fn base(frames: usize) -> TimeBase {
         let times = Some((0..frames).map(|f| f as f64 / 30.0).collect());
-        TimeBase::new(&Clock { times, ..Clock::default() }, None)
+        TimeBase::new(&StatedTime { times, ..StatedTime::default() }, None)
     }
 
     /// Track with noise of alternating sign, 0.1 pixels.
@@ -131,8 +131,7 @@ mod tests {
         let point = |(frame, [x, y]): (usize, [f64; 2])| {
             let noise = if frame * 7 % 3 == 0 { 0.1 } else { -0.1 };
             let position = [x + noise, y - noise];
-            let measurement =
-                Measurement { position, covariance: [[0.01, 0.0], [0.0, 0.01]], method: Method::Template };
+            let measurement = TrackPoint { position, covariance: [[0.01, 0.0], [0.0, 0.01]], method: Method::Template };
             Point {
                 frame,
                 visibility: Visibility::Visible,

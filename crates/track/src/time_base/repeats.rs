@@ -132,7 +132,7 @@ fn blended(changes: &[Change]) -> Option<(usize, Vec<usize>)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Clock;
+    use super::super::StatedTime;
     use super::*;
 
     fn change(frame: usize, top: f64, blend: f64) -> Change {
@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn a_fifth_of_the_frames_repeated_gives_the_rate_before() {
         let changes: Vec<_> = (0..60).map(|f| change(f, if f % 5 == 4 { 0.1 } else { 30.0 }, 0.9)).collect();
-        let clock = Clock { times: Some((0..60).map(|f| f as f64 / 30.0).collect()), ..Clock::default() };
+        let clock = StatedTime { times: Some((0..60).map(|f| f as f64 / 30.0).collect()), ..StatedTime::default() };
         let mut base = TimeBase::new(&clock, None);
         base.look(&changes);
         let [Finding::RepeatedRegularly { repeats: 1, of: 5, rate: Some(rate) }] = base.findings[..] else {

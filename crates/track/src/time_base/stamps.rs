@@ -1,7 +1,7 @@
 //! What time stamps and headers show by themselves.
 
-use super::finding::{Finding, Source};
-use super::{Clock, TimeBase};
+use super::finding::{FactorSource, Finding};
+use super::{StatedTime, TimeBase};
 use crate::statistics::{median, quantile};
 
 /// Rates at which cameras film, frames a second.
@@ -22,7 +22,7 @@ const SLOWER: f64 = 1.05;
 const SIDE: usize = 12;
 const CHANGES: f64 = 1.3;
 
-pub(super) fn read(base: &mut TimeBase, clock: &Clock, slow_motion: Option<f64>) {
+pub(super) fn read(base: &mut TimeBase, clock: &StatedTime, slow_motion: Option<f64>) {
     let Some(times) = &clock.times else {
         base.findings.push(Finding::NoTimes);
         return;
@@ -37,7 +37,8 @@ pub(super) fn read(base: &mut TimeBase, clock: &Clock, slow_motion: Option<f64>)
     }
     let rate = mean_rate(&steps, typical);
     let tag = clock.capture_rate.map(|captured| captured / rate).filter(|factor| *factor > SLOWER);
-    let factor = slow_motion.map(|factor| (factor, Source::Given)).or(tag.map(|factor| (factor, Source::Tag)));
+    let factor =
+        slow_motion.map(|factor| (factor, FactorSource::Given)).or(tag.map(|factor| (factor, FactorSource::Tag)));
     if let Some((factor, source)) = factor.filter(|(factor, _)| factor.is_finite() && *factor > 0.0) {
         base.slow_motion = factor;
         base.times = Some(times.iter().map(|time| time / factor).collect());
@@ -131,8 +132,8 @@ fn change(steps: &[f64]) -> Option<(usize, [f64; 2])> {
 mod tests {
     use super::*;
 
-    fn of(times: Vec<f64>, clock: Clock, slow_motion: Option<f64>) -> TimeBase {
-        TimeBase::new(&Clock { times: Some(times), ..clock }, slow_motion)
+    fn of(times: Vec<f64>, clock: StatedTime, slow_motion: Option<f64>) -> TimeBase {
+        TimeBase::new(&StatedTime { times: Some(times), ..clock }, slow_motion)
     }
 
     fn regular(frames: usize, rate: f64) -> Vec<f64> {
@@ -141,7 +142,7 @@ mod tests {
 
     #[test]
     fn regular_and_rounded_stamps_give_no_finding() {
-        let none = |times| of(times, Clock::default(), None).findings;
+        let none = |times| of(times, StatedTime::default(), None).findings;
         assert_eq!(none(regular(50, 30.0)), []);
         assert_eq!(none(regular(300, 60.0).iter().map(|t| (1000.0 * t).round() / 1000.0).collect()), []);
         // A gif of 30 frames a second in hundredths: 3, 3, 4, ..
@@ -152,13 +153,13 @@ mod tests {
     fn gaps_are_told_from_a_variable_rate() {
         let mut times = regular(60, 30.0);
         times.remove(20);
-        assert_eq!(of(times, Clock::default(), None).findings, [Finding::Gaps { frames: vec![20], missing: 1 }]);
+        assert_eq!(of(times, StatedTime::default(), None).findings, [Finding::Gaps { frames: vec![20], missing: 1 }]);
         let mut time = 0.0;
         let uneven = (0..60).map(|frame| {
             time += [0.016, 0.030, 0.021, 0.050, 0.040][frame % 5];
             time
         });
-        let found = of(uneven.collect(), Clock::default(), None).findings;
+        let found = of(uneven.collect(), StatedTime::default(), None).findings;
         assert!(
             matches!(found[..], [Finding::Unusual { .. }, Finding::Variable { .. }] | [Finding::Variable { .. }]),
             "{found:?}"
@@ -168,30 +169,34 @@ mod tests {
     #[test]
     fn a_rate_that_changes_for_good_is_found() {
         let times = (0..100).map(|f| if f < 40 { f as f64 / 30.0 } else { 40.0 / 30.0 + (f - 40) as f64 / 240.0 });
-        let found = of(times.collect(), Clock::default(), None).findings;
+        let found = of(times.collect(), StatedTime::default(), None).findings;
         let [.., Finding::RateChange { frame, before, after }] = found[..] else { panic!("{found:?}") };
         assert!((39..=41).contains(&frame) && (before - 30.0).abs() < 0.1 && (after - 240.0).abs() < 1.0, "{found:?}");
     }
 
     #[test]
     fn slow_motion_divides_the_times() {
-        let tagged = of(regular(20, 30.0), Clock { capture_rate: Some(240.0), ..Clock::default() }, None);
-        assert_eq!(tagged.findings, [Finding::SlowMotion { factor: tagged.slow_motion, source: Source::Tag }]);
+        let tagged = of(regular(20, 30.0), StatedTime { capture_rate: Some(240.0), ..StatedTime::default() }, None);
+        assert_eq!(tagged.findings, [Finding::SlowMotion { factor: tagged.slow_motion, source: FactorSource::Tag }]);
         assert!((tagged.slow_motion - 8.0).abs() < 1e-9 && (tagged.time(8) - 8.0 / 240.0).abs() < 1e-9);
         // A person knows better; a tag that repeats the rate changes nothing.
         assert_eq!(
-            of(regular(20, 30.0), Clock { capture_rate: Some(240.0), ..Clock::default() }, Some(4.0)).slow_motion,
+            of(regular(20, 30.0), StatedTime { capture_rate: Some(240.0), ..StatedTime::default() }, Some(4.0))
+                .slow_motion,
             4.0
         );
         assert_eq!(
-            of(regular(20, 30.0), Clock { capture_rate: Some(30.0), ..Clock::default() }, None).slow_motion,
+            of(regular(20, 30.0), StatedTime { capture_rate: Some(30.0), ..StatedTime::default() }, None).slow_motion,
             1.0
         );
     }
 
     #[test]
     fn impossible_rates_are_named() {
-        assert_eq!(of(regular(20, 1000.0), Clock::default(), None).findings, [Finding::Impossible { rate: 1000.0 }]);
-        assert!(matches!(of(regular(20, 187.35), Clock::default(), None).findings[..], [Finding::Unusual { .. }]));
+        assert_eq!(
+            of(regular(20, 1000.0), StatedTime::default(), None).findings,
+            [Finding::Impossible { rate: 1000.0 }]
+        );
+        assert!(matches!(of(regular(20, 187.35), StatedTime::default(), None).findings[..], [Finding::Unusual { .. }]));
     }
 }

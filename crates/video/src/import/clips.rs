@@ -6,8 +6,8 @@ use anyhow::{Result, ensure};
 use image::RgbImage;
 use ndarray::{Array1, Array2, Array4, Array5};
 
-use super::hold_out::{Cut, Parts, starts};
-use super::request::Request;
+use super::hold_out::{Cut, HoldOut, starts};
+use super::request::ImportRequest;
 use paig::datasets::files::DatasetFile;
 use paig::datasets::film::FilmFile;
 
@@ -15,28 +15,33 @@ use paig::datasets::film::FilmFile;
 const MOST_BYTES: usize = 1 << 31;
 
 /// The frames of a take as a model sees them, and what they are for.
-pub(super) type Divided<'a> = (&'a [RgbImage], &'a Parts);
+pub(super) type Divided<'a> = (&'a [RgbImage], &'a HoldOut);
 
 /// The training file and the test file; `dt` is the time from frame to frame.
-pub(super) fn files(request: &Request, takes: &[Divided], cut: &Cut, dt: f64) -> Result<(DatasetFile, DatasetFile)> {
-    let clips = |part: fn(&Parts) -> &Range<usize>, length, stride| Clips::of(takes, part, length, stride);
+pub(super) fn files(
+    request: &ImportRequest,
+    takes: &[Divided],
+    cut: &Cut,
+    dt: f64,
+) -> Result<(DatasetFile, DatasetFile)> {
+    let clips = |part: fn(&HoldOut) -> &Range<usize>, length, stride| PartClips::of(takes, part, length, stride);
     let (short, long) = (cut.train_frames, cut.test_frames);
     let train = clips(|parts| &parts.train, short, cut.train_stride);
     let valid = clips(|parts| &parts.valid, short, cut.held_out_stride);
     let test = clips(|parts| &parts.test, long, cut.held_out_stride);
-    let (none_short, none_long) = (Clips::none(short), Clips::none(long));
+    let (none_short, none_long) = (PartClips::none(short), PartClips::none(long));
     let kind = request.kind()?;
-    let file = |clips: [&Clips; 3]| -> Result<DatasetFile> {
+    let file = |clips: [&PartClips; 3]| -> Result<DatasetFile> {
         let [train, valid, test] = clips.map(|clips| clips.pixels(request));
         // Nothing that acted from outside was filmed.
-        let held = |clips: &Clips| clips.times(if kind.tells_time() { dt } else { 0.0 });
+        let held = |clips: &PartClips| clips.times(if kind.tells_time() { dt } else { 0.0 });
         Ok(DatasetFile { train: train?, valid: valid?, test: test?, actions: kind.actions.then(|| clips.map(held)) })
     };
     Ok((file([&train, &valid, &none_short])?, file([&none_long, &none_long, &test])?))
 }
 
 /// Clips of one part of every take.
-struct Clips<'a> {
+struct PartClips<'a> {
     frames: Vec<&'a [RgbImage]>,
     /// Where each begins in its take, frames.
     begins: Vec<usize>,
@@ -45,7 +50,7 @@ struct Clips<'a> {
 }
 
 /// All frames of every take, which have these numbers in their video.
-pub(super) fn film(request: &Request, takes: &[Vec<RgbImage>], numbers: Vec<Array1<u64>>) -> Result<FilmFile> {
+pub(super) fn film(request: &ImportRequest, takes: &[Vec<RgbImage>], numbers: Vec<Array1<u64>>) -> Result<FilmFile> {
     let (side, channels) = (request.side, request.channels());
     let array = |frames: &Vec<RgbImage>| {
         let shape = (frames.len(), side, side, channels);
@@ -59,22 +64,22 @@ fn levels<'a>(frames: impl Iterator<Item = &'a RgbImage>, channels: usize) -> Ve
     frames.flat_map(|frame| frame.pixels()).flat_map(|pixel| pixel.0.into_iter().take(channels)).collect()
 }
 
-impl<'a> Clips<'a> {
+impl<'a> PartClips<'a> {
     fn none(length: usize) -> Self {
-        Clips { frames: Vec::new(), begins: Vec::new(), length }
+        PartClips { frames: Vec::new(), begins: Vec::new(), length }
     }
 
-    fn of(takes: &[Divided<'a>], part: fn(&Parts) -> &Range<usize>, length: usize, stride: usize) -> Self {
+    fn of(takes: &[Divided<'a>], part: fn(&HoldOut) -> &Range<usize>, length: usize, stride: usize) -> Self {
         let clips = takes.iter().flat_map(|&(frames, parts)| {
             let begins = starts(part(parts), length, stride);
             begins.into_iter().map(move |begin| (&frames[begin..begin + length], begin))
         });
         let (frames, begins) = clips.unzip();
-        Clips { frames, begins, length }
+        PartClips { frames, begins, length }
     }
 
     /// `[clips, length, S, S, channels]`.
-    fn pixels(&self, request: &Request) -> Result<Array5<u8>> {
+    fn pixels(&self, request: &ImportRequest) -> Result<Array5<u8>> {
         let (clips, side, channels) = (self.frames.len(), request.side, request.channels());
         let bytes = clips * self.length * side * side * channels;
         ensure!(

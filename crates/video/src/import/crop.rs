@@ -13,12 +13,12 @@ pub enum CropChoice {
     /// The whole frame.
     Full,
     /// A rectangle, squared.
-    Rectangle(Rectangle),
+    Rectangle(CropRectangle),
 }
 
 /// A rectangle within a frame: its top left corner, width and height, pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Rectangle {
+pub struct CropRectangle {
     pub x: u32,
     pub y: u32,
     pub width: u32,
@@ -33,13 +33,13 @@ pub struct Square {
     pub side: u32,
 }
 
-impl Rectangle {
+impl CropRectangle {
     /// The smallest rectangle around both.
     pub fn joined(self, other: Self) -> Self {
         let (x, y) = (self.x.min(other.x), self.y.min(other.y));
         let right = (self.x + self.width).max(other.x + other.width);
         let bottom = (self.y + self.height).max(other.y + other.height);
-        Rectangle { x, y, width: right - x, height: bottom - y }
+        CropRectangle { x, y, width: right - x, height: bottom - y }
     }
 
     /// The shorter side grows about its middle. The square is moved into a frame of `width` x `height`; in one that is
@@ -90,13 +90,13 @@ mod tests {
 
     #[test]
     fn rectangles_grow_to_squares_within_the_frame() {
-        let square = |x, y, width, height| Rectangle { x, y, width, height }.squared(100, 60).unwrap();
+        let square = |x, y, width, height| CropRectangle { x, y, width, height }.squared(100, 60).unwrap();
         assert_eq!(square(10, 10, 20, 30), Square { x: 5, y: 10, side: 30 });
         assert_eq!(square(0, 0, 20, 30), Square { x: 0, y: 0, side: 30 });
         assert_eq!(square(70, 40, 30, 20), Square { x: 70, y: 30, side: 30 });
         assert_eq!(square(0, 0, 100, 60), Square { x: 0, y: -20, side: 100 });
         for (x, y, width, height) in [(0, 0, 0, 5), (90, 0, 11, 5), (0, 60, 5, 1), (u32::MAX, 0, 5, 5)] {
-            assert!(Rectangle { x, y, width, height }.squared(100, 60).is_err());
+            assert!(CropRectangle { x, y, width, height }.squared(100, 60).is_err());
         }
     }
 

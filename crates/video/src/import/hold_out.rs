@@ -15,22 +15,22 @@ const LEAST_TAKES: usize = 4;
 
 /// Frames of a take, by their place among those that are kept.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Parts {
+pub struct HoldOut {
     pub train: Range<usize>,
     pub valid: Range<usize>,
     pub test: Range<usize>,
 }
 
-impl Parts {
+impl HoldOut {
     pub fn of(frames: usize) -> Self {
         let held_out = frames * 3 / 4;
         let test = held_out + (frames - held_out) / 2;
-        Parts { train: 0..held_out, valid: held_out..test, test: test..frames }
+        HoldOut { train: 0..held_out, valid: held_out..test, test: test..frames }
     }
 
     /// The parts of takes with so many frames, of which `needed` make a clip.
     pub fn of_all(takes: &[usize], needed: usize) -> Vec<Self> {
-        let each: Vec<_> = takes.iter().map(|&frames| Parts::of(frames)).collect();
+        let each: Vec<_> = takes.iter().map(|&frames| HoldOut::of(frames)).collect();
         if takes.len() < LEAST_TAKES || each.iter().any(|parts| parts.valid.len() >= needed) {
             return each;
         }
@@ -39,9 +39,9 @@ impl Parts {
         let held_out = (long.len() / 4).max(2).min(long.len());
         let (valid, test) = (long.len() - held_out, long.len() - held_out.div_ceil(2));
         let whole = |(take, &frames): (usize, &usize)| match long.iter().position(|it| *it == take) {
-            Some(place) if place >= test => Parts { train: 0..0, valid: 0..0, test: 0..frames },
-            Some(place) if place >= valid => Parts { train: 0..0, valid: 0..frames, test: frames..frames },
-            _ => Parts { train: 0..frames, valid: frames..frames, test: frames..frames },
+            Some(place) if place >= test => HoldOut { train: 0..0, valid: 0..0, test: 0..frames },
+            Some(place) if place >= valid => HoldOut { train: 0..0, valid: 0..frames, test: frames..frames },
+            _ => HoldOut { train: 0..frames, valid: frames..frames, test: frames..frames },
         };
         takes.iter().enumerate().map(whole).collect()
     }
@@ -54,7 +54,7 @@ impl Parts {
             (border..numbers.len()).find(begins).unwrap_or(numbers.len())
         };
         let (valid, test) = (past(self.train.end), past(self.valid.end));
-        Parts { train: 0..valid, valid: valid..test, test: test..self.frames() }
+        HoldOut { train: 0..valid, valid: valid..test, test: test..self.frames() }
     }
 
     /// Frames of the take.
@@ -82,7 +82,7 @@ impl Cut {
     /// # Errors
     /// Too few frames for one clip in each part, a given length below `least`, an overlap of a whole clip.
     pub fn choose(
-        parts: &[Parts],
+        parts: &[HoldOut],
         least: usize,
         clip: Option<usize>,
         overlap: Option<usize>,
@@ -96,7 +96,7 @@ impl Cut {
         }
         // The shortest part that can hold a clip decides, so that all of those are trained on and tested.
         let needed = clip.unwrap_or(least);
-        let shortest = |part: fn(&Parts) -> &Range<usize>| {
+        let shortest = |part: fn(&HoldOut) -> &Range<usize>| {
             parts.iter().map(|it| part(it).len()).filter(|frames| *frames >= needed).min().unwrap_or(0)
         };
         let (train, valid, test) = (shortest(|it| &it.train), shortest(|it| &it.valid), shortest(|it| &it.test));
@@ -107,7 +107,7 @@ impl Cut {
             "{} frames are too few for clips of {train_frames}: the last quarter is held out, half of it for validation and \
              half for the test, so some {} are needed, or {LEAST_TAKES} throws and more (--frames 30..62,120..155,..). Use a \
              longer part, a smaller --step, fewer --input-steps and --pred-steps, or another video",
-            parts.iter().map(Parts::frames).max().unwrap_or(0),
+            parts.iter().map(HoldOut::frames).max().unwrap_or(0),
             train_frames.saturating_mul(8)
         );
         ensure!(
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn parts_follow_each_other() {
         for frames in 0..200 {
-            let Parts { train, valid, test } = Parts::of(frames);
+            let HoldOut { train, valid, test } = HoldOut::of(frames);
             assert_eq!((train.start, train.end, valid.end, test.end), (0, valid.start, test.start, frames));
             assert_eq!(train.end, 3 * frames / 4);
         }
@@ -154,42 +154,42 @@ mod tests {
     #[test]
     fn short_takes_are_held_out_whole() {
         // Ten throws of 24 frames: eight to learn from, one for validation, one for the test.
-        let parts = Parts::of_all(&[24; 10], 10);
-        let held_out = |part: fn(&Parts) -> &Range<usize>| parts.iter().map(|it| part(it).len()).collect::<Vec<_>>();
+        let parts = HoldOut::of_all(&[24; 10], 10);
+        let held_out = |part: fn(&HoldOut) -> &Range<usize>| parts.iter().map(|it| part(it).len()).collect::<Vec<_>>();
         assert_eq!(held_out(|it| &it.train), [24, 24, 24, 24, 24, 24, 24, 24, 0, 0]);
         assert_eq!(held_out(|it| &it.valid), [0, 0, 0, 0, 0, 0, 0, 0, 24, 0]);
         assert_eq!(held_out(|it| &it.test), [0, 0, 0, 0, 0, 0, 0, 0, 0, 24]);
         let cut = Cut::choose(&parts, 10, None, None, 2000).unwrap();
         assert_eq!((cut.train_frames, cut.test_frames), (12, 16));
         // The shortest throw decides, also among those that are trained on; none of these may be too short.
-        let of_throws = |frames: [usize; 4]| Cut::choose(&Parts::of_all(&frames, 10), 10, None, None, 2000);
+        let of_throws = |frames: [usize; 4]| Cut::choose(&HoldOut::of_all(&frames, 10), 10, None, None, 2000);
         assert_eq!(of_throws([11, 11, 12, 12]).unwrap().train_frames, 11);
         let refused = of_throws([9, 9, 12, 12]).unwrap_err().to_string();
         assert!(refused.contains("no part to train on has the 10 frames of a clip; the longest has 9"), "{refused}");
         // One without a clip is not held out; it teaches nothing, either.
-        let parts = Parts::of_all(&[12, 12, 12, 12, 9], 10);
+        let parts = HoldOut::of_all(&[12, 12, 12, 12, 9], 10);
         let lengths = parts.iter().map(|it| [it.train.len(), it.valid.len(), it.test.len()]).collect::<Vec<_>>();
         assert_eq!(lengths, [[12, 0, 0], [12, 0, 0], [0, 12, 0], [0, 0, 12], [9, 0, 0]]);
         // Three are too few; of one that is long enough a quarter is held out, as of the others.
-        assert!(Cut::choose(&Parts::of_all(&[24; 3], 10), 10, None, None, 2000).is_err());
-        assert_eq!(Parts::of_all(&[24, 24, 24, 100], 10)[0], Parts::of(24));
+        assert!(Cut::choose(&HoldOut::of_all(&[24; 3], 10), 10, None, None, 2000).is_err());
+        assert_eq!(HoldOut::of_all(&[24, 24, 24, 100], 10)[0], HoldOut::of(24));
     }
 
     #[test]
     fn a_frame_that_is_shown_twice_is_in_one_part() {
         // Frame 5 would end the training frames and begin the validation's.
         let numbers = [0, 1, 2, 3, 4, 5, 5, 6, 7, 7];
-        let parts = Parts { train: 0..6, valid: 6..9, test: 9..10 };
-        assert_eq!(parts.apart(&numbers), Parts { train: 0..7, valid: 7..10, test: 10..10 });
-        let whole = Parts { train: 0..0, valid: 0..10, test: 10..10 };
+        let parts = HoldOut { train: 0..6, valid: 6..9, test: 9..10 };
+        assert_eq!(parts.apart(&numbers), HoldOut { train: 0..7, valid: 7..10, test: 10..10 });
+        let whole = HoldOut { train: 0..0, valid: 0..10, test: 10..10 };
         assert_eq!(whole.apart(&numbers), whole);
-        assert_eq!(Parts::of(8).apart(&[0, 1, 2, 3, 4, 5, 6, 7]), Parts::of(8));
+        assert_eq!(HoldOut::of(8).apart(&[0, 1, 2, 3, 4, 5, 6, 7]), HoldOut::of(8));
     }
 
     #[test]
     fn clips_fit_into_their_parts() {
         let choose = |takes: &[usize], clip: Option<usize>, overlap| {
-            let parts = Parts::of_all(takes, clip.unwrap_or(10));
+            let parts = HoldOut::of_all(takes, clip.unwrap_or(10));
             Cut::choose(&parts, 10, clip, overlap, 2000)
         };
         let cut = choose(&[160], None, None).unwrap();

@@ -27,10 +27,10 @@ use anyhow::{Context, Result, ensure};
 
 use self::contact_sheet::write_contact_sheet;
 use self::crop::Square;
-use self::hold_out::{Cut, Parts};
-use self::motion::Moving;
-use self::reel::{Reel, Take};
-use self::request::{Place, Request};
+use self::hold_out::{Cut, HoldOut};
+use self::motion::MovingArea;
+use self::reel::{Reel, VideoTake};
+use self::request::{FolderState, ImportRequest};
 use self::time_base::Kept;
 use paig::Error;
 use paig::datasets::film::FILM;
@@ -97,7 +97,7 @@ fn is_written(name: &OsStr) -> bool {
 }
 
 /// Refuses to write over a video, or a picture among those of one.
-fn spare_videos(request: &Request) -> Result<()> {
+fn spare_videos(request: &ImportRequest) -> Result<()> {
     let real = |path: &Path| path.canonicalize().ok();
     let written: Vec<_> = FILES.files.iter().filter_map(|name| real(&request.out.join(name))).collect();
     for video in &request.videos {
@@ -112,23 +112,23 @@ fn spare_videos(request: &Request) -> Result<()> {
 }
 
 /// Told how far an import is: frames decoded, of all.
-pub type Progress<'a> = &'a dyn Fn(usize, usize);
+pub type ImportProgress<'a> = &'a dyn Fn(usize, usize);
 
 /// Makes `train.npz`, `test.npz`, `film.npz`, `task.toml` and `contact-sheet.png` in the folder `request.out`.
 ///
 /// # Errors
 /// A video that cannot be read, a crop or a part outside of it, nothing that moves, too few frames, a folder that holds
 /// something already, a system that cannot be. Nothing is written then.
-pub fn import(request: &Request, progress: Progress) -> Result<Imported, Error> {
+pub fn import(request: &ImportRequest, progress: ImportProgress) -> Result<Imported, Error> {
     Ok(imported(request, progress)?)
 }
 
-fn imported(request: &Request, progress: Progress) -> Result<Imported> {
+fn imported(request: &ImportRequest, progress: ImportProgress) -> Result<Imported> {
     ensure!(!request.videos.is_empty(), "no video given");
     ensure!(request.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps: must be a positive number");
     let (place, name) = (request.place()?, request.task_name()?);
     check_system(request)?;
-    if place == Place::Replaced {
+    if place == FolderState::Replaced {
         spare_videos(request)?;
         ensure!(!is_run(&request.out), "{} is a run folder; choose another --out", request.out.display());
         FILES.check(&request.out)?;
@@ -149,9 +149,9 @@ fn imported(request: &Request, progress: Progress) -> Result<Imported> {
     let (film, sheet) = reel.decode(request, square, progress)?;
     let ratio = reel.film_ratio(request);
     let filmed: Vec<Vec<_>> = film.iter().map(|frames| frames.iter().step_by(ratio).cloned().collect()).collect();
-    let moving: Vec<_> = filmed.iter().map(|frames| Moving::measure(frames)).collect();
+    let moving: Vec<_> = filmed.iter().map(|frames| MovingArea::measure(frames)).collect();
     ensure!(
-        moving.iter().any(Moving::any),
+        moving.iter().any(MovingArea::any),
         "nothing moves in the frames as a model sees them; look at another part of the video (--frames) or of the frames \
          (--crop), or raise --side"
     );
@@ -168,11 +168,11 @@ fn imported(request: &Request, progress: Progress) -> Result<Imported> {
         atomic::write_file(&folder.join(TASK), |file| Ok(file.write_all(text.as_bytes())?))
     };
     match place {
-        Place::New => atomic::write_folder(&request.out, fill)?,
-        Place::Empty => fill(&request.out)?,
-        Place::Replaced => atomic::replace_folder(&request.out, &is_written, fill)?,
+        FolderState::New => atomic::write_folder(&request.out, fill)?,
+        FolderState::Empty => fill(&request.out)?,
+        FolderState::Replaced => atomic::replace_folder(&request.out, &is_written, fill)?,
     }
-    let used = reel.takes.iter().map(|Take { video, kept, .. }| ImportedTake {
+    let used = reel.takes.iter().map(|VideoTake { video, kept, .. }| ImportedTake {
         name: video.name(),
         width: video.width,
         height: video.height,
@@ -194,7 +194,7 @@ fn imported(request: &Request, progress: Progress) -> Result<Imported> {
 }
 
 /// Refuses a system that cannot be before a video is opened.
-fn check_system(request: &Request) -> Result<System> {
+fn check_system(request: &ImportRequest) -> Result<System> {
     let kind = request.kind()?;
     metrics::check_parameters(&kind.parameters).context("the equation")?;
     let table = SystemTable {
@@ -211,7 +211,7 @@ fn check_system(request: &Request) -> Result<System> {
 }
 
 /// How long clips are and how they overlap.
-fn cut(request: &Request, parts: &[Parts]) -> Result<Cut> {
+fn cut(request: &ImportRequest, parts: &[HoldOut]) -> Result<Cut> {
     let least = request.least_frames();
     let clip_bytes = request.frame_bytes().saturating_mul(request.clip_frames.unwrap_or(least).max(least));
     let most = MOST_TRAINING_CLIPS.min(MOST_TRAINING_BYTES / clip_bytes);

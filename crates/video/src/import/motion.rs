@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use image::RgbImage;
 
-use super::crop::Rectangle;
+use super::crop::CropRectangle;
 use super::scaling::scaled;
 use paig::support::statistics::upper_median;
 
@@ -25,7 +25,7 @@ const LEAST_SIDE: u32 = 12;
 
 /// Where a frame moves.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moving {
+pub struct MovingArea {
     width: u32,
     height: u32,
     /// How often each pixel moves, row by row, over all frames looked at.
@@ -84,12 +84,12 @@ pub fn small(frame: &RgbImage) -> RgbImage {
     scaled(frame, (0, 0), (width, height), (side(width), side(height)))
 }
 
-impl Moving {
+impl MovingArea {
     /// Compares frames of one size with the median over them.
     pub fn measure(frames: &[RgbImage]) -> Self {
         let compared = spread(frames.len(), COMPARED_FRAMES).into_iter().map(|place| &frames[place]);
         let Some(still) = median_frame(compared) else {
-            return Moving { width: 0, height: 0, times: Vec::new(), frames: Vec::new() };
+            return MovingArea { width: 0, height: 0, times: Vec::new(), frames: Vec::new() };
         };
         let (width, height) = still.dimensions();
         let mut times = vec![0; (width * height) as usize];
@@ -101,7 +101,7 @@ impl Moving {
             MovingFrame { share, patches: patches(moves, width as usize) }
         });
         let frames = of_frames.collect();
-        Moving { width, height, times, frames }
+        MovingArea { width, height, times, frames }
     }
 
     /// Whether anything moves.
@@ -115,7 +115,7 @@ impl Moving {
     }
 
     /// A rectangle around what moves with a margin, in pixels of frames of `width` x `height`; none if nothing moves.
-    pub fn rectangle(&self, width: u32, height: u32) -> Option<Rectangle> {
+    pub fn rectangle(&self, width: u32, height: u32) -> Option<CropRectangle> {
         let columns: Vec<usize> =
             (0..self.width).map(|x| (0..self.height).map(|y| self.times_at(x, y)).sum()).collect();
         let rows: Vec<usize> = (0..self.height).map(|y| (0..self.width).map(|x| self.times_at(x, y)).sum()).collect();
@@ -130,7 +130,7 @@ impl Moving {
         };
         let (left, right) = grown(left, right, self.width, width);
         let (top, bottom) = grown(top, bottom, self.height, height);
-        Some(Rectangle { x: left, y: top, width: right - left, height: bottom - top })
+        Some(CropRectangle { x: left, y: top, width: right - left, height: bottom - top })
     }
 
     fn times_at(&self, x: u32, y: u32) -> usize {

@@ -9,13 +9,13 @@ use image::RgbImage;
 use ndarray::Array1;
 
 use super::contact_sheet::{SheetCell, SheetRow};
-use super::crop::{CropChoice, Rectangle, Square};
-use super::hold_out::Parts;
-use super::motion::{self, Moving, spread};
-use super::request::Request;
-use super::sources::{Passes, Video};
-use super::time_base::{Kept, Part};
-use super::{MOST_KEPT, Progress};
+use super::crop::{CropChoice, CropRectangle, Square};
+use super::hold_out::HoldOut;
+use super::motion::{self, MovingArea, spread};
+use super::request::ImportRequest;
+use super::sources::{Passes, SourceVideo};
+use super::time_base::{Kept, VideoPart};
+use super::{ImportProgress, MOST_KEPT};
 use paig::tasks::video;
 
 /// Most frames and bytes of the film: where there were more, it holds only the frames that clips are cut from.
@@ -32,11 +32,11 @@ const SHEET_TAKES: usize = 8;
 
 /// A part of a video that shows one motion from its beginning to its end.
 #[derive(Debug)]
-pub(super) struct Take {
-    pub video: Rc<Video>,
+pub(super) struct VideoTake {
+    pub video: Rc<SourceVideo>,
     /// What clips are cut from.
     pub kept: Kept,
-    pub parts: Parts,
+    pub parts: HoldOut,
     /// The same as is kept at every frame, or at every `film_step`-th.
     film: Kept,
 }
@@ -44,7 +44,7 @@ pub(super) struct Take {
 /// Takes of one size and one time between frames.
 #[derive(Debug)]
 pub(super) struct Reel {
-    pub takes: Vec<Take>,
+    pub takes: Vec<VideoTake>,
     pub film_step: usize,
     /// Which parts were left out and why, for people.
     pub left_out: Vec<String>,
@@ -52,9 +52,9 @@ pub(super) struct Reel {
 
 impl Reel {
     /// Reads what the videos say of themselves, and chooses frames. A clip has at least `needed`.
-    pub(super) fn open(request: &Request, needed: usize) -> Result<Self> {
+    pub(super) fn open(request: &ImportRequest, needed: usize) -> Result<Self> {
         let open = |path: &PathBuf| {
-            let video = Video::open(path)?;
+            let video = SourceVideo::open(path)?;
             Ok(Rc::new(if request.fps.is_some() { video } else { video.timed(request.slow_motion) }))
         };
         let videos = request.videos.iter().map(open).collect::<Result<Vec<_>>>()?;
@@ -74,7 +74,7 @@ impl Reel {
         }
         let parts = || videos.iter().flat_map(|video| request.parts.iter().map(move |part| (video, *part)));
         let every = |step: usize| {
-            let choose = |(video, part): (&Rc<Video>, Part)| {
+            let choose = |(video, part): (&Rc<SourceVideo>, VideoPart)| {
                 let kept = Kept::choose(video.frames, video.times.as_deref(), request.fps, part, step);
                 kept.with_context(|| format!("video {}", video.path.display()))
             };
@@ -88,8 +88,8 @@ impl Reel {
         let frames = count(&kept);
         let takes = parts().zip(kept).zip(film).map(|(((video, _), kept), film)| {
             // Decided by `hold_out`, once it is known which takes are left.
-            let parts = Parts::of(kept.frames.len());
-            Take { video: video.clone(), kept, parts, film }
+            let parts = HoldOut::of(kept.frames.len());
+            VideoTake { video: video.clone(), kept, parts, film }
         });
         let mut reel = Reel { takes: takes.collect(), film_step, left_out: Vec::new() };
         reel.check_apart()?;
@@ -109,7 +109,7 @@ impl Reel {
     /// Leaves out takes whose film has less than the frames of a clip: neither are clips cut from them, nor can a model look
     /// at them.
     pub(super) fn leave_out_short(&mut self, clip: usize) {
-        let is_short = |take: &Take| take.film.frames.len() < clip;
+        let is_short = |take: &VideoTake| take.film.frames.len() < clip;
         // Where none is long enough, the choice of clips says how long one must be.
         if self.takes.iter().all(is_short) {
             return;
@@ -125,7 +125,7 @@ impl Reel {
     /// Decides what is held out, where a clip has at least `needed` frames.
     fn hold_out(&mut self, needed: usize) {
         let lengths: Vec<_> = self.takes.iter().map(|take| take.kept.frames.len()).collect();
-        for (take, parts) in self.takes.iter_mut().zip(Parts::of_all(&lengths, needed)) {
+        for (take, parts) in self.takes.iter_mut().zip(HoldOut::of_all(&lengths, needed)) {
             take.parts = parts.apart(&take.kept.frames);
         }
     }
@@ -146,7 +146,7 @@ impl Reel {
     /// Parameters in pixels and frames mean the same in all videos only if these are alike.
     fn check_alike(&self) -> Result<()> {
         let (first, interval) = (&self.takes[0].video, self.takes[0].kept.interval);
-        for Take { video, kept, .. } in &self.takes[1..] {
+        for VideoTake { video, kept, .. } in &self.takes[1..] {
             let path = video.path.display();
             ensure!(
                 (video.width, video.height) == (first.width, first.height),
@@ -173,14 +173,14 @@ impl Reel {
     }
 
     /// The same in the unit of the task's `dt`.
-    pub(super) fn dt(&self, request: &Request) -> Result<f64> {
+    pub(super) fn dt(&self, request: &ImportRequest) -> Result<f64> {
         let unit = &request.time_unit;
         let dt = video::dt_of(unit, self.interval(), request.step);
         dt.with_context(|| format!("--dt-unit {unit}: one of {}", video::TIME_UNITS))
     }
 
     /// Each video once.
-    pub(super) fn videos(&self) -> impl Iterator<Item = &Video> {
+    pub(super) fn videos(&self) -> impl Iterator<Item = &SourceVideo> {
         let begins =
             |place: &usize| *place == 0 || !Rc::ptr_eq(&self.takes[*place].video, &self.takes[place - 1].video);
         (0..self.takes.len()).filter(begins).map(|place| &*self.takes[place].video)
@@ -192,20 +192,20 @@ impl Reel {
     }
 
     /// The square to cut out, the same of all takes.
-    pub(super) fn square(&self, request: &Request, progress: Progress) -> Result<Square> {
+    pub(super) fn square(&self, request: &ImportRequest, progress: ImportProgress) -> Result<Square> {
         let [width, height] = self.size();
         let rectangle = match request.crop {
-            CropChoice::Full => Rectangle { x: 0, y: 0, width, height },
+            CropChoice::Full => CropRectangle { x: 0, y: 0, width, height },
             CropChoice::Rectangle(rectangle) => rectangle,
             CropChoice::Auto => self.around_what_moves(progress)?,
         };
         rectangle.squared(width, height)
     }
 
-    fn around_what_moves(&self, progress: Progress) -> Result<Rectangle> {
+    fn around_what_moves(&self, progress: ImportProgress) -> Result<CropRectangle> {
         let [width, height] = self.size();
-        let (mut around, mut passes): (Option<Rectangle>, _) = (None, Passes::default());
-        for Take { video, kept, .. } in &self.takes {
+        let (mut around, mut passes): (Option<CropRectangle>, _) = (None, Passes::default());
+        for VideoTake { video, kept, .. } in &self.takes {
             let looked_at = motion::looked_at(kept.frames.len());
             let mut small = Vec::new();
             let frames = passes.of(video)?;
@@ -215,14 +215,14 @@ impl Reel {
                 small.push(motion::small(&decoded?));
                 progress(done + 1, looked_at.len());
             }
-            let found = Moving::measure(&small).rectangle(width, height);
-            around = around.into_iter().chain(found).reduce(Rectangle::joined);
+            let found = MovingArea::measure(&small).rectangle(width, height);
+            around = around.into_iter().chain(found).reduce(CropRectangle::joined);
         }
         around.context("nothing moves; look at another part of the video with --frames, or give the crop with --crop")
     }
 
     /// Of the frames of the film each how many-th is cut into clips.
-    pub(super) fn film_ratio(&self, request: &Request) -> usize {
+    pub(super) fn film_ratio(&self, request: &ImportRequest) -> usize {
         request.step / self.film_step
     }
 
@@ -234,15 +234,15 @@ impl Reel {
     /// Decodes, cuts out and scales the frames of the film of each take.
     pub(super) fn decode(
         &self,
-        request: &Request,
+        request: &ImportRequest,
         square: Square,
-        progress: Progress,
+        progress: ImportProgress,
     ) -> Result<(Vec<Vec<RgbImage>>, Vec<SheetRow>)> {
         let total = self.takes.iter().map(|take| take.film.frames.len()).sum();
         let (mut all, mut rows, mut done) = (Vec::new(), Vec::new(), 0);
         let (ratio, mut passes) = (self.film_ratio(request), Passes::default());
         for take in &self.takes {
-            let Take { video, kept, film, .. } = take;
+            let VideoTake { video, kept, film, .. } = take;
             let on_sheet = spread(kept.frames.len(), if rows.len() < SHEET_TAKES { SHEET_FRAMES } else { 0 });
             let (mut seen, mut cells) = (Vec::new(), Vec::new());
             let frames = passes.of(video)?;
@@ -267,7 +267,7 @@ impl Reel {
     }
 
     /// What the task file says of the videos.
-    pub(super) fn record(&self, request: &Request, square: Square) -> video::Video {
+    pub(super) fn record(&self, request: &ImportRequest, square: Square) -> video::Video {
         video::Video {
             size: self.size(),
             crop: [square.x, square.y, i64::from(square.side)],
@@ -281,12 +281,12 @@ impl Reel {
             origin: request.origin,
             angle: request.angle,
             y_up: request.y_up,
-            sources: self.takes.iter().map(Take::source).collect(),
+            sources: self.takes.iter().map(VideoTake::source).collect(),
         }
     }
 }
 
-impl Take {
+impl VideoTake {
     /// Its first frame, and the one after its last.
     fn ends(&self) -> [usize; 2] {
         let frames = &self.kept.frames;
@@ -330,7 +330,7 @@ fn greyed(picture: &RgbImage) -> RgbImage {
     image::DynamicImage::from(image::imageops::grayscale(picture)).into_rgb8()
 }
 
-fn title(video: &Video, square: Square, side: usize) -> String {
+fn title(video: &SourceVideo, square: Square, side: usize) -> String {
     let Square { x, y, side: cut } = square;
     format!(
         "{}: {} x {} pixels, {cut} x {cut} from ({x}, {y}) on are seen as {side} x {side}",

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use super::crop::CropChoice;
 use super::stated::Stated;
-use super::time_base::Part;
+use super::time_base::VideoPart;
 use super::tracker::TrackerFile;
 use paig::network::cells::{CellKind, Equations};
 use paig::network::system::EquationEntry;
@@ -16,7 +16,7 @@ use paig::tasks;
 
 /// What is to be imported, and how.
 #[derive(Debug, Clone)]
-pub struct Request {
+pub struct ImportRequest {
     pub videos: Vec<PathBuf>,
     /// Folder for the files.
     pub out: PathBuf,
@@ -25,7 +25,7 @@ pub struct Request {
     /// Name of the task; made from the folder's if not given.
     pub name: Option<String>,
     /// Parts of each video that show one motion from its beginning to its end, one after the other.
-    pub parts: Vec<Part>,
+    pub parts: Vec<VideoPart>,
     /// Every how many-th frame is kept.
     pub step: usize,
     /// Frames a second, in place of the video's own times.
@@ -60,7 +60,7 @@ pub struct Request {
 
 /// What stands where the folder is to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Place {
+pub(super) enum FolderState {
     /// Nothing.
     New,
     /// An empty folder.
@@ -69,16 +69,16 @@ pub(super) enum Place {
     Replaced,
 }
 
-impl Request {
+impl ImportRequest {
     /// These videos into this folder: all frames, what moves cut out in colour, as a ball that falls; the defaults of the
     /// program `import`.
     pub fn of(videos: Vec<PathBuf>, out: PathBuf) -> Self {
-        Request {
+        ImportRequest {
             videos,
             out,
             force: false,
             name: None,
-            parts: vec![Part::All],
+            parts: vec![VideoPart::All],
             step: 1,
             fps: None,
             slow_motion: None,
@@ -157,16 +157,16 @@ impl Request {
     }
 
     /// What stands in the folder's place. Nothing that someone has there is written over unasked.
-    pub(super) fn place(&self) -> Result<Place> {
+    pub(super) fn place(&self) -> Result<FolderState> {
         let out = &self.out;
         if !out.exists() {
-            return Ok(Place::New);
+            return Ok(FolderState::New);
         }
         ensure!(out.is_dir(), "{} is a file; --out is a folder", out.display());
         let empty = fs::read_dir(out).with_context(|| format!("cannot read {}", out.display()))?.next().is_none();
         if !empty && !self.force {
             bail!("{} holds something already; choose another --out, or replace its files with --force", out.display());
         }
-        Ok(if empty { Place::Empty } else { Place::Replaced })
+        Ok(if empty { FolderState::Empty } else { FolderState::Replaced })
     }
 }

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, ensure};
 
-use super::sources::Video;
+use super::sources::SourceVideo;
 use super::tracker::TrackerFile;
 
 /// Widths of a picture that can be, metres: from a few atoms to the inner solar system.
@@ -34,7 +34,7 @@ impl Stated {
     ///
     /// # Errors
     /// Values that cannot be of this video.
-    pub fn check(&self, video: &Video) -> Result<Vec<String>> {
+    pub fn check(&self, video: &SourceVideo) -> Result<Vec<String>> {
         let (width, height) = (f64::from(video.width), f64::from(video.height));
         if let Some(fps) = self.fps {
             ensure!((RATES[0]..=RATES[1]).contains(&fps), "--fps {fps:e}: expected {:e} to {:e}", RATES[0], RATES[1]);
@@ -71,7 +71,7 @@ impl Stated {
     }
 
     /// A warning where the time base of a Tracker file is not the video's, and no frame rate is given besides.
-    fn time_of(&self, tracker: &TrackerFile, video: &Video) -> Option<String> {
+    fn time_of(&self, tracker: &TrackerFile, video: &SourceVideo) -> Option<String> {
         let [first, .., last] = video.times.as_deref()? else { return None };
         let own = (video.frames - 1) as f64 / (last - first);
         let said = tracker.fps.filter(|fps| self.fps == Some(*fps) && (fps / own - 1.0).abs() > SAME_RATE)?;
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     /// A gif of 40 x 20 pixels with 10 frames a second.
-    fn video() -> (tempfile::TempDir, Video) {
+    fn video() -> (tempfile::TempDir, SourceVideo) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.gif");
         let mut encoder = image::codecs::gif::GifEncoder::new(std::fs::File::create(&path).unwrap());
@@ -100,7 +100,7 @@ mod tests {
             encoder.encode_frame(image::Frame::from_parts(frame, 0, 0, delay)).unwrap();
         }
         drop(encoder);
-        let video = Video::open(&path).unwrap();
+        let video = SourceVideo::open(&path).unwrap();
         (folder, video)
     }
 

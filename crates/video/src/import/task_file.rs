@@ -5,7 +5,7 @@ use serde::Serialize;
 use toml::Table;
 
 use super::hold_out::Cut;
-use super::request::Request;
+use super::request::ImportRequest;
 use paig::network::cells::Equations;
 use paig::network::cells::text::EquationTable;
 use paig::network::system::EquationEntry;
@@ -25,7 +25,7 @@ const FINE_STEPS: u64 = 400;
 
 /// The table of the videos, its keys in their order.
 #[derive(Serialize)]
-struct Record<'a> {
+struct VideosTable<'a> {
     video: &'a Video,
 }
 
@@ -33,7 +33,7 @@ struct Record<'a> {
 ///
 /// # Errors
 /// What a task refuses: see [`Task::from_toml`].
-pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Video) -> Result<String> {
+pub(super) fn text(request: &ImportRequest, name: &str, dt: f64, cut: &Cut, video: &Video) -> Result<String> {
     let kind = request.kind()?;
     let equations = Equations::default().names();
     let unit = match video.time_unit.as_str() {
@@ -119,7 +119,7 @@ pub(super) fn text(request: &Request, name: &str, dt: f64, cut: &Cut, video: &Vi
         train = cut.train_frames,
         test = cut.test_frames,
     );
-    let text = text + &toml::to_string(&Record { video })?;
+    let text = text + &toml::to_string(&VideosTable { video })?;
     Task::from_toml(&text).context("these options make no task")?;
     Ok(text)
 }

@@ -22,7 +22,7 @@ const BEYOND: f64 = 2.0;
 
 /// A part of a video.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Part {
+pub enum VideoPart {
     All,
     /// Frames by number, from 0 on; without the last.
     Frames(usize, Option<usize>),
@@ -42,12 +42,12 @@ pub struct Kept {
     /// Largest distance of a frame from the even clock that it is put onto, seconds.
     pub off: f64,
     /// What was found of the video's own clock.
-    pub clock: Clock,
+    pub clock: FrameSpacing,
 }
 
 /// How even the frames of a video stand in time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Clock {
+pub enum FrameSpacing {
     /// Frames a second were given.
     Given,
     Regular,
@@ -63,14 +63,20 @@ impl Kept {
     ///
     /// # Errors
     /// A part outside of the video, a video without times and no `fps`, times that do not run on.
-    pub fn choose(frames: usize, times: Option<&[f64]>, fps: Option<f64>, part: Part, step: usize) -> Result<Self> {
+    pub fn choose(
+        frames: usize,
+        times: Option<&[f64]>,
+        fps: Option<f64>,
+        part: VideoPart,
+        step: usize,
+    ) -> Result<Self> {
         ensure!(step > 0, "--step 0: every frame is 1");
         let range = range(frames, times, fps, part)?;
         let Some(all) = times.filter(|_| fps.is_none()) else {
             let Some(fps) = fps else { bail!("it has no time stamps; say with --fps how many frames it has a second") };
             let first_seconds = range.start as f64 / fps;
             let (frames, interval) = (range.step_by(step).collect(), step as f64 / fps);
-            return Ok(Kept { frames, interval, first_seconds, off: 0.0, clock: Clock::Given });
+            return Ok(Kept { frames, interval, first_seconds, off: 0.0, clock: FrameSpacing::Given });
         };
         let times = &all[range.clone()];
         let (first, last) = (times[0], times[times.len() - 1]);
@@ -80,7 +86,7 @@ impl Kept {
             // A frame alone lasts as long as those of the video do.
             let interval = (end - begin) / (all.len() - 1) as f64 * step as f64;
             let frames = vec![range.start];
-            return Ok(Kept { frames, interval, first_seconds: *only, off: 0.0, clock: Clock::Regular });
+            return Ok(Kept { frames, interval, first_seconds: *only, off: 0.0, clock: FrameSpacing::Regular });
         }
         ensure!(
             times.len() > 1 && last > first,
@@ -93,7 +99,7 @@ impl Kept {
         if furthest <= REGULAR * mean {
             let frames = range.step_by(step).collect();
             let interval = mean * step as f64;
-            return Ok(Kept { frames, interval, first_seconds: first, off: furthest, clock: Clock::Regular });
+            return Ok(Kept { frames, interval, first_seconds: first, off: furthest, clock: FrameSpacing::Regular });
         }
         let (tick, nearest) = best_clock(times)?;
         let repeated = nearest.windows(2).filter(|pair| pair[0] == pair[1]).count();
@@ -101,7 +107,7 @@ impl Kept {
         let of_tick = |(number, place): (usize, &usize)| (times[*place] - first - tick * number as f64).abs();
         let off = nearest.iter().enumerate().map(of_tick).fold(0.0, f64::max);
         let frames = nearest.iter().step_by(step).map(|place| range.start + place).collect();
-        let clock = Clock::Resampled { repeated, left_out };
+        let clock = FrameSpacing::Resampled { repeated, left_out };
         Ok(Kept { frames, interval: tick * step as f64, first_seconds: first, off, clock })
     }
 }
@@ -110,11 +116,11 @@ impl Kept {
 ///
 /// # Errors
 /// A part outside of the video, seconds of a video without times.
-pub fn range(frames: usize, times: Option<&[f64]>, fps: Option<f64>, part: Part) -> Result<Range<usize>> {
+pub fn range(frames: usize, times: Option<&[f64]>, fps: Option<f64>, part: VideoPart) -> Result<Range<usize>> {
     let range = match part {
-        Part::All => 0..frames,
-        Part::Frames(start, end) => start..end.unwrap_or(frames),
-        Part::Seconds(start, end) => {
+        VideoPart::All => 0..frames,
+        VideoPart::Frames(start, end) => start..end.unwrap_or(frames),
+        VideoPart::Seconds(start, end) => {
             let time = |frame: usize| match (times, fps) {
                 (Some(times), _) => Ok(times[frame]),
                 (None, Some(fps)) => Ok(frame as f64 / fps),
@@ -203,14 +209,14 @@ mod tests {
     #[test]
     fn even_times_are_kept_and_uneven_ones_put_onto_a_clock() {
         let even: Vec<f64> = (0..10).map(|frame| frame as f64 * 0.1 + 0.001 * (frame % 2) as f64).collect();
-        let kept = Kept::choose(10, Some(&even), None, Part::All, 3).unwrap();
-        assert_eq!((kept.frames, kept.clock), (vec![0, 3, 6, 9], Clock::Regular));
+        let kept = Kept::choose(10, Some(&even), None, VideoPart::All, 3).unwrap();
+        assert_eq!((kept.frames, kept.clock), (vec![0, 3, 6, 9], FrameSpacing::Regular));
         assert!((kept.interval - 0.3).abs() < 1e-3);
         // The frame at 0.3 s is missing, one at 0.52 s is too many.
         let uneven = [0.0, 0.1, 0.2, 0.39, 0.5, 0.52, 0.6, 0.7, 0.8];
-        let kept = Kept::choose(9, Some(&uneven), None, Part::All, 1).unwrap();
+        let kept = Kept::choose(9, Some(&uneven), None, VideoPart::All, 1).unwrap();
         assert_eq!(kept.frames, [0, 1, 2, 3, 3, 4, 6, 7, 8]);
-        assert_eq!(kept.clock, Clock::Resampled { repeated: 1, left_out: 1 });
+        assert_eq!(kept.clock, FrameSpacing::Resampled { repeated: 1, left_out: 1 });
     }
 
     /// One frame is missing: 60 frames a second with stamps in milliseconds (16, 17, 17, ..), and 30 in hundredths (3, 3, 4, ..)
@@ -221,10 +227,10 @@ mod tests {
         let hundredths: fn(usize) -> f64 = |frame| (100 * frame / 30) as f64 / 100.0;
         for (stamp, last, missing, rate) in [(milliseconds, 600, 300, 60.0), (hundredths, 90, 40, 30.0)] {
             let times: Vec<f64> = (0..=last).filter(|frame| *frame != missing).map(stamp).collect();
-            let kept = Kept::choose(times.len(), Some(&times), None, Part::All, 1).unwrap();
+            let kept = Kept::choose(times.len(), Some(&times), None, VideoPart::All, 1).unwrap();
             // The first and the last stamp are exact.
             assert!((kept.interval - 1.0 / rate).abs() < 1e-9, "{} for {rate}", kept.interval);
-            assert_eq!(kept.clock, Clock::Resampled { repeated: 1, left_out: 0 }, "{rate}");
+            assert_eq!(kept.clock, FrameSpacing::Resampled { repeated: 1, left_out: 0 }, "{rate}");
         }
     }
 
@@ -233,7 +239,7 @@ mod tests {
     fn a_second_rate_does_not_change_the_first() {
         let stamp = |frame: i32| f64::from(if frame < 40 { 4 * frame } else { 5 * frame - 40 }) / 120.0;
         let times: Vec<f64> = (0..60).map(stamp).collect();
-        let kept = Kept::choose(60, Some(&times), None, Part::All, 1).unwrap();
+        let kept = Kept::choose(60, Some(&times), None, VideoPart::All, 1).unwrap();
         assert!((kept.interval - 1.0 / 30.0).abs() < 1e-9, "{}", kept.interval);
     }
 
@@ -241,12 +247,12 @@ mod tests {
     fn parts_are_cut_by_number_and_by_time() {
         let times: Vec<f64> = (0..10).map(|frame| frame as f64 * 0.1).collect();
         let frames = |part| Kept::choose(10, Some(&times), None, part, 1).map(|kept| kept.frames);
-        assert_eq!(frames(Part::Frames(2, Some(5))).unwrap(), [2, 3, 4]);
-        assert_eq!(frames(Part::Seconds(0.2, Some(0.5))).unwrap(), [2, 3, 4]);
-        assert_eq!(frames(Part::Frames(8, None)).unwrap(), [8, 9]);
-        assert_eq!(frames(Part::Seconds(0.8, Some(1.0))).unwrap(), [8, 9]);
-        let outside = [Part::Seconds(1.0, None), Part::Seconds(0.1, Some(99.0))];
-        for outside in [Part::Frames(5, Some(11)), Part::Frames(5, Some(5))].into_iter().chain(outside) {
+        assert_eq!(frames(VideoPart::Frames(2, Some(5))).unwrap(), [2, 3, 4]);
+        assert_eq!(frames(VideoPart::Seconds(0.2, Some(0.5))).unwrap(), [2, 3, 4]);
+        assert_eq!(frames(VideoPart::Frames(8, None)).unwrap(), [8, 9]);
+        assert_eq!(frames(VideoPart::Seconds(0.8, Some(1.0))).unwrap(), [8, 9]);
+        let outside = [VideoPart::Seconds(1.0, None), VideoPart::Seconds(0.1, Some(99.0))];
+        for outside in [VideoPart::Frames(5, Some(11)), VideoPart::Frames(5, Some(5))].into_iter().chain(outside) {
             assert!(frames(outside).is_err(), "{outside:?}");
         }
     }
@@ -254,8 +260,8 @@ mod tests {
     #[test]
     fn given_frames_a_second_replace_the_times() {
         let times: Vec<f64> = (0..10).map(|frame| frame as f64 / 30.0).collect();
-        let kept = Kept::choose(10, Some(&times), Some(120.0), Part::All, 2).unwrap();
-        assert_eq!((kept.interval, kept.clock), (2.0 / 120.0, Clock::Given));
-        assert!(Kept::choose(10, None, None, Part::All, 1).unwrap_err().to_string().contains("--fps"));
+        let kept = Kept::choose(10, Some(&times), Some(120.0), VideoPart::All, 2).unwrap();
+        assert_eq!((kept.interval, kept.clock), (2.0 / 120.0, FrameSpacing::Given));
+        assert!(Kept::choose(10, None, None, VideoPart::All, 1).unwrap_err().to_string().contains("--fps"));
     }
 }

@@ -4,10 +4,10 @@ use std::ops::Range;
 
 use super::crop::Square;
 use super::hold_out::Cut;
-use super::motion::{Moving, Patch};
-use super::reel::{Reel, Take};
-use super::request::Request;
-use super::time_base::Clock;
+use super::motion::{MovingArea, Patch};
+use super::reel::{Reel, VideoTake};
+use super::request::ImportRequest;
+use super::time_base::FrameSpacing;
 use paig::support::statistics::upper_median;
 
 /// Share of the moving pixels from which on it is rather the camera that moves.
@@ -32,15 +32,15 @@ const FEW_CHANGES: f64 = 0.1;
 
 /// `moving` is measured in the frames of each video as a model sees them; `counts` are the clips of each split.
 pub(super) fn of(
-    request: &Request,
+    request: &ImportRequest,
     reel: &Reel,
     square: Square,
     cut: &Cut,
-    moving: &[Moving],
+    moving: &[MovingArea],
     counts: [usize; 3],
 ) -> Vec<String> {
     let mut warnings = Vec::new();
-    for Take { video, kept, .. } in &reel.takes {
+    for VideoTake { video, kept, .. } in &reel.takes {
         let (name, rate) = (video.name(), request.step as f64 / kept.interval);
         for remark in video.remarks.iter().map(|remark| format!("{name}: {remark}")) {
             if !warnings.contains(&remark) {
@@ -48,8 +48,8 @@ pub(super) fn of(
             }
         }
         match kept.clock {
-            Clock::Given => {}
-            Clock::Regular => {
+            FrameSpacing::Given => {}
+            FrameSpacing::Regular => {
                 let interval = kept.interval / request.step as f64;
                 if kept.off > NOTICED * interval {
                     warnings.push(format!(
@@ -65,7 +65,7 @@ pub(super) fn of(
                     ));
                 }
             }
-            Clock::Resampled { repeated, left_out } => {
+            FrameSpacing::Resampled { repeated, left_out } => {
                 let changed = (repeated + left_out) as f64 / kept.frames.len() as f64;
                 let advice = if changed > FEW_CHANGES { "; film at a constant rate if you can" } else { "" };
                 warnings.push(format!(
@@ -76,7 +76,7 @@ pub(super) fn of(
             }
         }
     }
-    for Take { video, parts, .. } in &reel.takes {
+    for VideoTake { video, parts, .. } in &reel.takes {
         let short = |part: &Range<usize>, clip: usize| !part.is_empty() && part.len() < clip;
         if short(&parts.train, cut.train_frames)
             || short(&parts.valid, cut.train_frames)
@@ -89,7 +89,7 @@ pub(super) fn of(
             ));
         }
     }
-    for (Take { video, .. }, moving) in reel.takes.iter().zip(moving) {
+    for (VideoTake { video, .. }, moving) in reel.takes.iter().zip(moving) {
         let (name, share) = (video.name(), moving.typical_share());
         if !moving.any() {
             warnings.push(format!("{name}: nothing moves in the frames as a model sees them"));
@@ -142,7 +142,7 @@ pub(super) fn of(
 
 /// Median way of what moves over so many frames, pixels: from each large patch to the nearest one that is seen then. None
 /// where too little moves.
-fn way(moving: &Moving, frames: usize) -> Option<f64> {
+fn way(moving: &MovingArea, frames: usize) -> Option<f64> {
     let between = moving.frames.windows(frames.max(2)).map(|seen| (&seen[0].patches, &seen[seen.len() - 1].patches));
     upper_median(between.flat_map(|(first, last)| {
         // The small ones are rather flicker, which stays where it is.
@@ -153,6 +153,6 @@ fn way(moving: &Moving, frames: usize) -> Option<f64> {
 }
 
 /// Width of the largest thing that moves in a typical frame, pixels; none where nothing moves.
-fn width(moving: &Moving) -> Option<f64> {
+fn width(moving: &MovingArea) -> Option<f64> {
     upper_median(moving.frames.iter().filter_map(|frame| frame.patches.iter().map(Patch::width).max_by(f64::total_cmp)))
 }

@@ -6,16 +6,16 @@ use std::time::Instant;
 use anyhow::Result;
 
 use super::finished::Finished;
-use super::of_video::{Equation, Film, Parts};
+use super::of_video::{EquationChoice, MeasuredParts, TrackedPart};
 use super::recording::Observation;
 use super::results::Outcome;
-use super::{Request, Subject, VideoRequest, make_folder};
+use super::{MeasureRequest, Subject, VideoRequest, make_folder};
 
 /// Videos with their objects tracked, to be measured.
 pub(super) struct Attempts<'a> {
     pub videos: &'a VideoRequest,
-    pub films: &'a [Film],
-    pub request: &'a Request,
+    pub films: &'a [TrackedPart],
+    pub request: &'a MeasureRequest,
     pub begun: Instant,
 }
 
@@ -23,7 +23,7 @@ impl Attempts<'_> {
     /// The parts of free motion together; where that finds nothing, the longest of them; where that does not either, the whole
     /// videos. The best of the three.
     pub(super) fn best(&self) -> Result<Finished> {
-        let (subject, equation) = self.videos.subject(self.films, Parts::Free)?;
+        let (subject, equation) = self.videos.subject(self.films, MeasuredParts::Free)?;
         let mut best = self.measured(&subject, &equation);
         let count = subject.scene.recordings.len();
         if count > 1 && !is_found(&best) {
@@ -33,8 +33,8 @@ impl Attempts<'_> {
             alone.notes.push(note);
             best = better(best, self.measured(&alone, &equation));
         }
-        if !is_found(&best) && self.films.iter().any(Film::has_parts) {
-            let (whole, equation) = self.videos.subject(self.films, Parts::Whole)?;
+        if !is_found(&best) && self.films.iter().any(TrackedPart::has_parts) {
+            let (whole, equation) = self.videos.subject(self.films, MeasuredParts::Whole)?;
             best = better(best, self.measured(&whole, &equation));
         }
         best
@@ -42,7 +42,7 @@ impl Attempts<'_> {
 
     /// Each recording alone, into folders of their own, then all together with the scatter between them in the intervals.
     pub(super) fn takes(&self, out: &Path) -> Result<Finished> {
-        let (mut subject, equation) = self.videos.subject(self.films, Parts::Free)?;
+        let (mut subject, equation) = self.videos.subject(self.films, MeasuredParts::Free)?;
         for place in 0..subject.scene.recordings.len() {
             let alone = subject.alone(place);
             let folder = out.join(format!("take-{}", place + 1));
@@ -55,10 +55,10 @@ impl Attempts<'_> {
         self.measured(&subject, &equation)
     }
 
-    fn measured(&self, subject: &Subject, equation: &Equation) -> Result<Finished> {
+    fn measured(&self, subject: &Subject, equation: &EquationChoice) -> Result<Finished> {
         match equation {
-            Equation::Given(own) => subject.measured(own.clone(), Vec::new(), self.request, self.begun),
-            Equation::OneOf(candidates) => subject.clone().by_the_best(candidates, self.request, self.begun),
+            EquationChoice::Given(own) => subject.measured(own.clone(), Vec::new(), self.request, self.begun),
+            EquationChoice::OneOf(candidates) => subject.clone().by_the_best(candidates, self.request, self.begun),
         }
     }
 }

@@ -18,9 +18,9 @@ use tch::Tensor;
 
 use super::dynamics::Dynamics;
 use super::errors::Errors;
-use super::fit::{Fitted, Problem, Track};
+use super::fit::{Fitted, Observations, Problem};
+use super::identifiability::{Identifiability, jacobian, of_unknowns};
 use super::normal_equations::NormalEquations;
-use super::shown::{Shown, jacobian, of_unknowns};
 use paig::network::cells::Bounds;
 use paig::support::random::{named_generator, normal};
 
@@ -52,19 +52,19 @@ pub struct Uncertainty {
     pub frames_in_one: f64,
     /// Frames of a block.
     pub block: usize,
-    /// Of each raw number. The draws of what does not show by itself say nothing.
-    pub shown: Vec<Shown>,
-    /// Second derivatives of the cost by the raw numbers that are learned, all states following.
+    /// Of each unconstrained parameter. The draws of what does not show by itself say nothing.
+    pub shown: Vec<Identifiability>,
+    /// Second derivatives of the cost by the unconstrained parameters that are learned, all states following.
     pub curvature: Tensor,
     /// What might have been found.
-    pub draws: Vec<Draw>,
+    pub draws: Vec<BootstrapSample>,
 }
 
 /// One of the things that might have been found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Draw {
+pub struct BootstrapSample {
     /// Raw numbers of all parameters.
-    pub raw: Vec<f64>,
+    pub unconstrained: Vec<f64>,
     /// Of each video that teaches, at its first frame.
     pub states: Vec<Vec<f64>>,
     /// Normal numbers that stand for the errors of scale and time.
@@ -78,7 +78,7 @@ pub struct Draw {
 /// A motion that says nothing of some unknown.
 pub fn bootstrap(
     dynamics: &Dynamics,
-    tracks: &[Track],
+    tracks: &[Observations],
     learned: &[bool],
     fitted: &Fitted,
     seed: u64,
@@ -97,7 +97,7 @@ pub fn bootstrap(
     let (autocorrelation, frames_in_one, reach) = autocorrelation(&bounded);
     let least = (longest as f64).cbrt().ceil() as usize;
     let block = (2 * reach).max(least).min((longest / LONGEST_BLOCK).max(1));
-    let seen = |it: &&Track| it.positions[..it.trained * coordinates].iter().filter(|x| !x.is_nan()).count();
+    let seen = |it: &&Observations| it.positions[..it.trained * coordinates].iter().filter(|x| !x.is_nan()).count();
     let seen: usize = problem.tracks.iter().map(seen).sum();
     let errors = Errors::likely(&jacobian, &bounded);
     let free = (seen as f64 / errors.frames_in_one() - jacobian.ncols() as f64).max(LEAST_FREE);
@@ -109,7 +109,7 @@ pub fn bootstrap(
     let count = problem.learned.len();
     let drawn = |unknown: usize| changes.iter().map(|change| change[unknown].powi(2)).sum::<f64>() / DRAWS as f64;
     let shown = of_unknowns(&problem, fitted, &jacobian, &equations);
-    let by_itself = (0..count).filter(|unknown| shown[problem.learned[*unknown]] == Shown::ByItself);
+    let by_itself = (0..count).filter(|unknown| shown[problem.learned[*unknown]] == Identifiability::ByItself);
     let narrow = by_itself.map(|unknown| expected[unknown] / drawn(unknown)).filter(|ratio| ratio.is_finite());
     let widened = quantile * narrow.fold(1.0, f64::max).sqrt();
     let by_parts = jackknife(&jacobian, &stacked(&bounded), share);
@@ -163,29 +163,30 @@ fn jackknife(jacobian: &DMatrix<f64>, residuals: &DVector<f64>, share: f64) -> O
     Some(squares * ((PARTS - 1) as f64 / PARTS as f64))
 }
 
-fn draw(problem: &Problem, fitted: &Fitted, change: &DVector<f64>, [scale, time]: [f64; 2]) -> Draw {
-    let (mut raw, mut states) = (fitted.raw.clone(), fitted.states.clone());
+fn draw(problem: &Problem, fitted: &Fitted, change: &DVector<f64>, [scale, time]: [f64; 2]) -> BootstrapSample {
+    let (mut unconstrained, mut states) = (fitted.unconstrained.clone(), fitted.states.clone());
     let mut change = change.iter();
     problem.learned.iter().zip(&mut change).for_each(|(place, change)| {
-        raw[*place] = match problem.dynamics.system.cell.parameters.get(*place) {
-            Some(kind) => changed(kind.bounds, raw[*place], *change),
-            None => raw[*place] + change,
+        unconstrained[*place] = match problem.dynamics.system.cell.parameters.get(*place) {
+            Some(kind) => changed(kind.bounds, unconstrained[*place], *change),
+            None => unconstrained[*place] + change,
         };
     });
     states.iter_mut().flatten().zip(change).for_each(|(state, change)| *state += change);
-    Draw { raw, states, scale, time }
+    BootstrapSample { unconstrained, states, scale, time }
 }
 
-/// A raw number after a change that is linear in the parameter's value, as far as its bounds allow: a friction that is nearly
-/// nothing is known by its size, not by its logarithm.
-fn changed(bounds: Bounds, raw: f64, change: f64) -> f64 {
-    let value = bounds.value(raw);
-    let linear = value + bounds.slope(raw) * change;
+/// An unconstrained parameter after a change that is linear in the parameter's value, as far as its bounds allow: a friction
+/// that is nearly nothing is known by its size, not by its logarithm.
+fn changed(bounds: Bounds, unconstrained: f64, change: f64) -> f64 {
+    let value = bounds.value(unconstrained);
+    let linear = value + bounds.slope(unconstrained) * change;
     let (low, high) = match bounds {
         Bounds::Above(low) => (low, f64::INFINITY),
         Bounds::Between(low, high) => (low, high),
     };
-    bounds.raw(linear.clamp(low + NEAR_BOUND * (value - low), high - NEAR_BOUND * (high - value).min(f64::MAX)))
+    bounds
+        .unconstrained(linear.clamp(low + NEAR_BOUND * (value - low), high - NEAR_BOUND * (high - value).min(f64::MAX)))
 }
 
 /// The normal equations of the first unknowns, the others eliminated.
@@ -265,17 +266,18 @@ mod tests {
         let task = Task::from_toml(include_str!("../../../../configs/gallery/bounce_on_a_floor.toml")).unwrap();
         let dynamics = Dynamics::new(task.system.clone(), 0.1).unwrap();
         let parameters = &task.system.cell.parameters;
-        let raw: Vec<f64> = parameters.iter().map(|it| it.bounds.raw(task.truth_of(&it.name).unwrap())).collect();
+        let unconstrained: Vec<f64> =
+            parameters.iter().map(|it| it.bounds.unconstrained(task.truth_of(&it.name).unwrap())).collect();
         let times = dynamics.even_times(24);
-        let positions = dynamics.positions(&raw, &[16.0, 5.0, 1.0, 0.0], &times);
+        let positions = dynamics.positions(&unconstrained, &[16.0, 5.0, 1.0, 0.0], &times);
         let mut random = named_generator(1, "noise");
         let seen = positions.iter().map(|x| x + 0.05 * normal(&mut random)).collect();
-        let (tracks, learned) = ([Track::new(seen, times, 24)], vec![true; raw.len()]);
-        let start = Start { raw, learned: learned.clone(), piece: 12 };
+        let (tracks, learned) = ([Observations::new(seen, times, 24)], vec![true; unconstrained.len()]);
+        let start = Start { unconstrained, learned: learned.clone(), piece: 12 };
         let fitted = fit(&dynamics, &tracks, &start).unwrap();
         let uncertainty = bootstrap(&dynamics, &tracks, &learned, &fitted, 0).unwrap();
         for (parameter, shown) in parameters.iter().zip(uncertainty.shown) {
-            let expected = if parameter.name == "g" { Shown::ByItself } else { Shown::Not };
+            let expected = if parameter.name == "g" { Identifiability::ByItself } else { Identifiability::Not };
             assert_eq!(shown, expected, "{}", parameter.name);
         }
     }

@@ -20,7 +20,7 @@ const UNKNOWN: f64 = 16.0;
 
 /// An equation that may explain what moves.
 #[derive(Debug, Clone)]
-pub(super) struct Candidate {
+pub(super) struct EquationCandidate {
     pub name: String,
     /// What moves by it, in one line.
     pub summary: String,
@@ -29,7 +29,7 @@ pub(super) struct Candidate {
 
 /// All equations for so many objects, in frames of [`SIDE`] pixels that are `interval` seconds apart. Walls at the edges of the
 /// frame are only real where somebody chose the frame.
-pub(super) fn candidates(objects: usize, interval: f64, walls_at_edges: bool) -> Vec<Candidate> {
+pub(super) fn candidates(objects: usize, interval: f64, walls_at_edges: bool) -> Vec<EquationCandidate> {
     let built_in = BUILT_IN.iter().map(|name| EquationFile::built_in(name));
     let gallery = GALLERY.iter().filter(|entry| !entry.name.starts_with(REPEATED));
     let gallery = gallery.map(|entry| EquationFile::named(entry.name).expect("the gallery is sound, by a test"));
@@ -39,7 +39,7 @@ pub(super) fn candidates(objects: usize, interval: f64, walls_at_edges: bool) ->
         let for_so_many = cell.objects.is_none_or(|written_for| written_for == objects)
             && (!acts_between(&file.equation, &cell) || objects > 1);
         let fits = for_so_many && cell.coordinates == Coordinates::Position && (walls_at_edges || !cell.walls);
-        fits.then_some(Candidate { name: file.name, summary: file.summary, cell })
+        fits.then_some(EquationCandidate { name: file.name, summary: file.summary, cell })
     };
     built_in.chain(gallery).filter_map(candidate).collect()
 }

@@ -26,7 +26,7 @@ const FEW_LOST: [usize; 2] = [2, 100];
 
 /// When each frame was filmed.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Clock {
+pub struct FrameTimes {
     /// In frames of an even clock, from 0 on.
     pub ticks: Vec<usize>,
     /// Frames after which some are lost, and frames that the next one shows again.
@@ -36,16 +36,16 @@ pub struct Clock {
     pub converted: bool,
 }
 
-impl Clock {
+impl FrameTimes {
     /// That of frames at even times.
     pub fn even(frames: usize) -> Self {
-        Clock { ticks: (0..frames).collect(), lost_after: Vec::new(), shown_twice: Vec::new(), converted: false }
+        FrameTimes { ticks: (0..frames).collect(), lost_after: Vec::new(), shown_twice: Vec::new(), converted: false }
     }
 
     /// From the positions of all objects, `coordinates` numbers a frame.
     pub fn of(positions: &[f64], coordinates: usize) -> Self {
         let frames = positions.len() / coordinates;
-        let mut clock = Clock::even(frames);
+        let mut clock = FrameTimes::even(frames);
         let steps: Vec<Vec<f64>> = positions
             .chunks(coordinates)
             .zip(positions.chunks(coordinates).skip(1))
@@ -68,7 +68,7 @@ impl Clock {
         }
         let [least, one_in] = if ahead < 0 { FEW_TWICE } else { FEW_LOST };
         if ahead.unsigned_abs() > least + frames / one_in {
-            return Clock { ticks: (0..frames).collect(), converted: true, ..clock };
+            return FrameTimes { ticks: (0..frames).collect(), converted: true, ..clock };
         }
         clock
     }
@@ -141,14 +141,14 @@ mod tests {
     #[test]
     fn lost_and_doubled_frames_are_found_where_the_object_is_fast() {
         let even: Vec<f64> = (0..240).map(f64::from).collect();
-        assert_eq!(Clock::of(&seen(&even), 2), Clock::even(240));
+        assert_eq!(FrameTimes::of(&seen(&even), 2), FrameTimes::even(240));
         // The swing is fastest at 31, 94 and 157.
         let lost: Vec<f64> = (0..240).filter(|tick| *tick != 32).map(f64::from).collect();
-        let clock = Clock::of(&seen(&lost), 2);
+        let clock = FrameTimes::of(&seen(&lost), 2);
         assert_eq!((clock.lost_after.as_slice(), clock.ticks[31], clock.ticks[32]), (&[31][..], 31, 33));
         let mut twice = even.clone();
         twice.insert(95, 94.0);
-        let clock = Clock::of(&seen(&twice), 2);
+        let clock = FrameTimes::of(&seen(&twice), 2);
         assert_eq!((clock.shown_twice.as_slice(), clock.ticks[95], clock.ticks[96]), (&[94][..], 94, 95));
         assert_eq!(clock.text(&[]).unwrap(), "shown twice are 94 (taken into account)");
         // By their numbers in the video, where these are known.
@@ -156,7 +156,7 @@ mod tests {
         assert_eq!(clock.text(&numbers).unwrap(), "shown twice are 212 (taken into account)");
         // A frame that comes late: shown twice the one before, then a step of two. However many, they make up for each other.
         let late: Vec<f64> = (0..240).map(|tick| f64::from(if tick % 63 == 32 { tick - 1 } else { tick })).collect();
-        let clock = Clock::of(&seen(&late), 2);
+        let clock = FrameTimes::of(&seen(&late), 2);
         assert!(
             clock.shown_twice.len() >= 3
                 && clock.lost_after == clock.shown_twice.iter().map(|it| it + 1).collect::<Vec<_>>()
@@ -175,8 +175,8 @@ mod tests {
                 .collect();
             let frames = (1.4 * stored) as usize;
             let at = |frame: usize| fallen[(frame as f64 / stored * filmed + 0.83) as usize];
-            let clock = Clock::of(&(0..frames).flat_map(at).collect::<Vec<_>>(), 2);
-            assert_eq!(clock.ticks, Clock::even(frames).ticks, "{filmed} as {stored}: {:?}", clock.text(&[]));
+            let clock = FrameTimes::of(&(0..frames).flat_map(at).collect::<Vec<_>>(), 2);
+            assert_eq!(clock.ticks, FrameTimes::even(frames).ticks, "{filmed} as {stored}: {:?}", clock.text(&[]));
             assert!(clock.text(&[]).unwrap().contains("another frame rate"), "{:?}", clock.text(&[]));
         }
     }
@@ -184,6 +184,6 @@ mod tests {
     #[test]
     fn a_bounce_is_no_lost_frame() {
         let bounces: Vec<f64> = (0..90).flat_map(|frame| [10.0, (f64::from(frame % 30) - 14.6).abs()]).collect();
-        assert_eq!(Clock::of(&bounces, 2), Clock::even(90));
+        assert_eq!(FrameTimes::of(&bounces, 2), FrameTimes::even(90));
     }
 }

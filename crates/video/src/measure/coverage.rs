@@ -6,7 +6,7 @@ use rand::Rng;
 use super::bootstrap::bootstrap;
 use super::dynamics::Dynamics;
 use super::explain::explain;
-use super::fit::{Start, Track};
+use super::fit::{Observations, Start};
 use super::results::Quantity;
 use paig::support::random::{named_generator, normal};
 use paig::tasks::Task;
@@ -16,7 +16,7 @@ const NOISE: f64 = 0.1;
 
 /// Trajectories of one kind.
 #[derive(Debug, Clone, Copy)]
-pub struct Kind {
+pub struct TrajectoryKind {
     pub name: &'static str,
     task: &'static str,
     /// Videos, and frames of each that are learned from.
@@ -34,8 +34,8 @@ const FALL: &str = include_str!("../../../../configs/gallery/fall_linear_drag.to
 const SWING: &str = include_str!("../../../../configs/gallery/damped_pendulum.toml");
 
 /// Small sets: few and short videos.
-pub const KINDS: [Kind; 4] = [
-    Kind {
+pub const KINDS: [TrajectoryKind; 4] = [
+    TrajectoryKind {
         name: "fall with drag, independent noise",
         task: FALL,
         videos: 3,
@@ -45,7 +45,7 @@ pub const KINDS: [Kind; 4] = [
         speed: [2.0, 0.0],
         spread: [3.0, 2.0],
     },
-    Kind {
+    TrajectoryKind {
         name: "fall with drag, correlated noise",
         task: FALL,
         videos: 3,
@@ -55,7 +55,7 @@ pub const KINDS: [Kind; 4] = [
         speed: [2.0, 0.0],
         spread: [3.0, 2.0],
     },
-    Kind {
+    TrajectoryKind {
         name: "swing, independent noise",
         task: SWING,
         videos: 1,
@@ -65,7 +65,7 @@ pub const KINDS: [Kind; 4] = [
         speed: [0.0, 0.0],
         spread: [3.0, 0.0],
     },
-    Kind {
+    TrajectoryKind {
         name: "swing, correlated noise",
         task: SWING,
         videos: 1,
@@ -79,39 +79,39 @@ pub const KINDS: [Kind; 4] = [
 
 /// How often the interval of one parameter held the truth.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Held {
+pub struct IntervalCoverage {
     pub parameter: String,
     pub held: usize,
     pub sets: usize,
 }
 
-impl Kind {
+impl TrajectoryKind {
     /// Fits `sets` data sets; one that cannot be fitted counts as not held.
     ///
     /// # Errors
     /// A task file that cannot be read.
-    pub fn coverage(&self, sets: usize, seed: u64) -> Result<Vec<Held>> {
+    pub fn coverage(&self, sets: usize, seed: u64) -> Result<Vec<IntervalCoverage>> {
         let task = Task::from_toml(self.task)?;
         let parameters = &task.system.cell.parameters;
         let dynamics = Dynamics::new(task.system.clone(), task.system.dt)?;
         let truth: Vec<f64> =
-            parameters.iter().map(|it| it.bounds.raw(task.truth_of(&it.name).unwrap_or(f64::NAN))).collect();
+            parameters.iter().map(|it| it.bounds.unconstrained(task.truth_of(&it.name).unwrap_or(f64::NAN))).collect();
         let mut held: Vec<_> =
-            parameters.iter().map(|it| Held { parameter: it.name.to_string(), held: 0, sets }).collect();
+            parameters.iter().map(|it| IntervalCoverage { parameter: it.name.to_string(), held: 0, sets }).collect();
         let mut random = named_generator(seed, self.name);
         let learned = vec![true; parameters.len()];
         for set in 0..sets {
             let tracks: Vec<_> = (0..self.videos).map(|_| self.track(&dynamics, &truth, &mut random)).collect();
             // What the phases before find is near the truth.
-            let raw = truth.iter().map(|raw| raw + 0.1 * normal(&mut random)).collect();
-            let start = Start { raw, learned: learned.clone(), piece: 12 };
+            let unconstrained = truth.iter().map(|unconstrained| unconstrained + 0.1 * normal(&mut random)).collect();
+            let start = Start { unconstrained, learned: learned.clone(), piece: 12 };
             // A fit that leads to infinity holds nothing.
             let Ok(explained) = explain(&dynamics, &tracks, &[start]) else { continue };
             let uncertainty = bootstrap(&dynamics, &tracks, &learned, &explained.fitted, set as u64);
             let Ok(uncertainty) = uncertainty else { continue };
             for (place, held) in held.iter_mut().enumerate() {
-                let draws = uncertainty.draws.iter().map(|draw| draw.raw[place]).collect();
-                let interval = Quantity::new(&held.parameter, explained.fitted.raw[place], draws);
+                let draws = uncertainty.draws.iter().map(|draw| draw.unconstrained[place]).collect();
+                let interval = Quantity::new(&held.parameter, explained.fitted.unconstrained[place], draws);
                 let within = |(low, high)| (low..=high).contains(&truth[place]);
                 held.held += usize::from(interval.low.zip(interval.high).is_some_and(within));
             }
@@ -119,7 +119,7 @@ impl Kind {
         Ok(held)
     }
 
-    fn track(&self, dynamics: &Dynamics, truth: &[f64], random: &mut impl Rng) -> Track {
+    fn track(&self, dynamics: &Dynamics, truth: &[f64], random: &mut impl Rng) -> Observations {
         let mut around = |middle: [f64; 2], spread: f64| middle.map(|x| x + spread * normal(random));
         let state = [around(self.begin, self.spread[0]), around(self.speed, self.spread[1])].concat();
         let times = dynamics.even_times(self.frames);
@@ -132,6 +132,6 @@ impl Kind {
                 noise = self.correlation * noise + own * normal(random);
             }
         }
-        Track::new(positions, times, self.frames)
+        Observations::new(positions, times, self.frames)
     }
 }

@@ -39,26 +39,35 @@ impl Dynamics {
         self.system.coordinates()
     }
 
-    /// The values that raw numbers of all parameters stand for.
-    pub fn values(&self, raw: &[f64]) -> Vec<f64> {
-        self.system.cell.parameters.iter().zip(raw).map(|(parameter, raw)| parameter.bounds.value(*raw)).collect()
+    /// The values of all parameters from the unconstrained ones.
+    pub fn values(&self, unconstrained: &[f64]) -> Vec<f64> {
+        self.system
+            .cell
+            .parameters
+            .iter()
+            .zip(unconstrained)
+            .map(|(parameter, unconstrained)| parameter.bounds.value(*unconstrained))
+            .collect()
     }
 
     /// States at these times, each positions and then velocities; the first is `initial`. Times are in the unit of `dt` and
-    /// ascend; at most `dt` is integrated at once. `raw` are the raw numbers of all parameters. Nothing acts from outside.
-    pub fn roll_out(&self, raw: &[f64], initial: &[f64], times: &[f64]) -> Vec<f64> {
+    /// ascend; at most `dt` is integrated at once. `unconstrained` has all unconstrained parameters. Nothing acts from outside.
+    pub fn roll_out(&self, unconstrained: &[f64], initial: &[f64], times: &[f64]) -> Vec<f64> {
         let mut advance: Advance = match &self.exact {
             Some(equation) => {
                 // A text's parameters are sorted by name.
                 let own = self.system.cell.parameters.iter();
-                let named: BTreeMap<_, _> = own.map(|parameter| &*parameter.name).zip(self.values(raw)).collect();
+                let named: BTreeMap<_, _> =
+                    own.map(|parameter| &*parameter.name).zip(self.values(unconstrained)).collect();
                 let values: Vec<f64> = equation.parameters().iter().map(|parameter| named[&*parameter.name]).collect();
                 let mut single = SingleEquation::new(equation, &values, self.system.walls);
                 Box::new(move |state, time, dt| single.advance(state, time, dt))
             }
             None => {
-                let raw = raw.iter().take(self.system.cell.parameters.len());
-                let cell = self.system.build_cell(&raw.map(|raw| Tensor::from(*raw)).collect::<Vec<_>>());
+                let unconstrained = unconstrained.iter().take(self.system.cell.parameters.len());
+                let cell = self
+                    .system
+                    .build_cell(&unconstrained.map(|unconstrained| Tensor::from(*unconstrained)).collect::<Vec<_>>());
                 Box::new(move |state, _, dt| *state = by_tensors(&*cell, state, dt))
             }
         };
@@ -73,13 +82,16 @@ impl Dynamics {
         states
     }
 
-    /// Positions of several motions at these times, each from its own raw numbers and its own state at the first.
+    /// Positions of several motions at these times, each from its own unconstrained parameters and its own state at the first.
     pub fn ensemble(&self, motions: &[(Vec<f64>, Vec<f64>)], times: &[f64]) -> Vec<Vec<f64>> {
         let Some(equation) = &self.exact else {
-            return motions.iter().map(|(raw, initial)| self.positions(raw, initial, times)).collect();
+            return motions
+                .iter()
+                .map(|(unconstrained, initial)| self.positions(unconstrained, initial, times))
+                .collect();
         };
         let size = motions.len();
-        let values: Vec<Vec<f64>> = motions.iter().map(|(raw, _)| self.values(raw)).collect();
+        let values: Vec<Vec<f64>> = motions.iter().map(|(unconstrained, _)| self.values(unconstrained)).collect();
         let columns = equation.parameters().iter().map(|parameter| {
             let place = self.place(&parameter.name);
             values.iter().map(|values| values[place]).collect()
@@ -102,19 +114,25 @@ impl Dynamics {
     }
 
     /// Accelerations in states at times of their own, from what a time `instant` adds to the velocities.
-    pub fn accelerations(&self, raw: &[f64], states: &[&[f64]], times: &[f64], instant: f64) -> Vec<Vec<f64>> {
+    pub fn accelerations(
+        &self,
+        unconstrained: &[f64],
+        states: &[&[f64]],
+        times: &[f64],
+        instant: f64,
+    ) -> Vec<Vec<f64>> {
         let coordinates = self.coordinates();
         let gained = |before: &[f64], after: &dyn Fn(usize) -> f64| -> Vec<f64> {
             (0..coordinates).map(|row| (after(row) - before[coordinates + row]) / instant).collect()
         };
         let Some(equation) = &self.exact else {
             let of_state = |(state, time): (&&[f64], &f64)| {
-                let rolled = self.roll_out(raw, state, &[*time, *time + instant]);
+                let rolled = self.roll_out(unconstrained, state, &[*time, *time + instant]);
                 gained(state, &|row| rolled[3 * coordinates + row])
             };
             return states.iter().zip(times).map(of_state).collect();
         };
-        let values = self.values(raw);
+        let values = self.values(unconstrained);
         let columns = equation.parameters().iter().map(|parameter| vec![values[self.place(&parameter.name)]]);
         let mut ensemble = Ensemble::new(equation, columns.collect(), self.system.walls, states.len());
         let [mut pos, mut vel] = self.side_by_side(states);
@@ -149,7 +167,7 @@ impl Dynamics {
         (0..frames).map(|frame| frame as f64 * self.dt).collect()
     }
 
-    /// How many raw numbers behind the parameters' say by how much what is seen lies beside the state: see
+    /// How many unconstrained numbers behind the parameters' say by how much what is seen lies beside the state: see
     /// [`Dynamics::beside`].
     pub(super) fn numbers_beside(&self) -> usize {
         match (self.system.cell.coordinates, self.system.objects) {
@@ -159,27 +177,27 @@ impl Dynamics {
         }
     }
 
-    /// By how much a coordinate of what is seen lies beside the state's at a time, if raw numbers stand for it. One object drifts
-    /// with the camera, by so much in a unit of `dt`. Of several each is seen so much more beside its middle than the first
-    /// one: light falls from one side, or a sprite is not round.
-    pub fn beside(&self, raw: &[f64], time: f64, coordinate: usize) -> f64 {
+    /// By how much a coordinate of what is seen lies beside the state's at a time, if unconstrained numbers stand for it.
+    /// One object drifts with the camera, by so much in a unit of `dt`. Of several each is seen so much more beside its
+    /// middle than the first one: light falls from one side, or a sprite is not round.
+    pub fn beside(&self, unconstrained: &[f64], time: f64, coordinate: usize) -> f64 {
         match self.system.objects {
-            1 => self.drift(raw, coordinate) * time,
-            _ => coordinate.checked_sub(2).map_or(0.0, |place| self.number_beside(raw, place)),
+            1 => self.drift(unconstrained, coordinate) * time,
+            _ => coordinate.checked_sub(2).map_or(0.0, |place| self.number_beside(unconstrained, place)),
         }
     }
 
     /// By how much that grows in a unit of `dt`.
-    pub fn drift(&self, raw: &[f64], coordinate: usize) -> f64 {
-        if self.system.objects == 1 { self.number_beside(raw, coordinate) } else { 0.0 }
+    pub fn drift(&self, unconstrained: &[f64], coordinate: usize) -> f64 {
+        if self.system.objects == 1 { self.number_beside(unconstrained, coordinate) } else { 0.0 }
     }
 
-    /// One of the raw numbers behind the parameters'; 0 where it does not stand.
-    fn number_beside(&self, raw: &[f64], place: usize) -> f64 {
-        raw.get(self.system.cell.parameters.len() + place).copied().unwrap_or(0.0)
+    /// One of the unconstrained numbers behind the parameters'; 0 where it does not stand.
+    fn number_beside(&self, unconstrained: &[f64], place: usize) -> f64 {
+        unconstrained.get(self.system.cell.parameters.len() + place).copied().unwrap_or(0.0)
     }
 
-    /// What a raw number stands for: a parameter, or what is seen beside the state.
+    /// Value of an unconstrained number: a parameter, or what is seen beside the state.
     pub(super) fn name(&self, place: usize) -> String {
         let parameters = &self.system.cell.parameters;
         let Some(beside) = place.checked_sub(parameters.len()) else { return parameters[place].name.to_string() };
@@ -197,8 +215,8 @@ impl Dynamics {
     }
 
     /// The positions alone, frame by frame.
-    pub fn positions(&self, raw: &[f64], initial: &[f64], times: &[f64]) -> Vec<f64> {
-        let states = self.roll_out(raw, initial, times);
+    pub fn positions(&self, unconstrained: &[f64], initial: &[f64], times: &[f64]) -> Vec<f64> {
+        let states = self.roll_out(unconstrained, initial, times);
         states.chunks(initial.len()).flat_map(|state| &state[..state.len() / 2]).copied().collect()
     }
 }

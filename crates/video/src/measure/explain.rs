@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail};
 
 use super::dynamics::Dynamics;
-use super::fit::{Fitted, Start, Track, fit};
+use super::fit::{Fitted, Observations, Start, fit};
 
 /// A fit and what it predicts.
 #[derive(Debug, Clone)]
@@ -13,13 +13,13 @@ pub struct Explained {
     pub fitted: Fitted,
     /// Of each video: rolled out from its first frame to its last, positions and then velocities, frame by frame.
     pub states: Vec<Vec<f64>>,
-    pub errors: Errors,
+    pub errors: RollOutErrors,
 }
 
 /// Root mean squares over frames and objects of the distance between seen and rolled-out positions, in the unit of a
 /// coordinate.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Errors {
+pub struct RollOutErrors {
     /// Of the frames that taught.
     pub learned: f64,
     /// Of those that were held out.
@@ -34,7 +34,7 @@ const GOOD: f64 = 1.5;
 ///
 /// # Errors
 /// No start that leads anywhere.
-pub fn explain(dynamics: &Dynamics, tracks: &[Track], starts: &[Start]) -> Result<Explained> {
+pub fn explain(dynamics: &Dynamics, tracks: &[Observations], starts: &[Start]) -> Result<Explained> {
     let good = |fitted: &Fitted| fitted.piecewise_residual.is_some_and(|least| fitted.usual_residual <= GOOD * least);
     let mut best: Option<(Fitted, &Start)> = None;
     let mut failure = None;
@@ -58,32 +58,33 @@ pub fn explain(dynamics: &Dynamics, tracks: &[Track], starts: &[Start]) -> Resul
     };
     let coordinates = dynamics.coordinates();
     let mut found = fitted.states.iter();
-    let rolled_out = |track: &Track| -> Result<Vec<f64>> {
+    let rolled_out = |track: &Observations| -> Result<Vec<f64>> {
         let state = match track.teaches {
             true => found.next().expect("a state of each video that teaches").clone(),
-            false => begin(dynamics, track, &fitted.raw, start.piece)?,
+            false => begin(dynamics, track, &fitted.unconstrained, start.piece)?,
         };
-        Ok(dynamics.roll_out(&fitted.raw, &state, &track.times))
+        Ok(dynamics.roll_out(&fitted.unconstrained, &state, &track.times))
     };
     let states = tracks.iter().map(rolled_out).collect::<Result<Vec<_>>>()?;
-    let at_frames = |(track, states): (&Track, &Vec<f64>)| {
+    let at_frames = |(track, states): (&Observations, &Vec<f64>)| {
         let mut positions = positions_of(states, coordinates);
         for (frame, time) in track.times.iter().enumerate() {
             for coordinate in 0..coordinates {
-                positions[frame * coordinates + coordinate] += dynamics.beside(&fitted.raw, *time, coordinate);
+                positions[frame * coordinates + coordinate] +=
+                    dynamics.beside(&fitted.unconstrained, *time, coordinate);
             }
         }
         positions
     };
     let positions: Vec<_> = tracks.iter().zip(&states).map(at_frames).collect();
-    let errors = Errors::of(tracks, &positions, dynamics);
+    let errors = RollOutErrors::of(tracks, &positions, dynamics);
     Ok(Explained { dynamics: dynamics.clone(), learned: start.learned.clone(), fitted, states, errors })
 }
 
-/// The state in which a video that teaches nothing begins, the raw numbers as they are.
-fn begin(dynamics: &Dynamics, track: &Track, raw: &[f64], piece: usize) -> Result<Vec<f64>> {
-    let alone = [Track { teaches: true, ..track.clone() }];
-    let start = Start { raw: raw.to_vec(), learned: vec![false; raw.len()], piece };
+/// The state in which a video that teaches nothing begins, the unconstrained parameters as they are.
+fn begin(dynamics: &Dynamics, track: &Observations, unconstrained: &[f64], piece: usize) -> Result<Vec<f64>> {
+    let alone = [Observations { teaches: true, ..track.clone() }];
+    let start = Start { unconstrained: unconstrained.to_vec(), learned: vec![false; unconstrained.len()], piece };
     let fitted = fit(dynamics, &alone, &start).context("how a video that was held out whole begins")?;
     Ok(fitted.states.concat())
 }
@@ -93,9 +94,9 @@ pub fn positions_of(states: &[f64], coordinates: usize) -> Vec<f64> {
     states.chunks(2 * coordinates).flat_map(|state| &state[..coordinates]).copied().collect()
 }
 
-impl Errors {
+impl RollOutErrors {
     /// Of predictions, positions frame by frame of each video.
-    pub fn of(tracks: &[Track], predicted: &[Vec<f64>], dynamics: &Dynamics) -> Self {
+    pub fn of(tracks: &[Observations], predicted: &[Vec<f64>], dynamics: &Dynamics) -> Self {
         let per_object = dynamics.system.cell.coordinates.per_object();
         let coordinates = dynamics.coordinates();
         let mean = |held_out: bool| {
@@ -111,7 +112,7 @@ impl Errors {
             }
             (sum / f64::from(count.max(1))).sqrt()
         };
-        Errors { learned: mean(false), held_out: mean(true) }
+        RollOutErrors { learned: mean(false), held_out: mean(true) }
     }
 }
 
@@ -120,8 +121,8 @@ const LINE: usize = 5;
 
 /// What constant velocity predicts: the straight line through the last frames that may be learned from. Positions of all
 /// frames of each video; those that were learned from as they were seen.
-pub fn constant_velocity(tracks: &[Track], coordinates: usize) -> Vec<Vec<f64>> {
-    let of_track = |track: &Track| {
+pub fn constant_velocity(tracks: &[Observations], coordinates: usize) -> Vec<Vec<f64>> {
+    let of_track = |track: &Observations| {
         let mut positions = track.positions.clone();
         let first = track.trained.saturating_sub(LINE);
         for coordinate in 0..coordinates {
@@ -190,17 +191,17 @@ mod tests {
         // Every third frame is missing.
         let times: Vec<f64> = (0..30).filter(|tick| tick % 3 != 2).map(f64::from).collect();
         let positions = times.iter().flat_map(|time| [3.0 + 0.5 * time, 40.0 - 1.25 * time]).collect();
-        let tracks = [Track::new(positions, times, 12)];
-        let errors = Errors::of(&tracks, &constant_velocity(&tracks, 2), &dynamics);
+        let tracks = [Observations::new(positions, times, 12)];
+        let errors = RollOutErrors::of(&tracks, &constant_velocity(&tracks, 2), &dynamics);
         // Rounding of float64.
         assert!(errors.learned == 0.0 && errors.held_out < 1e-9, "{errors:?}");
     }
 
     /// A throw without errors, of 20 frames: the first 14 teach, or only say how it begins.
-    fn throw(dynamics: &Dynamics, g: f64, speed: f64, teaches: bool) -> Track {
+    fn throw(dynamics: &Dynamics, g: f64, speed: f64, teaches: bool) -> Observations {
         let times = dynamics.even_times(20);
         let positions = dynamics.positions(&[g.ln()], &[3.0, 20.0, speed, -8.0], &times);
-        Track { teaches, ..Track::new(positions, times, 14) }
+        Observations { teaches, ..Observations::new(positions, times, 14) }
     }
 
     fn one_ball() -> Dynamics {
@@ -213,12 +214,17 @@ mod tests {
         let dynamics = one_ball();
         let tracks = [1.0, 2.0].map(|speed| throw(&dynamics, 7.0, speed, true));
         // The first start holds g where it is not.
-        let starts = [false, true].map(|learned| Start { raw: vec![6.0_f64.ln()], learned: vec![learned], piece: 12 });
+        let starts =
+            [false, true].map(|learned| Start { unconstrained: vec![6.0_f64.ln()], learned: vec![learned], piece: 12 });
         let explained = explain(&dynamics, &tracks, &starts).unwrap();
         assert_eq!(explained.fitted.piecewise_residual, None);
         // The positions have no errors.
-        assert!((explained.fitted.raw[0].exp() - 7.0).abs() < 1e-4, "{}", explained.fitted.raw[0].exp());
-        let long = Track { trained: 20, ..tracks[0].clone() };
+        assert!(
+            (explained.fitted.unconstrained[0].exp() - 7.0).abs() < 1e-4,
+            "{}",
+            explained.fitted.unconstrained[0].exp()
+        );
+        let long = Observations { trained: 20, ..tracks[0].clone() };
         assert!(explain(&dynamics, &[long], &starts).unwrap().fitted.piecewise_residual.is_some());
     }
 
@@ -229,10 +235,14 @@ mod tests {
         let dynamics = one_ball();
         let all = [(7.0, 1.0, true), (7.0, 2.0, true), (9.0, 3.0, false)];
         let tracks = all.map(|(g, speed, teaches)| throw(&dynamics, g, speed, teaches));
-        let start = Start { raw: vec![6.0_f64.ln()], learned: vec![true], piece: 12 };
+        let start = Start { unconstrained: vec![6.0_f64.ln()], learned: vec![true], piece: 12 };
         let explained = explain(&dynamics, &tracks, &[start]).unwrap();
         // The positions have no errors.
-        assert!((explained.fitted.raw[0].exp() - 7.0).abs() < 1e-4, "{}", explained.fitted.raw[0].exp());
+        assert!(
+            (explained.fitted.unconstrained[0].exp() - 7.0).abs() < 1e-4,
+            "{}",
+            explained.fitted.unconstrained[0].exp()
+        );
         assert_eq!((explained.fitted.states.len(), explained.states.len()), (2, 3));
         assert!(explained.errors.learned < 1e-3, "{:?}", explained.errors);
         // A speed of 3 along x is found, whatever g is; a wrong g shows in the prediction of the third throw.

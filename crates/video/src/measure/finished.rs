@@ -6,9 +6,9 @@ use std::path::Path;
 use anyhow::Result;
 
 use super::explain::Explained;
-use super::measured::Measured;
+use super::measured::MeasuredSubject;
 use super::pictures;
-use super::recording::{Observation, Scene};
+use super::recording::{Observation, RecordedSystem};
 use super::results::{EXTENDED, MEASUREMENT, Measurement, Outcome};
 use super::{overlay, page, positions_file};
 use paig::support::atomic;
@@ -27,11 +27,11 @@ pub(super) const FILES: FileSet = FileSet {
 /// A measured subject.
 pub(super) struct Finished {
     pub measurement: Measurement,
-    pub scene: Scene,
+    pub scene: RecordedSystem,
     /// The observation whose fit is quoted.
     pub observation: Observation,
     pub explained: Explained,
-    pub pictures: Vec<pictures::Source>,
+    pub pictures: Vec<pictures::PictureSource>,
 }
 
 impl Finished {
@@ -46,7 +46,7 @@ impl Finished {
             pictures.map(|(source, recording)| source.pictures(recording, &self.scene.scale)).collect::<Result<_>>()?;
         let pixels = self.observation.recordings.iter().map(|positions| positions.pixels.as_slice()).collect();
         let (measurement, scene, explained) = (&self.measurement, &self.scene, &self.explained);
-        let measured = Measured { measurement, scene, pixels, explained, pictures };
+        let measured = MeasuredSubject { measurement, scene, pixels, explained, pictures };
         FILES.replace(out, |out| {
             positions_file::write(&out.join("positions.csv"), &measured)?;
             overlay::write(&out.join("overlay.gif"), &measured)?;

@@ -12,7 +12,7 @@ use super::dynamics::Dynamics;
 use paig::support::least_squares;
 use paig::support::statistics::{MEDIAN_TO_DEVIATION, upper_median};
 
-/// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or of a raw number.
+/// Half the span of the difference quotients, in the unit of a coordinate, of a velocity, or of an unconstrained parameter.
 const PROBE: f64 = 1e-5;
 /// Iterations for each length of the pieces, and the relative fall of the cost at which they end; for the last length and
 /// for those that only lead to it.
@@ -20,9 +20,9 @@ const ITERATIONS: usize = 60;
 const CONVERGED: f64 = 1e-8;
 const NEAR_ENOUGH: f64 = 1e-4;
 /// While pieces are short they may say next to nothing of a parameter, which must not run away meanwhile: it is held at its
-/// start as by one residual for every so much of its raw number.
+/// start as by one residual for every so much of its unconstrained parameter.
 const HELD: f64 = 1.0;
-/// Largest change of a raw number in one iteration.
+/// Largest change of an unconstrained parameter in one iteration.
 const LARGEST_STEP: f64 = 0.5;
 /// Residuals beyond so many usual ones count linearly.
 const HUBER: f64 = 3.0;
@@ -38,7 +38,7 @@ const MOST_WEIGHT: f64 = 10.0;
 
 /// What is seen of one video.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Track {
+pub struct Observations {
     /// In the equation's coordinates, frame by frame; not a number where an object is not seen.
     pub positions: Vec<f64>,
     /// When each frame was filmed, in the unit of `dt`, from 0 on.
@@ -51,11 +51,11 @@ pub struct Track {
     pub teaches: bool,
 }
 
-impl Track {
+impl Observations {
     /// Frames at these times and of one precision.
     pub fn new(positions: Vec<f64>, times: Vec<f64>, trained: usize) -> Self {
         let weights = vec![1.0; positions.len()];
-        Track { positions, times, weights, trained, teaches: true }
+        Observations { positions, times, weights, trained, teaches: true }
     }
 
     /// From the first frame to the last, in the unit of `dt`.
@@ -68,7 +68,7 @@ impl Track {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Start {
     /// Raw numbers of all parameters; more where what is seen may lie beside the state (see [`Dynamics::beside`]).
-    pub raw: Vec<f64>,
+    pub unconstrained: Vec<f64>,
     pub learned: Vec<bool>,
     /// Frames of the first pieces.
     pub piece: usize,
@@ -78,7 +78,7 @@ pub struct Start {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
     /// Raw numbers of all parameters.
-    pub raw: Vec<f64>,
+    pub unconstrained: Vec<f64>,
     /// Of each video that teaches, at its first frame: positions, velocities.
     pub states: Vec<Vec<f64>>,
     /// Of each video that teaches, of the frames that were learned from: seen minus rolled-out, times their weights, frame by
@@ -97,7 +97,7 @@ pub struct Fitted {
 
 /// Some frames of a video that follow each other, with the state at their beginning.
 #[derive(Debug, Clone)]
-struct Piece {
+struct FitSegment {
     track: usize,
     first: usize,
     frames: usize,
@@ -108,15 +108,15 @@ struct Piece {
 pub(super) struct Linearised {
     pub residual: DVector<f64>,
     pub by_state: DMatrix<f64>,
-    /// By the raw numbers that are learned.
-    pub by_raw: DMatrix<f64>,
+    /// By the unconstrained parameters that are learned.
+    pub by_unconstrained: DMatrix<f64>,
 }
 
 /// The unknowns of one length of the pieces.
 #[derive(Debug, Clone)]
 struct Unknowns {
-    raw: Vec<f64>,
-    pieces: Vec<Piece>,
+    unconstrained: Vec<f64>,
+    pieces: Vec<FitSegment>,
 }
 
 /// What is made least.
@@ -124,7 +124,7 @@ struct Goal<'a> {
     /// Weighted residuals beyond this count linearly.
     huber: f64,
     coordinate_weights: &'a [f64],
-    /// Weight of the squared distance of the raw numbers from where they began.
+    /// Weight of the squared distance of the unconstrained parameters from where they began.
     held: f64,
     start: &'a [f64],
 }
@@ -132,7 +132,7 @@ struct Goal<'a> {
 pub(super) struct Problem<'a> {
     pub dynamics: &'a Dynamics,
     /// Those that teach.
-    pub tracks: Vec<&'a Track>,
+    pub tracks: Vec<&'a Observations>,
     /// Places of the parameters that are learned.
     pub learned: Vec<usize>,
 }
@@ -141,13 +141,13 @@ pub(super) struct Problem<'a> {
 ///
 /// # Errors
 /// Too few frames, an equation that leads to infinity wherever the fit goes.
-pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitted> {
+pub fn fit(dynamics: &Dynamics, tracks: &[Observations], start: &Start) -> Result<Fitted> {
     let problem = Problem::new(dynamics, tracks, &start.learned);
     ensure!(!problem.tracks.is_empty(), "all videos are held out whole; a fit needs one to learn from");
     for track in &problem.tracks {
         ensure!(track.trained >= 3, "a video of {} frames is too short to be fitted", track.trained);
     }
-    let thinned: Vec<Track> = tracks.iter().map(thinned).collect();
+    let thinned: Vec<Observations> = tracks.iter().map(thinned).collect();
     let stride = tracks.iter().map(stride).max().unwrap_or(1);
     let coarse = Problem::new(dynamics, &thinned, &start.learned).grown(start, (start.piece / stride).max(LEAST_PIECE));
     let Grown { mut unknowns, mut huber, mut coordinate_weights, piecewise } = coarse;
@@ -156,7 +156,7 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitte
             piece.frames = track.trained;
         }
         for _ in 0..2 {
-            let goal = Goal { huber, coordinate_weights: &coordinate_weights, held: 0.0, start: &start.raw };
+            let goal = Goal { huber, coordinate_weights: &coordinate_weights, held: 0.0, start: &start.unconstrained };
             problem.minimise(&mut unknowns, &goal, CONVERGED);
             coordinate_weights = problem.coordinate_weights(&unknowns);
             huber = HUBER * problem.usual_weighted(&unknowns, &coordinate_weights);
@@ -164,7 +164,12 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitte
     }
     let residuals = unknowns.pieces.iter().map(|piece| {
         let weights = problem.weights(piece, &coordinate_weights);
-        problem.residual(piece, &unknowns.raw).iter().zip(weights.iter()).map(|(x, weight)| -x * weight).collect()
+        problem
+            .residual(piece, &unknowns.unconstrained)
+            .iter()
+            .zip(weights.iter())
+            .map(|(x, weight)| -x * weight)
+            .collect()
     });
     let residuals: Vec<Vec<f64>> = residuals.collect();
     ensure!(
@@ -176,19 +181,19 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Track], start: &Start) -> Result<Fitte
         coordinate_weights,
         piecewise_residual: piecewise,
         states: unknowns.pieces.iter().map(|piece| piece.state.clone()).collect(),
-        raw: unknowns.raw,
+        unconstrained: unknowns.unconstrained,
         residuals,
         huber,
     })
 }
 
 /// Every how many-th frame of a track is enough to lead to the whole of it.
-fn stride(track: &Track) -> usize {
+fn stride(track: &Observations) -> usize {
     track.trained.div_ceil(MOST_FRAMES).max(1)
 }
 
 /// Some frames of the part that is learned from, evenly over it.
-fn thinned(track: &Track) -> Track {
+fn thinned(track: &Observations) -> Observations {
     let stride = stride(track);
     if stride == 1 {
         return track.clone();
@@ -197,7 +202,13 @@ fn thinned(track: &Track) -> Track {
     let rows =
         |of: &[f64]| of[..coordinates * track.trained].chunks(coordinates).step_by(stride).flatten().copied().collect();
     let times: Vec<f64> = track.times[..track.trained].iter().step_by(stride).copied().collect();
-    Track { trained: times.len(), positions: rows(&track.positions), weights: rows(&track.weights), times, ..*track }
+    Observations {
+        trained: times.len(),
+        positions: rows(&track.positions),
+        weights: rows(&track.weights),
+        times,
+        ..*track
+    }
 }
 
 /// Where growing pieces lead to.
@@ -215,7 +226,7 @@ impl<'a> Problem<'a> {
     fn grown(&self, start: &Start, piece: usize) -> Grown {
         let longest = self.tracks.iter().map(|track| track.trained).max().unwrap_or(0);
         let mut length = piece.clamp(LEAST_PIECE, longest.max(LEAST_PIECE));
-        let mut unknowns = Unknowns { raw: start.raw.clone(), pieces: self.first_pieces(length) };
+        let mut unknowns = Unknowns { unconstrained: start.unconstrained.clone(), pieces: self.first_pieces(length) };
         let in_pieces = unknowns.pieces.len() >= 2 * self.tracks.len();
         let mut huber = f64::INFINITY;
         let mut coordinate_weights = vec![1.0; self.dynamics.coordinates()];
@@ -226,7 +237,7 @@ impl<'a> Problem<'a> {
                 let last = length >= longest;
                 let deviation = if last { 0.0 } else { self.usual(&unknowns).min(huber / HUBER) };
                 let held = (deviation / HELD).powi(2);
-                let goal = Goal { huber, coordinate_weights: &coordinate_weights, held, start: &start.raw };
+                let goal = Goal { huber, coordinate_weights: &coordinate_weights, held, start: &start.unconstrained };
                 self.minimise(&mut unknowns, &goal, if last { CONVERGED } else { NEAR_ENOUGH });
                 coordinate_weights = self.coordinate_weights(&unknowns);
                 huber = HUBER * self.usual_weighted(&unknowns, &coordinate_weights);
@@ -242,24 +253,24 @@ impl<'a> Problem<'a> {
         }
     }
 
-    pub(super) fn new(dynamics: &'a Dynamics, tracks: &'a [Track], learned: &[bool]) -> Self {
+    pub(super) fn new(dynamics: &'a Dynamics, tracks: &'a [Observations], learned: &[bool]) -> Self {
         let learned = (0..learned.len()).filter(|place| learned[*place]).collect();
         Problem { dynamics, tracks: tracks.iter().filter(|track| track.teaches).collect(), learned }
     }
 
     /// Derivatives of a whole video's training part.
-    pub(super) fn of_track(&self, track: usize, raw: &[f64], state: &[f64]) -> Linearised {
-        self.linearise(&self.training_part(track, state), raw)
+    pub(super) fn of_track(&self, track: usize, unconstrained: &[f64], state: &[f64]) -> Linearised {
+        self.linearise(&self.training_part(track, state), unconstrained)
     }
 
-    fn seen(&self, piece: &Piece) -> &[f64] {
+    fn seen(&self, piece: &FitSegment) -> &[f64] {
         let coordinates = self.dynamics.coordinates();
         &self.tracks[piece.track].positions[coordinates * piece.first..coordinates * (piece.first + piece.frames)]
     }
 
     /// Where pieces of so many frames begin: what is left at the end and is shorter than half a piece joins the last.
     fn cut(&self, length: usize) -> Vec<(usize, usize, usize)> {
-        let of_track = |(place, track): (usize, &&Track)| {
+        let of_track = |(place, track): (usize, &&Observations)| {
             let count = ((track.trained + length / 2) / length).max(1);
             let end = move |piece: usize| if piece + 1 == count { track.trained } else { (piece + 1) * length };
             (0..count).map(move |piece| (place, piece * length, end(piece) - piece * length)).collect::<Vec<_>>()
@@ -267,10 +278,10 @@ impl<'a> Problem<'a> {
         self.tracks.iter().enumerate().flat_map(of_track).collect()
     }
 
-    fn first_pieces(&self, length: usize) -> Vec<Piece> {
+    fn first_pieces(&self, length: usize) -> Vec<FitSegment> {
         let cut = self.cut(length).into_iter();
         cut.map(|(track, first, frames)| {
-            let mut piece = Piece { track, first, frames, state: Vec::new() };
+            let mut piece = FitSegment { track, first, frames, state: Vec::new() };
             piece.state = self.guessed(&piece);
             piece
         })
@@ -279,7 +290,7 @@ impl<'a> Problem<'a> {
 
     /// Position and velocity at the first frame of a piece, by a parabola through the first frames in which the object is seen.
     /// Where a piece has none, it rests where it was seen last before.
-    fn guessed(&self, piece: &Piece) -> Vec<f64> {
+    fn guessed(&self, piece: &FitSegment) -> Vec<f64> {
         let (coordinates, seen) = (self.dynamics.coordinates(), self.seen(piece));
         let guess = |coordinate: usize| {
             let times = self.tracks[piece.track].times[piece.first..].iter().map(|time| time - self.begin(piece));
@@ -300,25 +311,25 @@ impl<'a> Problem<'a> {
     }
 
     /// Where a coordinate was seen last before a piece.
-    fn seen_before(&self, piece: &Piece, coordinate: usize) -> Option<f64> {
+    fn seen_before(&self, piece: &FitSegment, coordinate: usize) -> Option<f64> {
         let coordinates = self.dynamics.coordinates();
         let before = self.tracks[piece.track].positions[..coordinates * piece.first].chunks(coordinates);
         before.map(|frame| frame[coordinate]).rfind(|x| x.is_finite())
     }
 
     /// Pieces that begin where some of the shorter ones do, or as near after one as they can.
-    fn longer_pieces(&self, unknowns: &Unknowns, length: usize) -> Vec<Piece> {
+    fn longer_pieces(&self, unknowns: &Unknowns, length: usize) -> Vec<FitSegment> {
         let cut = self.cut(length).into_iter();
         cut.map(|(track, first, frames)| {
             let before = unknowns.pieces.iter().rev().find(|piece| piece.track == track && piece.first <= first);
             let before = before.expect("the first piece begins with the video");
             let between = &self.tracks[track].times[before.first..=first];
-            let way = self.dynamics.roll_out(&unknowns.raw, &before.state, between);
-            let led_to = Piece { track, first, frames, state: way[way.len() - before.state.len()..].to_vec() };
-            let afresh = Piece { state: self.guessed(&led_to), ..led_to.clone() };
+            let way = self.dynamics.roll_out(&unknowns.unconstrained, &before.state, between);
+            let led_to = FitSegment { track, first, frames, state: way[way.len() - before.state.len()..].to_vec() };
+            let afresh = FitSegment { state: self.guessed(&led_to), ..led_to.clone() };
             // Over so long a way a state that was good for a short one may lead to infinity.
-            let left = |piece: &Piece| {
-                let left = self.residual(piece, &unknowns.raw).norm();
+            let left = |piece: &FitSegment| {
+                let left = self.residual(piece, &unknowns.unconstrained).norm();
                 if left.is_finite() { left } else { f64::INFINITY }
             };
             if left(&afresh) < left(&led_to) { afresh } else { led_to }
@@ -327,19 +338,20 @@ impl<'a> Problem<'a> {
     }
 
     /// The time of a piece's first frame.
-    fn begin(&self, piece: &Piece) -> f64 {
+    fn begin(&self, piece: &FitSegment) -> f64 {
         self.tracks[piece.track].times[piece.first]
     }
 
-    /// Observed positions in the frames of a piece as several motions have them, each from raw numbers and a state at the first.
-    fn rolled_out(&self, piece: &Piece, motions: &[(Vec<f64>, Vec<f64>)]) -> Vec<DVector<f64>> {
+    /// Observed positions in the frames of a piece as several motions have them, each from unconstrained parameters and a
+    /// state at the first.
+    fn rolled_out(&self, piece: &FitSegment, motions: &[(Vec<f64>, Vec<f64>)]) -> Vec<DVector<f64>> {
         let times = &self.tracks[piece.track].times[piece.first..piece.first + piece.frames];
         let coordinates = self.dynamics.coordinates();
         let mut all = self.dynamics.ensemble(motions, times);
-        for (positions, (raw, _)) in all.iter_mut().zip(motions) {
+        for (positions, (unconstrained, _)) in all.iter_mut().zip(motions) {
             for (frame, time) in positions.chunks_mut(coordinates).zip(times) {
                 for (coordinate, x) in frame.iter_mut().enumerate() {
-                    *x += self.dynamics.beside(raw, *time, coordinate);
+                    *x += self.dynamics.beside(unconstrained, *time, coordinate);
                 }
             }
         }
@@ -347,7 +359,7 @@ impl<'a> Problem<'a> {
     }
 
     /// What the residuals of a piece are multiplied by.
-    fn weights(&self, piece: &Piece, coordinate_weights: &[f64]) -> DVector<f64> {
+    fn weights(&self, piece: &FitSegment, coordinate_weights: &[f64]) -> DVector<f64> {
         let coordinates = self.dynamics.coordinates();
         let of_track = &self.tracks[piece.track].weights[coordinates * piece.first..];
         DVector::from_fn(coordinates * piece.frames, |row, _| of_track[row] * coordinate_weights[row % coordinates])
@@ -358,16 +370,16 @@ impl<'a> Problem<'a> {
         self.weights(&self.training_part(track, &[]), coordinate_weights)
     }
 
-    fn training_part(&self, track: usize, state: &[f64]) -> Piece {
-        Piece { track, first: 0, frames: self.tracks[track].trained, state: state.to_vec() }
+    fn training_part(&self, track: usize, state: &[f64]) -> FitSegment {
+        FitSegment { track, first: 0, frames: self.tracks[track].trained, state: state.to_vec() }
     }
 
-    fn residual(&self, piece: &Piece, raw: &[f64]) -> DVector<f64> {
-        let own = self.rolled_out(piece, &[(raw.to_vec(), piece.state.clone())]).swap_remove(0);
+    fn residual(&self, piece: &FitSegment, unconstrained: &[f64]) -> DVector<f64> {
+        let own = self.rolled_out(piece, &[(unconstrained.to_vec(), piece.state.clone())]).swap_remove(0);
         self.minus_seen(piece, own)
     }
 
-    fn minus_seen(&self, piece: &Piece, mut rolled_out: DVector<f64>) -> DVector<f64> {
+    fn minus_seen(&self, piece: &FitSegment, mut rolled_out: DVector<f64>) -> DVector<f64> {
         for (out, seen) in rolled_out.iter_mut().zip(self.seen(piece)) {
             *out = if seen.is_nan() { 0.0 } else { *out - seen };
         }
@@ -375,19 +387,19 @@ impl<'a> Problem<'a> {
     }
 
     /// All derivatives in one pass: central differences of motions side by side.
-    fn linearise(&self, piece: &Piece, raw: &[f64]) -> Linearised {
+    fn linearise(&self, piece: &FitSegment, unconstrained: &[f64]) -> Linearised {
         let seen = self.seen(piece);
         let probed = |numbers: &[f64], place: usize, by: f64| {
             let mut numbers = numbers.to_vec();
             numbers[place] += by;
             numbers
         };
-        let mut motions = vec![(raw.to_vec(), piece.state.clone())];
+        let mut motions = vec![(unconstrained.to_vec(), piece.state.clone())];
         for place in 0..piece.state.len() {
-            motions.extend([PROBE, -PROBE].map(|by| (raw.to_vec(), probed(&piece.state, place, by))));
+            motions.extend([PROBE, -PROBE].map(|by| (unconstrained.to_vec(), probed(&piece.state, place, by))));
         }
         for place in &self.learned {
-            motions.extend([PROBE, -PROBE].map(|by| (probed(raw, *place, by), piece.state.clone())));
+            motions.extend([PROBE, -PROBE].map(|by| (probed(unconstrained, *place, by), piece.state.clone())));
         }
         let mut rolled_out = self.rolled_out(piece, &motions).into_iter();
         let own = rolled_out.next().expect("the motion itself");
@@ -401,19 +413,25 @@ impl<'a> Problem<'a> {
             [] => DMatrix::zeros(seen.len(), 0),
             columns => DMatrix::from_columns(columns),
         };
-        let (by_state, by_raw) = columns.split_at(piece.state.len());
-        Linearised { residual: self.minus_seen(piece, own), by_state: matrix(by_state), by_raw: matrix(by_raw) }
+        let (by_state, by_unconstrained) = columns.split_at(piece.state.len());
+        Linearised {
+            residual: self.minus_seen(piece, own),
+            by_state: matrix(by_state),
+            by_unconstrained: matrix(by_unconstrained),
+        }
     }
 
     fn cost(&self, unknowns: &Unknowns, goal: &Goal) -> f64 {
         let huber = goal.huber;
         let loss = |x: f64| if x.abs() <= huber { 0.5 * x * x } else { huber * (x.abs() - 0.5 * huber) };
-        let of_piece = |piece: &Piece| {
-            let weighted =
-                self.residual(piece, &unknowns.raw).component_mul(&self.weights(piece, goal.coordinate_weights));
+        let of_piece = |piece: &FitSegment| {
+            let weighted = self
+                .residual(piece, &unknowns.unconstrained)
+                .component_mul(&self.weights(piece, goal.coordinate_weights));
             weighted.iter().map(|x| loss(*x)).sum::<f64>()
         };
-        let away = self.learned.iter().map(|place| (unknowns.raw[*place] - goal.start[*place]).powi(2)).sum::<f64>();
+        let away =
+            self.learned.iter().map(|place| (unknowns.unconstrained[*place] - goal.start[*place]).powi(2)).sum::<f64>();
         let cost = unknowns.pieces.iter().map(of_piece).sum::<f64>() + 0.5 * goal.held * away;
         if cost.is_finite() { cost } else { f64::INFINITY }
     }
@@ -444,9 +462,9 @@ impl<'a> Problem<'a> {
 
     /// What a residual times its weight usually is, from the median of their sizes. `weight` of a piece's rows; those that are
     /// no numbers are left out.
-    fn usual_of(&self, unknowns: &Unknowns, weight: &dyn Fn(&Piece, usize) -> f64) -> f64 {
-        let of_piece = |piece: &Piece| {
-            let residual = self.residual(piece, &unknowns.raw);
+    fn usual_of(&self, unknowns: &Unknowns, weight: &dyn Fn(&FitSegment, usize) -> f64) -> f64 {
+        let of_piece = |piece: &FitSegment| {
+            let residual = self.residual(piece, &unknowns.unconstrained);
             let seen = self.seen(piece).iter().zip(residual.iter()).enumerate().filter(|(_, (seen, _))| !seen.is_nan());
             let sizes = seen.map(|(row, (_, x))| (x * weight(piece, row)).abs()).filter(|size| !size.is_nan());
             sizes.collect::<Vec<_>>()
@@ -459,7 +477,7 @@ impl<'a> Problem<'a> {
     fn minimise(&self, unknowns: &mut Unknowns, goal: &Goal, converged: f64) {
         let cost = |unknowns: &Unknowns| self.cost(unknowns, goal);
         let linearise = |unknowns: &Unknowns| {
-            unknowns.pieces.iter().map(|piece| self.linearise(piece, &unknowns.raw)).collect::<Vec<_>>()
+            unknowns.pieces.iter().map(|piece| self.linearise(piece, &unknowns.unconstrained)).collect::<Vec<_>>()
         };
         let step = |unknowns: &Unknowns, at: &Vec<Linearised>, damping: f64| self.stepped(unknowns, at, goal, damping);
         least_squares::minimise(unknowns, (ITERATIONS, converged), cost, linearise, step);
@@ -470,10 +488,10 @@ impl<'a> Problem<'a> {
         let count = self.learned.len();
         let huber = goal.huber;
         let mut normal = DMatrix::identity(count, count) * goal.held;
-        let away = self.learned.iter().map(|place| unknowns.raw[*place] - goal.start[*place]);
+        let away = self.learned.iter().map(|place| unknowns.unconstrained[*place] - goal.start[*place]);
         let mut gradient = DVector::from_iterator(count, away) * goal.held;
         let mut of_pieces = Vec::with_capacity(at.len());
-        for (piece, Linearised { residual, by_state, by_raw }) in unknowns.pieces.iter().zip(at) {
+        for (piece, Linearised { residual, by_state, by_unconstrained }) in unknowns.pieces.iter().zip(at) {
             let weights = self.weights(piece, goal.coordinate_weights);
             let weight = residual.zip_map(&weights, |x, weight| {
                 let within = huber / (weight * x).abs().max(huber);
@@ -484,12 +502,12 @@ impl<'a> Problem<'a> {
                 jacobian.column_iter_mut().for_each(|mut column| column.component_mul_assign(&weight));
                 jacobian.transpose()
             };
-            let (state, raw) = (weighted(by_state), weighted(by_raw));
+            let (state, unconstrained) = (weighted(by_state), weighted(by_unconstrained));
             let factor = damped(&state * by_state, damping).cholesky()?;
-            let (mixed, right) = (&state * by_raw, &state * residual);
+            let (mixed, right) = (&state * by_unconstrained, &state * residual);
             let (by_mixed, by_right) = (factor.solve(&mixed), factor.solve(&right));
-            normal += &raw * by_raw - mixed.transpose() * &by_mixed;
-            gradient += &raw * residual - mixed.transpose() * &by_right;
+            normal += &unconstrained * by_unconstrained - mixed.transpose() * &by_mixed;
+            gradient += &unconstrained * residual - mixed.transpose() * &by_right;
             of_pieces.push((by_mixed, by_right));
         }
         let mut change = if count > 0 { -damped(normal, damping).cholesky()?.solve(&gradient) } else { gradient };
@@ -498,7 +516,7 @@ impl<'a> Problem<'a> {
             change *= LARGEST_STEP / largest;
         }
         let mut next = unknowns.clone();
-        self.learned.iter().zip(change.iter()).for_each(|(place, change)| next.raw[*place] += change);
+        self.learned.iter().zip(change.iter()).for_each(|(place, change)| next.unconstrained[*place] += change);
         for (piece, (by_mixed, by_right)) in next.pieces.iter_mut().zip(of_pieces) {
             let of_state = by_right + by_mixed * &change;
             piece.state.iter_mut().zip(of_state.iter()).for_each(|(state, change)| *state -= change);
@@ -526,13 +544,17 @@ mod tests {
         let dynamics = Dynamics::new(paig::network::System { objects: 1, ..system }, 0.1).unwrap();
         let times = dynamics.even_times(60);
         let positions = dynamics.positions(&[7.0_f64.ln()], &[3.0, 4.0, 1.0, -2.0], &times);
-        let start = Start { raw: vec![6.0_f64.ln()], learned: vec![true], piece: 10 };
+        let start = Start { unconstrained: vec![6.0_f64.ln()], learned: vec![true], piece: 10 };
         for unseen in [0..9, 0..12, 10..30, 9..21] {
-            let mut track = Track::new(positions.clone(), times.clone(), 60);
+            let mut track = Observations::new(positions.clone(), times.clone(), 60);
             track.positions[2 * unseen.start..2 * unseen.end].fill(f64::NAN);
             let fitted = fit(&dynamics, &[track], &start).unwrap();
             // The positions have no errors.
-            assert!((fitted.raw[0].exp() - 7.0).abs() < 1e-4, "{unseen:?}: {}", fitted.raw[0].exp());
+            assert!(
+                (fitted.unconstrained[0].exp() - 7.0).abs() < 1e-4,
+                "{unseen:?}: {}",
+                fitted.unconstrained[0].exp()
+            );
         }
     }
 }

@@ -4,16 +4,16 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
 
-use super::Named;
+use super::ComparedEquation;
 use super::bootstrap;
 use super::dynamics::Dynamics;
 use super::explain::{Explained, explain};
-use super::fit::{Start, Track};
-use super::motion::Motion;
-use super::recording::{Observation, Scene, whole};
+use super::fit::{Observations, Start};
+use super::identifiability::{Identifiability, shown};
+use super::motion::TrackMotion;
+use super::recording::{Observation, RecordedSystem, whole};
 use super::results::Alternative;
-use super::shown::{Shown, shown};
-use super::starts::{Known, starts};
+use super::starts::{KnownParameter, starts};
 use paig::network::System;
 use paig::network::cells::CellKind;
 
@@ -32,10 +32,10 @@ pub(super) struct Fits {
     /// Place of the observation among those that there were.
     pub observation: usize,
     /// Without what is held out, which judges the fit.
-    pub tracks: Vec<Track>,
+    pub tracks: Vec<Observations>,
     pub judged: Explained,
     /// To everything: what is to be quoted.
-    pub whole_tracks: Vec<Track>,
+    pub whole_tracks: Vec<Observations>,
     pub whole: Explained,
 }
 
@@ -47,13 +47,13 @@ impl Fits {
 }
 
 /// Whether a fit to the whole of a track leaves little, and one that is judged predicts what was held out of it.
-pub(super) fn explains(judged: &Explained, whole: &Explained, track: &Track) -> bool {
-    let Motion { noise, amplitude, .. } = Motion::of(track, whole.dynamics.coordinates());
+pub(super) fn explains(judged: &Explained, whole: &Explained, track: &Observations) -> bool {
+    let TrackMotion { noise, amplitude, .. } = TrackMotion::of(track, whole.dynamics.coordinates());
     let enough = (EXPLAINED * noise).max(SMALL * amplitude);
     whole.fitted.usual_residual <= enough && judged.errors.held_out <= PREDICTED * enough
 }
 
-impl Scene {
+impl RecordedSystem {
     pub(super) fn dynamics(&self, cell: &Arc<CellKind>) -> Result<Dynamics> {
         let system = System { cell: cell.clone(), ..self.system.clone() };
         system.check()?;
@@ -67,17 +67,22 @@ impl Scene {
     }
 
     /// The fit of an equation to one of `observations`: to that which it explains best. `known` are the parameters of a run.
-    pub(super) fn fits(&self, cell: &Arc<CellKind>, observations: &[Observation], known: &[Known]) -> Result<Fits> {
+    pub(super) fn fits(
+        &self,
+        cell: &Arc<CellKind>,
+        observations: &[Observation],
+        known: &[KnownParameter],
+    ) -> Result<Fits> {
         let dynamics = self.dynamics(cell)?;
         let own = self.system.cell == *cell;
-        let mut best: Option<(usize, Vec<Track>, Explained)> = None;
+        let mut best: Option<(usize, Vec<Observations>, Explained)> = None;
         for (place, observation) in observations.iter().enumerate() {
             let tracks = self.tracks(observation);
             let starts = match &best {
                 // From where the other measure led to.
                 Some((_, _, before)) => {
                     let learned = before.learned.clone();
-                    vec![Start { raw: before.fitted.raw.clone(), learned, piece: self.piece }]
+                    vec![Start { unconstrained: before.fitted.unconstrained.clone(), learned, piece: self.piece }]
                 }
                 None => starts(&dynamics, &tracks, self.piece, (known, own), None),
             };
@@ -95,14 +100,18 @@ impl Scene {
     }
 
     /// The same equation fitted to other tracks of the same motion, from where a fit led to.
-    pub(super) fn go_on(&self, explained: &Explained, tracks: &[Track]) -> Result<Explained> {
-        let start = Start { raw: explained.fitted.raw.clone(), learned: explained.learned.clone(), piece: self.piece };
+    pub(super) fn go_on(&self, explained: &Explained, tracks: &[Observations]) -> Result<Explained> {
+        let start = Start {
+            unconstrained: explained.fitted.unconstrained.clone(),
+            learned: explained.learned.clone(),
+            piece: self.piece,
+        };
         explain(&explained.dynamics, tracks, &[start])
     }
 
     /// The same with what is seen beside the state, where that explains clearly more: a camera that drifts, looked for in a task
     /// of one video and one object; or of several objects their middles.
-    fn with_what_is_beside(&self, tracks: &[Track], explained: &Explained) -> Result<Option<Explained>> {
+    fn with_what_is_beside(&self, tracks: &[Observations], explained: &Explained) -> Result<Option<Explained>> {
         if self.system.objects == 1 && (tracks.len() != 1 || !self.may_drift) {
             return Ok(None);
         }
@@ -112,11 +121,11 @@ impl Scene {
     /// Other equations, fitted to the same positions.
     pub(super) fn others(
         &self,
-        against: &[Named],
-        tracks: &[Track],
-        known: &[Known],
+        against: &[ComparedEquation],
+        tracks: &[Observations],
+        known: &[KnownParameter],
     ) -> Result<Vec<(String, Explained)>> {
-        let fitted = |Named { name, cell }: &Named| {
+        let fitted = |ComparedEquation { name, cell }: &ComparedEquation| {
             let dynamics = self.dynamics(cell)?;
             let starts = starts(&dynamics, tracks, self.piece, (known, self.system.cell == *cell), None);
             let explained = explain(&dynamics, tracks, &starts);
@@ -160,19 +169,20 @@ pub(super) fn frames_in_one_of_best<'a>(all: impl Iterator<Item = &'a Explained>
 
 /// The same with as many of the numbers beside the state as show by themselves, if they explain clearly more. One that a parameter
 /// or how the motion begins could stand for would be believed for what the others explain.
-fn with_what_shows_beside(tracks: &[Track], explained: &Explained, piece: usize) -> Result<Option<Explained>> {
+fn with_what_shows_beside(tracks: &[Observations], explained: &Explained, piece: usize) -> Result<Option<Explained>> {
     let (dynamics, first) = (&explained.dynamics, explained.learned.len());
     let numbers = dynamics.numbers_beside();
     if numbers == 0 {
         return Ok(None);
     }
-    let raw = [&explained.fitted.raw[..], &vec![0.0; numbers]].concat();
+    let unconstrained = [&explained.fitted.unconstrained[..], &vec![0.0; numbers]].concat();
     let mut learned = [&explained.learned[..], &vec![true; numbers]].concat();
-    let fitted =
-        |learned: &[bool]| explain(dynamics, tracks, &[Start { raw: raw.clone(), learned: learned.to_vec(), piece }]);
+    let fitted = |learned: &[bool]| {
+        explain(dynamics, tracks, &[Start { unconstrained: unconstrained.clone(), learned: learned.to_vec(), piece }])
+    };
     let mut beside = fitted(&learned)?;
     let Some(shown) = shown(dynamics, tracks, &learned, &beside.fitted) else { return Ok(None) };
-    (first..learned.len()).for_each(|place| learned[place] = shown[place] == Shown::ByItself);
+    (first..learned.len()).for_each(|place| learned[place] = shown[place] == Identifiability::ByItself);
     if !learned[first..].contains(&true) {
         return Ok(None);
     }
@@ -198,24 +208,24 @@ mod tests {
         let system = Task::from_toml(include_str!("../../../../configs/gallery/fall_linear_drag.toml")).unwrap().system;
         let dynamics = Dynamics::new(system, 0.3).unwrap();
         let (c, g, drift) = (0.3_f64, 1.5_f64, [0.5, -0.5]);
-        let raw = vec![c.ln(), g.ln()];
+        let unconstrained = vec![c.ln(), g.ln()];
         let mut random = named_generator(1, "noise");
-        let drifts = [&raw[..], &drift].concat();
+        let drifts = [&unconstrained[..], &drift].concat();
         let times = dynamics.even_times(72);
-        let positions = dynamics.positions(&raw, &[10.0, 6.0, 2.0, 0.0], &times).into_iter().enumerate();
+        let positions = dynamics.positions(&unconstrained, &[10.0, 6.0, 2.0, 0.0], &times).into_iter().enumerate();
         let seen = positions
             .map(|(place, x)| x + dynamics.beside(&drifts, times[place / 2], place % 2) + 0.1 * normal(&mut random));
-        let tracks = [Track::new(seen.collect(), times.clone(), 72)];
-        let start = Start { raw, learned: vec![true; 2], piece: 12 };
+        let tracks = [Observations::new(seen.collect(), times.clone(), 72)];
+        let start = Start { unconstrained, learned: vec![true; 2], piece: 12 };
         let explained = explain(&dynamics, &tracks, &[start]).unwrap();
         let beside = with_what_shows_beside(&tracks, &explained, 12).unwrap().unwrap();
         assert_eq!(beside.learned, [true, true, true, false]);
-        let values = dynamics.values(&beside.fitted.raw);
+        let values = dynamics.values(&beside.fitted.unconstrained);
         // Their deviations are some 0.004 and 0.015. What falls by g and drifts by d looks as what falls by g + c * d.
         assert!(
-            (beside.fitted.raw[2] - drift[0]).abs() < 0.05 && beside.fitted.raw[3] == 0.0,
+            (beside.fitted.unconstrained[2] - drift[0]).abs() < 0.05 && beside.fitted.unconstrained[3] == 0.0,
             "{:?}",
-            beside.fitted.raw
+            beside.fitted.unconstrained
         );
         assert!((values[1] - (g + c * drift[1])).abs() < 0.1, "{values:?}");
     }
@@ -231,10 +241,10 @@ mod tests {
         let times = drag.even_times(72);
         let positions = drag.positions(&[c.ln(), g.ln()], &[10.0, 6.0, 2.0, 0.0], &times).into_iter();
         let seen = positions.map(|x| x + 0.1 * normal(&mut random)).collect();
-        let tracks = [Track::new(seen, times, 72)];
-        let explained = |dynamics: &Dynamics, raw: Vec<f64>| {
-            let learned = vec![true; raw.len()];
-            explain(dynamics, &tracks, &[Start { raw, learned, piece: 12 }]).unwrap()
+        let tracks = [Observations::new(seen, times, 72)];
+        let explained = |dynamics: &Dynamics, unconstrained: Vec<f64>| {
+            let learned = vec![true; unconstrained.len()];
+            explain(dynamics, &tracks, &[Start { unconstrained, learned, piece: 12 }]).unwrap()
         };
         let (right, wrong) = (explained(&drag, vec![c.ln(), g.ln()]), explained(&free, vec![g.ln()]));
         let alone = |of: &Explained| frames_in_one_of_best([of].into_iter());

@@ -6,8 +6,8 @@
 use std::ops::Range;
 
 use super::dynamics::Dynamics;
-use super::fit::{Fitted, Start, Track, fit};
-use super::motion::Motion;
+use super::fit::{Fitted, Observations, Start, fit};
+use super::motion::TrackMotion;
 use super::starts::starts;
 
 /// Windows that are tried, and the frames of each: this share of all, within these bounds.
@@ -36,7 +36,7 @@ pub struct FreeMotion {
 }
 
 /// The longest part of a track that the equation explains; none where no window is explained.
-pub fn free_motion(dynamics: &Dynamics, track: &Track) -> Option<FreeMotion> {
+pub fn free_motion(dynamics: &Dynamics, track: &Observations) -> Option<FreeMotion> {
     let stride = track.times.len().div_ceil(MOST_FRAMES);
     let few = every(track, stride, dynamics.coordinates());
     let found = longest(&Growth::new(dynamics, &few))?;
@@ -61,9 +61,9 @@ fn longest(growth: &Growth) -> Option<FreeMotion> {
 }
 
 /// Frames of a track, on its own times.
-pub fn cut(track: &Track, frames: Range<usize>, coordinates: usize) -> Track {
+pub fn cut(track: &Observations, frames: Range<usize>, coordinates: usize) -> Observations {
     let rows = coordinates * frames.start..coordinates * frames.end;
-    Track {
+    Observations {
         positions: track.positions[rows.clone()].to_vec(),
         times: track.times[frames.clone()].to_vec(),
         weights: track.weights[rows].to_vec(),
@@ -73,10 +73,10 @@ pub fn cut(track: &Track, frames: Range<usize>, coordinates: usize) -> Track {
 }
 
 /// Every so many-th frame.
-fn every(track: &Track, stride: usize, coordinates: usize) -> Track {
+fn every(track: &Observations, stride: usize, coordinates: usize) -> Observations {
     let rows = |of: &[f64]| of.chunks(coordinates).step_by(stride).flatten().copied().collect();
     let times: Vec<f64> = track.times.iter().step_by(stride).copied().collect();
-    Track {
+    Observations {
         positions: rows(&track.positions),
         weights: rows(&track.weights),
         trained: times.len(),
@@ -87,17 +87,17 @@ fn every(track: &Track, stride: usize, coordinates: usize) -> Track {
 
 struct Growth<'a> {
     dynamics: &'a Dynamics,
-    track: &'a Track,
+    track: &'a Observations,
     coordinates: usize,
     noise: f64,
     window: usize,
 }
 
 impl<'a> Growth<'a> {
-    fn new(dynamics: &'a Dynamics, track: &'a Track) -> Self {
+    fn new(dynamics: &'a Dynamics, track: &'a Observations) -> Self {
         let coordinates = dynamics.coordinates();
         let window = (track.times.len() / SHARE).clamp(WINDOW.start, WINDOW.end).min(track.times.len());
-        let noise = Motion::of(track, coordinates).noise;
+        let noise = TrackMotion::of(track, coordinates).noise;
         Growth { dynamics, track, coordinates, noise, window }
     }
 
@@ -124,7 +124,7 @@ impl<'a> Growth<'a> {
 
     /// What is good enough for a part.
     fn tolerance(&self, frames: &Range<usize>) -> f64 {
-        let extent = Motion::of(&cut(self.track, frames.clone(), self.coordinates), self.coordinates).amplitude;
+        let extent = TrackMotion::of(&cut(self.track, frames.clone(), self.coordinates), self.coordinates).amplitude;
         (EXPLAINED * self.noise).max(SHARE_OF_EXTENT * extent)
     }
 
@@ -167,10 +167,10 @@ impl<'a> Growth<'a> {
 
     /// The fit to a wider part; none where new frames are not explained.
     fn wider(&self, motion: &FreeMotion, frames: Range<usize>) -> Option<FreeMotion> {
-        let learned = vec![true; motion.fitted.raw.len()];
+        let learned = vec![true; motion.fitted.unconstrained.len()];
         let cell = &self.dynamics.system.cell;
         let learned = learned.iter().zip(&*cell.parameters).map(|(_, kind)| kind.fixed.is_none()).collect();
-        let start = Start { raw: motion.fitted.raw.clone(), learned, piece: motion.frames.len() };
+        let start = Start { unconstrained: motion.fitted.unconstrained.clone(), learned, piece: motion.frames.len() };
         let fitted = self.fitted(&frames, &start)?;
         let usual = motion.usual.max(self.tolerance(&frames) / EXPLAINED);
         let allowed = AS_WELL * usual;

@@ -1,5 +1,5 @@
 //! What an equation lacks: terms are added to its accelerations one at a time, and ways in which the camera changes what is seen
-//! ([`View`]) are tried; the one is named that the recording asks for.
+//! ([`ViewDistortion`]) are tried; the one is named that the recording asks for.
 //!
 //! A term counts where the Bayesian criterion is better by more than 10 with the effective number of residuals, and the held-out
 //! part is predicted better: it must hold over time, not only where it was fitted.
@@ -16,11 +16,11 @@ use paig::network::cells::{CellKind, PhysicalParameter};
 use super::bootstrap::bootstrap;
 use super::dynamics::Dynamics;
 use super::explain::{Explained, explain};
-use super::fit::{Start, Track};
+use super::fit::{Observations, Start};
 use super::fits::frames_in_one_of_best;
-use super::recording::{Scene, whole};
+use super::recording::{RecordedSystem, whole};
 use super::results::{MissingTerm, Quantity};
-use super::view::{Corrected, View};
+use super::view::{Corrected, ViewDistortion};
 
 /// Gain of the Bayesian criterion, and share of the held-out error that must go.
 const CLEARLY_BETTER: f64 = 10.0;
@@ -31,7 +31,7 @@ const LARGEST: f64 = 10.0;
 const SLOW: f64 = 0.05;
 
 /// A term that may be missing.
-struct Term {
+struct ExtraTerm {
     name: &'static str,
     /// Added to an acceleration.
     text: &'static str,
@@ -39,25 +39,29 @@ struct Term {
     parameters: &'static [(&'static str, [i32; 2])],
 }
 
-const TERMS: [Term; 6] = [
-    Term { name: "linear friction", text: "- missing * v", parameters: &[("missing", [0, -1])] },
-    Term { name: "quadratic friction (drag)", text: "- missing * norm(v) * v", parameters: &[("missing", [-1, 0])] },
-    Term {
+const TERMS: [ExtraTerm; 6] = [
+    ExtraTerm { name: "linear friction", text: "- missing * v", parameters: &[("missing", [0, -1])] },
+    ExtraTerm {
+        name: "quadratic friction (drag)",
+        text: "- missing * norm(v) * v",
+        parameters: &[("missing", [-1, 0])],
+    },
+    ExtraTerm {
         name: "dry friction",
         text: "- missing * tanh(norm(v) / missing_slow) * unit(v)",
         parameters: &[("missing", [1, -2])],
     },
-    Term {
+    ExtraTerm {
         name: "constant force (or a tilted camera)",
         text: "+ vec(missing_x, missing_y)",
         parameters: &[("missing_x", [1, -2]), ("missing_y", [1, -2])],
     },
-    Term {
+    ExtraTerm {
         name: "force across the velocity (Magnus)",
         text: "+ missing * perp(v)",
         parameters: &[("missing", [0, -1])],
     },
-    Term {
+    ExtraTerm {
         name: "spring",
         text: "+ vec(missing_x, missing_y) - missing * p",
         parameters: &[("missing", [0, -2]), ("missing_x", [1, -2]), ("missing_y", [1, -2])],
@@ -66,7 +70,7 @@ const TERMS: [Term; 6] = [
 
 /// A fit with one term more.
 struct Extended {
-    what: What,
+    what: ModelExtension,
     explained: Explained,
     /// The Bayesian criterion, and the held-out error as it is seen.
     criterion: f64,
@@ -74,18 +78,23 @@ struct Extended {
     learned: f64,
 }
 
-enum What {
-    Term(&'static Term, EquationTable),
-    View(View, Vec<f64>),
+enum ModelExtension {
+    Term(&'static ExtraTerm, EquationTable),
+    View(ViewDistortion, Vec<f64>),
 }
 
 /// The term that explains most of what a fit leaves; none where no term does. `judged` is fitted to `tracks` without what is held
 /// out.
-pub(super) fn missing_term(scene: &Scene, tracks: &[Track], judged: &Explained, seed: u64) -> Option<MissingTerm> {
+pub(super) fn missing_term(
+    scene: &RecordedSystem,
+    tracks: &[Observations],
+    judged: &Explained,
+    seed: u64,
+) -> Option<MissingTerm> {
     let system = &judged.dynamics.system;
     let table = system.cell.table()?;
-    let sizes = Sizes::of(judged, tracks);
-    let fitted = |term: &Term| {
+    let sizes = MotionScales::of(judged, tracks);
+    let fitted = |term: &ExtraTerm| {
         let table = term.added_to(&table, &sizes);
         let extended = with(system, &table)?;
         let dynamics = Dynamics::new(extended, judged.dynamics.dt).ok()?;
@@ -93,14 +102,14 @@ pub(super) fn missing_term(scene: &Scene, tracks: &[Track], judged: &Explained, 
         Some((table, explain(&dynamics, tracks, &[start]).ok()?))
     };
     let terms = || TERMS.par_iter().filter_map(|term| Some((term, fitted(term)?)));
-    let views = || View::ALL.par_iter().filter_map(|view| view.fitted(scene, tracks, judged));
+    let views = || ViewDistortion::ALL.par_iter().filter_map(|view| view.fitted(scene, tracks, judged));
     let (terms, views): (Vec<_>, Vec<_>) = rayon::join(|| terms().collect(), || views().collect());
     let all =
         terms.iter().map(|(_, (_, it))| it).chain(views.iter().map(|it: &Corrected| &it.explained)).chain([judged]);
     let frames_in_one = frames_in_one_of_best(all);
     let criterion = |it: &Explained| it.criteria(frames_in_one).bic;
-    let of_term = |(term, (table, explained)): (&'static Term, (EquationTable, Explained))| Extended {
-        what: What::Term(term, table),
+    let of_term = |(term, (table, explained)): (&'static ExtraTerm, (EquationTable, Explained))| Extended {
+        what: ModelExtension::Term(term, table),
         criterion: criterion(&explained),
         held_out: explained.errors.held_out,
         learned: explained.errors.learned,
@@ -115,7 +124,7 @@ pub(super) fn missing_term(scene: &Scene, tracks: &[Track], judged: &Explained, 
             criterion: criterion(&it.explained) + seen,
             held_out: it.explained.errors.held_out / it.magnification,
             learned: it.explained.errors.learned / it.magnification,
-            what: What::View(it.view, it.coefficients),
+            what: ModelExtension::View(it.view, it.coefficients),
             explained: it.explained,
         }
     };
@@ -128,10 +137,10 @@ pub(super) fn missing_term(scene: &Scene, tracks: &[Track], judged: &Explained, 
     let (times, _) = scene.per_coordinate();
     let factors = factors(judged, &best.explained);
     let (name, quantities, equation) = match best.what {
-        What::Term(term, table) => {
+        ModelExtension::Term(term, table) => {
             (term.name, quantities(scene, tracks, &best.explained, term, seed)?, file(scene, system, &table))
         }
-        What::View(view, values) => {
+        ModelExtension::View(view, values) => {
             let values = view.coefficients().iter().zip(values);
             (view.name(), values.map(|(name, value)| Quantity::new(name, value, Vec::new())).collect(), None)
         }
@@ -152,7 +161,7 @@ fn factors(before: &Explained, after: &Explained) -> BTreeMap<String, f64> {
     let value = |it: &Explained, name: &str| {
         let place = it.dynamics.system.cell.parameters.iter().position(|parameter| parameter.name == name)?;
         let parameter = &it.dynamics.system.cell.parameters[place];
-        it.learned[place].then(|| parameter.bounds.value(it.fitted.raw[place]))
+        it.learned[place].then(|| parameter.bounds.value(it.fitted.unconstrained[place]))
     };
     let parameters = before.dynamics.system.cell.parameters.iter();
     // Of a parameter that is 0 there is none.
@@ -161,7 +170,13 @@ fn factors(before: &Explained, after: &Explained) -> BTreeMap<String, f64> {
 }
 
 /// The parameters of a term with their intervals, fitted to all frames.
-fn quantities(scene: &Scene, tracks: &[Track], best: &Explained, term: &Term, seed: u64) -> Option<Vec<Quantity>> {
+fn quantities(
+    scene: &RecordedSystem,
+    tracks: &[Observations],
+    best: &Explained,
+    term: &ExtraTerm,
+    seed: u64,
+) -> Option<Vec<Quantity>> {
     let tracks = whole(tracks);
     let whole = scene.go_on(best, &tracks).ok()?;
     let uncertainty = bootstrap(&whole.dynamics, &tracks, &whole.learned, &whole.fitted, seed).ok()?;
@@ -177,31 +192,34 @@ fn with(system: &System, table: &EquationTable) -> Option<System> {
 }
 
 /// An equation as a file: starts and bounds are those of its frames.
-fn file(scene: &Scene, system: &System, table: &EquationTable) -> Option<String> {
+fn file(scene: &RecordedSystem, system: &System, table: &EquationTable) -> Option<String> {
     #[derive(Serialize)]
-    struct File<'a> {
-        system: Part<'a>,
+    struct EquationToml<'a> {
+        system: SystemToml<'a>,
     }
     #[derive(Serialize)]
-    struct Part<'a> {
+    struct SystemToml<'a> {
         side: usize,
         objects: usize,
         dt: f64,
         equation: &'a EquationTable,
     }
     let dt = scene.scale.seconds * scene.dt;
-    toml::to_string(&File { system: Part { side: system.side, objects: system.objects, dt, equation: table } }).ok()
+    toml::to_string(&EquationToml {
+        system: SystemToml { side: system.side, objects: system.objects, dt, equation: table },
+    })
+    .ok()
 }
 
 /// What velocities, accelerations and places usually are, in the frame's units.
-struct Sizes {
+struct MotionScales {
     speed: f64,
     acceleration: f64,
     length: f64,
 }
 
-impl Sizes {
-    fn of(explained: &Explained, tracks: &[Track]) -> Self {
+impl MotionScales {
+    fn of(explained: &Explained, tracks: &[Observations]) -> Self {
         let coordinates = explained.dynamics.coordinates();
         let (mut speeds, mut accelerations, mut lengths) = (Mean::default(), Mean::default(), Mean::default());
         for (track, states) in tracks.iter().zip(&explained.states) {
@@ -215,7 +233,7 @@ impl Sizes {
                 }
             }
         }
-        Sizes { speed: speeds.root(), acceleration: accelerations.root().max(1e-9), length: lengths.root() }
+        MotionScales { speed: speeds.root(), acceleration: accelerations.root().max(1e-9), length: lengths.root() }
     }
 
     /// Bound of a parameter with these powers, so that its term is at most [`LARGEST`] times the usual acceleration.
@@ -248,8 +266,8 @@ impl Mean {
     }
 }
 
-impl Term {
-    fn added_to(&self, table: &EquationTable, sizes: &Sizes) -> EquationTable {
+impl ExtraTerm {
+    fn added_to(&self, table: &EquationTable, sizes: &MotionScales) -> EquationTable {
         let mut table = table.clone();
         let added = |text: &String, object: Option<usize>| {
             // In a list of texts each object has names of its own.
@@ -296,14 +314,14 @@ impl Term {
     fn start(&self, dynamics: &Dynamics, before: &Explained, piece: usize) -> Start {
         let names = before.dynamics.system.cell.parameters.iter().map(|it| &*it.name);
         let known: BTreeMap<&str, (f64, bool)> =
-            names.zip(before.fitted.raw.iter().copied().zip(before.learned.iter().copied())).collect();
+            names.zip(before.fitted.unconstrained.iter().copied().zip(before.learned.iter().copied())).collect();
         let of = |parameter: &PhysicalParameter| {
             known.get(&*parameter.name).copied().unwrap_or_else(|| {
                 let value = parameter.fixed.or(parameter.start).unwrap_or(0.0);
-                (parameter.bounds.raw(value), parameter.fixed.is_none())
+                (parameter.bounds.unconstrained(value), parameter.fixed.is_none())
             })
         };
-        let (raw, learned) = dynamics.system.cell.parameters.iter().map(of).unzip();
-        Start { raw, learned, piece }
+        let (unconstrained, learned) = dynamics.system.cell.parameters.iter().map(of).unzip();
+        Start { unconstrained, learned, piece }
     }
 }

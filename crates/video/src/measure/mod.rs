@@ -1,7 +1,7 @@
 //! What a trained model measures in its own videos: parameters in the units of the scene, with intervals, from whole
 //! videos instead of clips; how well what was held out is predicted; and all of it for people to look at.
 //!
-//! The model says where the objects are in every frame ([`sight`]). The equation is fitted to that as one long trajectory
+//! The model says where the objects are in every frame ([`compared_positions`]). The equation is fitted to that as one long trajectory
 //! ([`mod@fit`]), in float64 and without images; a bootstrap over time says how far the result can be trusted ([`mod@bootstrap`]).
 //! The last quarter of each video is predicted from the rest and held against two baselines. Not in the original.
 
@@ -9,6 +9,7 @@ mod attempts;
 pub mod bootstrap;
 mod candidates;
 pub mod clock;
+pub mod compared_positions;
 pub mod coverage;
 pub mod dynamics;
 pub mod errors;
@@ -17,6 +18,7 @@ mod finished;
 pub mod fit;
 mod fits;
 pub mod free_motion;
+pub mod identifiability;
 pub mod judgement;
 mod measured;
 mod missing_term;
@@ -35,8 +37,6 @@ pub mod recording;
 pub mod results;
 pub mod scale;
 mod selection;
-pub mod shown;
-pub mod sight;
 pub mod starts;
 pub mod table;
 pub mod takes;
@@ -55,22 +55,22 @@ use tch::Device;
 
 use self::attempts::Attempts;
 use self::bootstrap::bootstrap;
-use self::candidates::Candidate;
+use self::candidates::EquationCandidate;
 use self::explain::{Explained, constant_velocity};
 use self::finished::{FILES, Finished};
 use self::fits::Fits;
 use self::free_motion::free_motion;
 use self::judgement::{Evidence, judge};
 use self::missing_term::missing_term;
-use self::motion::Motion;
-use self::native::{By, Tracked};
+use self::motion::TrackMotion;
+use self::native::{PositionSource, TrackedVideo};
 use self::of_run::Learned;
 pub use self::of_video::VideoRequest;
 use self::pictures::filmed;
-use self::recording::{Observation, Scene};
+use self::recording::{Observation, RecordedSystem};
 use self::results::{Measurement, Quantity};
 use self::selection::Selection;
-use self::starts::Known;
+use self::starts::KnownParameter;
 use paig::Error;
 use paig::network::cells::{CellKind, Equations};
 use paig::runs::checkpoint::{LearnedFrom, SavedWeights};
@@ -85,25 +85,25 @@ use paig::training::saved::load_model;
 
 /// An equation to be compared.
 #[derive(Debug, Clone)]
-struct Named {
+struct ComparedEquation {
     /// For people: the file it stands in.
     name: String,
     cell: Arc<CellKind>,
 }
 
-impl Named {
+impl ComparedEquation {
     fn of(file: &EquationFile, objects: usize) -> Result<Self> {
         let cell = file
             .equation
             .kind(objects, &Equations::default())
             .with_context(|| format!("equation file {}", file.name))?;
-        Ok(Named { name: file.name.clone(), cell })
+        Ok(ComparedEquation { name: file.name.clone(), cell })
     }
 }
 
 /// What is to be measured, and how.
 #[derive(Debug, Clone, Default)]
-pub struct Request {
+pub struct MeasureRequest {
     /// In place of the run's own equation.
     pub equation: Option<EquationFile>,
     /// Held against it.
@@ -114,16 +114,16 @@ pub struct Request {
 #[derive(Clone)]
 struct Subject {
     task: String,
-    scene: Scene,
+    scene: RecordedSystem,
     /// By one means each, the most precise first where that is known.
     observations: Vec<Observation>,
     /// Whether only the first observation is fitted, the others being held against it.
     first_counts: bool,
     /// Whether frames may be left out in which the object does not move by itself.
     may_be_cut: bool,
-    pictures: Vec<pictures::Source>,
+    pictures: Vec<pictures::PictureSource>,
     /// Parameters of a run.
-    known: Vec<Known>,
+    known: Vec<KnownParameter>,
     notes: Vec<String>,
     /// What speaks against every number.
     doubts: Vec<String>,
@@ -139,11 +139,11 @@ struct Subject {
 /// # Errors
 /// A run whose task has no video or no film, or was imported again since; an equation that leads nowhere, a folder that
 /// cannot be written.
-pub fn measure(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement, Error> {
+pub fn measure(folder: &Path, request: &MeasureRequest, out: &Path, device: Device) -> Result<Measurement, Error> {
     Ok(measured_run(folder, request, out, device)?)
 }
 
-fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) -> Result<Measurement> {
+fn measured_run(folder: &Path, request: &MeasureRequest, out: &Path, device: Device) -> Result<Measurement> {
     let _guard = tch::no_grad_guard();
     let begun = Instant::now();
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;
@@ -164,16 +164,16 @@ fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) ->
             Some((film, numbers)) => {
                 let first = *numbers.iter().min().unwrap_or(&0);
                 let end = numbers.iter().max().unwrap_or(&0) + 1;
-                let options = paig_track::Options { frames: Some(first..end), ..Default::default() };
-                match Tracked::of(&film, &options, scene.system.objects) {
+                let options = paig_track::TrackingOptions { frames: Some(first..end), ..Default::default() };
+                match TrackedVideo::of(&film, &options, scene.system.objects) {
                     Ok(mut of_film) => {
                         let units = (&scene.scale, &scene.system);
                         of_film.name_after(&by_model[0].recordings[video].pixels, &numbers, units);
-                        tracked.push(of_film.positions(&numbers, By::Template, units));
+                        tracked.push(of_film.positions(&numbers, PositionSource::Template, units));
                     }
                     Err(error) => notes.push(format!("tracker: {error:#}")),
                 }
-                pictures.push(pictures::Source::Filmed(Rc::new(film)));
+                pictures.push(pictures::PictureSource::Filmed(Rc::new(film)));
             }
             None => {
                 notes.push(format!(
@@ -181,7 +181,7 @@ fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) ->
                      resolution, and the overlay takes the frames as the model sees them",
                     recording.name
                 ));
-                pictures.push(pictures::Source::Seen(learned.film.videos[video].clone()));
+                pictures.push(pictures::PictureSource::Seen(learned.film.videos[video].clone()));
             }
         }
     }
@@ -203,7 +203,7 @@ fn measured_run(folder: &Path, request: &Request, out: &Path, device: Device) ->
         training_seconds: summary.map(|summary| summary.wall_seconds),
         seed: config.seed,
     };
-    let own = Named { name: "the run's own".into(), cell: model.system.cell.clone() };
+    let own = ComparedEquation { name: "the run's own".into(), cell: model.system.cell.clone() };
     subject.measured(own, Vec::new(), request, begun)?.write(out)
 }
 
@@ -227,7 +227,7 @@ pub fn measure_videos(videos: &VideoRequest, against: &[EquationFile], out: &Pat
         FILES.check(out)?;
         let films = videos.films()?;
         make_folder(out)?;
-        let request = Request { equation: None, against: against.to_vec() };
+        let request = MeasureRequest { equation: None, against: against.to_vec() };
         let attempts = Attempts { videos, films: &films, request: &request, begun };
         let finished = if videos.takes { attempts.takes(out)? } else { attempts.best()? };
         finished.write(out)
@@ -255,7 +255,7 @@ fn make_folder(out: &Path) -> Result<()> {
 /// Leaves out of the only recording what comes before and after the part that the equation explains; a note, where that leaves
 /// out anything.
 fn cut_to_free_motion(
-    scene: &mut Scene,
+    scene: &mut RecordedSystem,
     observations: &mut [Observation],
     cell: &Arc<CellKind>,
 ) -> Result<Option<String>> {
@@ -293,7 +293,7 @@ struct CrossCheck {
 }
 
 impl Subject {
-    fn cross_check(&self, scene: &Scene, explained: &Explained, other: &Observation) -> Result<CrossCheck> {
+    fn cross_check(&self, scene: &RecordedSystem, explained: &Explained, other: &Observation) -> Result<CrossCheck> {
         let tracks = scene.tracks(other);
         let judged = scene.go_on(explained, &tracks)?;
         let tracks = recording::whole(&tracks);
@@ -308,7 +308,12 @@ impl Subject {
     }
 
     /// Measured by the equation that explains it best, beside those it was chosen from.
-    fn by_the_best(mut self, candidates: &[Candidate], request: &Request, begun: Instant) -> Result<Finished> {
+    fn by_the_best(
+        mut self,
+        candidates: &[EquationCandidate],
+        request: &MeasureRequest,
+        begun: Instant,
+    ) -> Result<Finished> {
         let numbers = self.scene.recordings[0].numbers.clone();
         let selection = Selection::of(&mut self.scene, &mut self.observations, candidates)?;
         self.notes.extend(selection.part.as_ref().map(|part| note_of_part(&numbers, part, numbers.len())));
@@ -318,20 +323,20 @@ impl Subject {
         let (best, _) = ranked.next().context("no equation was fitted")?;
         self.scene.system.cell = best.cell.clone();
         let others = ranked.map(|(candidate, explained)| (candidate.name, explained)).collect();
-        self.measured(Named { name: best.name, cell: best.cell }, others, request, begun)
+        self.measured(ComparedEquation { name: best.name, cell: best.cell }, others, request, begun)
     }
 
     /// `compared`: equations that were fitted already.
     fn measured(
         &self,
-        own: Named,
+        own: ComparedEquation,
         compared: Vec<(String, Explained)>,
-        request: &Request,
+        request: &MeasureRequest,
         begun: Instant,
     ) -> Result<Finished> {
         let Subject { known, .. } = self;
         let (mut scene, mut observations) = (self.scene.clone(), self.observations.clone());
-        let named = |file: &EquationFile| Named::of(file, scene.system.objects);
+        let named = |file: &EquationFile| ComparedEquation::of(file, scene.system.objects);
         let main = request.equation.as_ref().map(named).transpose()?.unwrap_or(own);
         let against = request.against.iter().map(named).collect::<Result<Vec<_>>>()?;
         let mut notes = self.notes.clone();
@@ -365,7 +370,7 @@ impl Subject {
             .collect();
         takes::pool(&mut quantities, &self.takes);
         let residuals = scene.residuals(&whole, &uncertainty);
-        let motion = Motion::of(&tracks[0], judged.dynamics.coordinates());
+        let motion = TrackMotion::of(&tracks[0], judged.dynamics.coordinates());
         let (times, _) = scene.per_coordinate();
         let missing = missing_term(&scene, &tracks, &judged, self.seed);
         let evidence = Evidence {
@@ -414,7 +419,7 @@ mod tests {
     fn a_run_that_is_not_there_makes_no_folder() {
         let folder = tempfile::tempdir().unwrap();
         let run = folder.path().join("rum");
-        let error = measure(&run, &Request::default(), &run, Device::Cpu).err().unwrap();
+        let error = measure(&run, &MeasureRequest::default(), &run, Device::Cpu).err().unwrap();
         assert!(format!("{error:#}").contains("is not a run folder") && !run.exists(), "{error:#}");
     }
 }

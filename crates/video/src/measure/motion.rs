@@ -3,7 +3,7 @@
 use nalgebra::Matrix2;
 use rand::seq::SliceRandom;
 
-use super::fit::Track;
+use super::fit::Observations;
 use paig::support::random::named_generator;
 use paig::support::statistics::{MEDIAN_TO_DEVIATION, upper_median};
 
@@ -15,7 +15,7 @@ const ROUNDS: usize = 4;
 
 /// What the positions of a track say by themselves, in the unit of a coordinate.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion {
+pub struct TrackMotion {
     /// Share of the frames in which all objects are seen.
     pub seen: f64,
     /// Half of the way from one end to the other.
@@ -31,9 +31,9 @@ const THIRD_DIFFERENCES: f64 = 20.0;
 /// Fewest frames of which chance is known.
 const LEAST_FRAMES: usize = 8;
 
-impl Motion {
+impl TrackMotion {
     /// Of the frames of a track.
-    pub fn of(track: &Track, coordinates: usize) -> Self {
+    pub fn of(track: &Observations, coordinates: usize) -> Self {
         let frames: Vec<&[f64]> =
             track.positions.chunks(coordinates).filter(|frame| frame.iter().all(|x| x.is_finite())).collect();
         let present: Vec<f64> = frames.iter().flat_map(|frame| frame.iter().copied()).collect();
@@ -41,7 +41,7 @@ impl Motion {
             (0..coordinates).map(|c| (w[3][c] - 3.0 * w[2][c] + 3.0 * w[1][c] - w[0][c]).abs()).collect::<Vec<_>>()
         });
         let third = upper_median(third).unwrap_or(0.0);
-        Motion {
+        TrackMotion {
             seen: frames.len() as f64 / track.times.len().max(1) as f64,
             amplitude: amplitude(&along_the_way(&present, coordinates)),
             noise: third * MEDIAN_TO_DEVIATION / THIRD_DIFFERENCES.sqrt(),

@@ -3,12 +3,14 @@
 use std::ops::Range;
 
 use anyhow::{Result, bail};
-use paig_track::{Finding, HALF_PIXEL, Method, Motion, Options, Point, Role, Segment, Track, Tracking, Visibility};
+use paig_track::{
+    CameraMotion, Finding, HALF_PIXEL, Method, Point, Role, Segment, Track, Tracking, TrackingOptions, Visibility,
+};
 
 use super::proposals::{Proposal, proposals};
 use super::recording::Positions;
 use super::scale::Scale;
-use crate::import::sources::Video;
+use crate::import::sources::SourceVideo;
 use crate::track::{Followed, track};
 use paig::network::System;
 use paig::network::cells::Coordinates;
@@ -24,7 +26,7 @@ const SLOW_MOTION: f64 = 4.0;
 const OTHERS: usize = 3;
 
 /// Objects of one video.
-pub(super) struct Tracked {
+pub(super) struct TrackedVideo {
     /// One of each object.
     pub tracks: Vec<Track>,
     /// Other objects, the likeliest first.
@@ -43,20 +45,20 @@ pub(super) struct Tracked {
 
 /// Which positions of a track are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum By {
+pub(super) enum PositionSource {
     /// Registration of the object's template.
     Template,
     /// Centroids of the moving region.
     Centroid,
 }
 
-impl Tracked {
+impl TrackedVideo {
     /// Tracks the objects of a video.
     ///
     /// # Errors
     /// As [`track`], and fewer objects than the system has.
-    pub fn of(video: &Video, options: &Options, objects: usize) -> Result<Self> {
-        let options = Options { objects: objects + OTHERS, ..options.clone() };
+    pub fn of(video: &SourceVideo, options: &TrackingOptions, objects: usize) -> Result<Self> {
+        let options = TrackingOptions { objects: objects + OTHERS, ..options.clone() };
         let Followed { tracking: Tracking { tracks, camera, time, .. }, segments } = track(video, &options)?;
         let (mut tracks, mut others): (Vec<_>, Vec<_>) = (tracks, Vec::new());
         tracks.retain(|track| track.role == Role::Object);
@@ -77,7 +79,7 @@ impl Tracked {
         }
         let name = video.name();
         let far = PANS * video.width.min(video.height) as f64;
-        let pans = (camera.motion == Motion::Panning && camera.displacement > far).then(|| {
+        let pans = (camera.motion == CameraMotion::Panning && camera.displacement > far).then(|| {
             format!("{name}: {}; film with a standing camera, or look whether the overlay fits", camera.line())
         });
         let slow = time.findings.iter().find_map(|finding| match finding {
@@ -92,7 +94,7 @@ impl Tracked {
         if camera.moves() {
             notes.push(format!("camera: {}", camera.line()));
         }
-        Ok(Tracked { tracks, others, segments, first, times: time.times, notes, doubts })
+        Ok(TrackedVideo { tracks, others, segments, first, times: time.times, notes, doubts })
     }
 
     /// Parts in which all objects move freely, at least so many frames each.
@@ -104,7 +106,7 @@ impl Tracked {
     pub fn range(&self, among: Option<&Range<usize>>) -> Range<usize> {
         let seen = |track: &Track| {
             let among = |point: &Point| among.is_none_or(|among| among.contains(&point.frame));
-            let seen = |point: &Point| among(point) && position(point, By::Template).is_some();
+            let seen = |point: &Point| among(point) && position(point, PositionSource::Template).is_some();
             let first = track.points.iter().position(seen).unwrap_or(0);
             let last = track.points.iter().rposition(seen).unwrap_or(0);
             (first, last + 1)
@@ -116,14 +118,14 @@ impl Tracked {
     }
 
     /// Positions in these frames of the video.
-    pub fn positions(&self, numbers: &[usize], by: By, (scale, system): (&Scale, &System)) -> Positions {
+    pub fn positions(&self, numbers: &[usize], by: PositionSource, (scale, system): (&Scale, &System)) -> Positions {
         let of_track = |track: &Track| -> (Vec<[f64; 2]>, Vec<f64>) {
             let points =
                 numbers.iter().map(|number| number.checked_sub(self.first).and_then(|it| track.points.get(it)));
             let points: Vec<_> = points.collect();
             let offset = match by {
-                By::Template => [0.0; 2],
-                By::Centroid => offset(&track.points),
+                PositionSource::Template => [0.0; 2],
+                PositionSource::Centroid => offset(&track.points),
             };
             let place = |point: &Option<&Point>| {
                 let seen = point.and_then(|point| position(point, by));
@@ -138,7 +140,7 @@ impl Tracked {
             let deviations: Vec<f64> = points.iter().map(deviation).collect();
             let usual = upper_median(deviations.iter().copied().filter(|it| it.is_finite())).unwrap_or(1.0);
             let weight = |deviation: &f64| match by {
-                By::Template if deviation.is_finite() => (usual / deviation).clamp(LEAST_WEIGHT, 1.0),
+                PositionSource::Template if deviation.is_finite() => (usual / deviation).clamp(LEAST_WEIGHT, 1.0),
                 _ => 1.0,
             };
             (points.iter().map(place).collect(), deviations.iter().map(weight).collect())
@@ -159,7 +161,7 @@ impl Tracked {
             std::mem::take(&mut self.tracks).into_iter().chain(std::mem::take(&mut self.others)).collect();
         for object in 0..objects {
             let distance = |track: &Track| {
-                let own = Tracked {
+                let own = TrackedVideo {
                     tracks: vec![track.clone()],
                     others: Vec::new(),
                     segments: Vec::new(),
@@ -169,7 +171,7 @@ impl Tracked {
                     doubts: Vec::new(),
                 };
                 let alone = System { objects: 1, ..system.clone() };
-                let pixels = own.positions(numbers, By::Template, (scale, &alone)).pixels;
+                let pixels = own.positions(numbers, PositionSource::Template, (scale, &alone)).pixels;
                 let model = centroids.chunks(2 * objects).map(|frame| [frame[2 * object], frame[2 * object + 1]]);
                 let apart = pixels.chunks(2).zip(model).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]));
                 upper_median(apart.filter(|x| x.is_finite())).unwrap_or(f64::INFINITY)
@@ -183,11 +185,13 @@ impl Tracked {
 }
 
 /// Position in a frame, where the object is seen as a whole.
-fn position(point: &Point, by: By) -> Option<[f64; 2]> {
+fn position(point: &Point, by: PositionSource) -> Option<[f64; 2]> {
     let whole = point.visibility == Visibility::Visible;
     match by {
-        By::Template => point.measurement.filter(|it| whole || it.method == Method::Template).map(|it| it.position),
-        By::Centroid => point.centroid.filter(|_| whole),
+        PositionSource::Template => {
+            point.measurement.filter(|it| whole || it.method == Method::Template).map(|it| it.position)
+        }
+        PositionSource::Centroid => point.centroid.filter(|_| whole),
     }
 }
 

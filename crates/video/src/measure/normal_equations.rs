@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Added to the diagonal, which is 1, so that unknowns that cannot be told apart have a solution, too. It says nothing of them:
-/// see [`NormalEquations::are_indistinct`].
+/// see [`NormalEquations::are_unidentifiable`].
 const RIDGE: f64 = 1e-11;
 /// A combination of unknowns, of one scaled length, that has less of an eigenvalue does not show. Of what is exactly one, the
 /// ridge and rounding leave 1e-11; films that tell their unknowns apart leave 1e-5 and more.
@@ -37,7 +37,7 @@ impl NormalEquations {
 
     /// Of each unknown, whether it has a part in a combination that does not show. Then nothing is known of it, however narrow
     /// it comes out: what is seen is multiplied by no more than rounding, and divided by the ridge.
-    pub fn are_indistinct(&self) -> Vec<bool> {
+    pub fn are_unidentifiable(&self) -> Vec<bool> {
         let lower = self.factor.l();
         let eigen = (&lower * lower.transpose()).symmetric_eigen();
         let mut parts = DVector::zeros(lower.nrows());
@@ -81,14 +81,14 @@ mod tests {
     /// The third unknown does what the first does, but for a part that is rounding, or that shows.
     #[test]
     fn unknowns_that_are_one_are_told() {
-        let indistinct = |own: f64| {
+        let unidentifiable = |own: f64| {
             let slopes = DMatrix::from_fn(20, 3, |row, column| {
                 let t = row as f64 / 20.0;
                 [t, t * t, 300.0 * (t + own * t.powi(3))][column]
             });
-            NormalEquations::new(&(slopes.transpose() * &slopes)).unwrap().are_indistinct()
+            NormalEquations::new(&(slopes.transpose() * &slopes)).unwrap().are_unidentifiable()
         };
-        assert_eq!(indistinct(1e-10), [true, false, true]);
-        assert_eq!(indistinct(0.1), [false; 3]);
+        assert_eq!(unidentifiable(1e-10), [true, false, true]);
+        assert_eq!(unidentifiable(0.1), [false; 3]);
     }
 }

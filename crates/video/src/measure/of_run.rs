@@ -4,13 +4,13 @@
 use anyhow::{Context, Result, ensure};
 use tch::Device;
 
-use super::clock::Clock;
-use super::recording::{Observation, Positions, Recording, Scene};
+use super::clock::FrameTimes;
+use super::compared_positions::{self, ComparedPositions};
+use super::recording::{Observation, Positions, RecordedSystem, Recording};
 use super::scale::Scale;
-use super::sight::{self, Sight};
-use super::starts::Known;
+use super::starts::KnownParameter;
 use crate::import::TASK;
-use crate::import::hold_out::Parts;
+use crate::import::hold_out::HoldOut;
 use paig::datasets::dataset::Dataset;
 use paig::datasets::files::{ClipShape, Split};
 use paig::datasets::film::{FILM, FilmFile};
@@ -75,19 +75,19 @@ impl<'a> Learned<'a> {
 
     /// The scene, what is to be said of it, and the observations by the masks' centroids and by the encoder. Where the encoder
     /// strays it is left out.
-    pub fn observe(&self) -> Result<(Scene, Vec<String>, Vec<Observation>)> {
+    pub fn observe(&self) -> Result<(RecordedSystem, Vec<String>, Vec<Observation>)> {
         let names = self.record.source_names();
         let look = |(video, name): (usize, &String)| {
-            sight::look(self.model, &self.train, &self.film, video, self.config.seed)
+            compared_positions::look(self.model, &self.train, &self.film, video, self.config.seed)
                 .with_context(|| format!("video {name}; import the videos again without it"))
         };
         let sights = names.iter().enumerate().map(look).collect::<Result<Vec<_>>>()?;
         let system = &self.model.system;
-        let clocks = sights.iter().map(|sight| Clock::of(&sight.centroids.pixels, 2 * system.objects));
+        let clocks = sights.iter().map(|sight| FrameTimes::of(&sight.centroids.pixels, 2 * system.objects));
         let clocks: Vec<_> = clocks.collect();
         let ratio = self.ratio();
         let dt = system.dt / ratio as f64;
-        let recording = |(video, clock): (usize, &Clock)| Recording {
+        let recording = |(video, clock): (usize, &FrameTimes)| Recording {
             name: names[video].clone(),
             first_seconds: self.record.sources[video].first_seconds,
             times: clock.ticks.iter().map(|tick| *tick as f64 * dt).collect(),
@@ -95,7 +95,7 @@ impl<'a> Learned<'a> {
             trained: self.trained(video, ratio),
             teaches: self.teaches(video),
         };
-        let scene = Scene {
+        let scene = RecordedSystem {
             record: self.record.clone(),
             system: system.clone(),
             scale: Scale::new(self.record, system),
@@ -118,7 +118,7 @@ impl<'a> Learned<'a> {
         }
         let strays =
             sights.iter().zip(&scene.recordings).any(|(sight, recording)| self.encoder_strays(sight, recording));
-        let observation = |by: &str, of: &dyn Fn(&Sight) -> Positions| Observation {
+        let observation = |by: &str, of: &dyn Fn(&ComparedPositions) -> Positions| Observation {
             by: by.into(),
             recordings: sights.iter().map(of).collect(),
         };
@@ -131,7 +131,11 @@ impl<'a> Learned<'a> {
 
     /// Whether the encoder misreads frames that were held out: it has learned no places but those where the objects were. Masks
     /// follow them anywhere.
-    fn encoder_strays(&self, Sight { encoded, centroids }: &Sight, recording: &Recording) -> bool {
+    fn encoder_strays(
+        &self,
+        ComparedPositions { encoded, centroids }: &ComparedPositions,
+        recording: &Recording,
+    ) -> bool {
         let apart = encoded.pixels.iter().zip(&centroids.pixels).map(|(encoded, centroid)| (encoded - centroid).abs());
         let apart: Vec<f64> = apart.collect();
         let (learned, held_out) = apart.split_at(2 * self.model.system.objects * recording.trained);
@@ -140,10 +144,10 @@ impl<'a> Learned<'a> {
     }
 
     /// Parameters as the run has learned them: where a fit begins.
-    pub fn known(&self) -> Vec<Known> {
-        let known = |parameter: &paig::network::physics_models::Parameter| Known {
+    pub fn known(&self) -> Vec<KnownParameter> {
+        let known = |parameter: &paig::network::physics_models::Parameter| KnownParameter {
             name: parameter.kind.name.to_string(),
-            value: self.model.true_value(&parameter.kind, parameter.raw.double_value(&[])),
+            value: self.model.true_value(&parameter.kind, parameter.unconstrained.double_value(&[])),
             learned: parameter.learned,
         };
         self.model.parameters.iter().map(known).collect()
@@ -168,7 +172,7 @@ impl<'a> Learned<'a> {
         }
         let numbers = &self.film.numbers[video];
         if numbers.is_empty() {
-            return (Parts::of(frames.div_ceil(ratio)).valid.start * ratio).min(frames);
+            return (HoldOut::of(frames.div_ceil(ratio)).valid.start * ratio).min(frames);
         }
         before_held_out(numbers, source.held_out_from)
     }
@@ -186,13 +190,13 @@ fn before_held_out<'a>(numbers: impl IntoIterator<Item = &'a u64>, held_out_from
 
 #[cfg(test)]
 mod tests {
-    use super::{Parts, before_held_out};
+    use super::{HoldOut, before_held_out};
 
     /// A regular clock shows frame 8 twice, where three quarters end: both were learned from, and no later one.
     #[test]
     fn what_was_held_out_begins_where_the_import_said() {
         let numbers = [0, 1, 2, 3, 4, 5, 6, 7, 8, 8, 9, 10];
-        let parts = Parts::of(numbers.len());
+        let parts = HoldOut::of(numbers.len());
         assert_eq!(parts.valid.start, 9);
         let held_out_from = numbers[parts.apart(&numbers).valid.start];
         assert_eq!(before_held_out(&numbers.map(|number| number as u64), held_out_from), 10);

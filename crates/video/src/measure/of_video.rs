@@ -5,19 +5,19 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 use anyhow::{Context, Result, bail, ensure};
-use paig_track::{Hint, Options, Region};
+use paig_track::{Hint, Region, TrackingOptions};
 
-use super::candidates::{self, Candidate, candidates, for_frames};
-use super::native::{By, Tracked};
+use super::candidates::{self, EquationCandidate, candidates, for_frames};
+use super::native::{PositionSource, TrackedVideo};
 use super::pictures;
 use super::proposals::Proposal;
-use super::recording::{Observation, Recording, Scene, learned_from};
+use super::recording::{Observation, RecordedSystem, Recording, learned_from};
 use super::scale::Scale;
-use super::{Named, Subject};
-use crate::import::crop::Rectangle;
+use super::{ComparedEquation, Subject};
+use crate::import::crop::CropRectangle;
 use crate::import::sources::{self, Filming};
 use crate::import::stated::Stated;
-use crate::import::time_base::{Part, range};
+use crate::import::time_base::{VideoPart, range};
 use crate::import::tracker::TrackerFile;
 use paig::network::cells::Equations;
 use paig::network::system::SystemTable;
@@ -40,11 +40,11 @@ const PIECES: Range<usize> = 12..48;
 pub struct VideoRequest {
     pub videos: Vec<PathBuf>,
     /// Parts of each video that show one motion from its beginning to its end.
-    pub parts: Vec<Part>,
+    pub parts: Vec<VideoPart>,
     pub filming: Filming,
     /// The frame to which starts and bounds of the equation refer, and at whose edges walls stand; the whole picture if not
     /// given.
-    pub crop: Option<Rectangle>,
+    pub crop: Option<CropRectangle>,
     /// See [`Video`].
     pub pixels_per_metre: Option<f64>,
     pub scale_percent: f64,
@@ -52,7 +52,7 @@ pub struct VideoRequest {
     pub origin: Option<[f64; 2]>,
     pub angle: f64,
     pub y_up: bool,
-    /// As in an [import](crate::import::request::Request).
+    /// As in an [import](crate::import::request::ImportRequest).
     pub scale_points: Option<[[f64; 2]; 2]>,
     pub tracker: Option<TrackerFile>,
     /// Chosen among those that come with the program where none is given.
@@ -66,22 +66,22 @@ pub struct VideoRequest {
 }
 
 /// The equation of a measurement.
-pub(super) enum Equation {
-    Given(Named),
-    OneOf(Vec<Candidate>),
+pub(super) enum EquationChoice {
+    Given(ComparedEquation),
+    OneOf(Vec<EquationCandidate>),
 }
 
 /// A part of a video with its objects tracked.
-pub(super) struct Film {
-    video: Rc<sources::Video>,
-    tracked: Rc<Tracked>,
+pub(super) struct TrackedPart {
+    video: Rc<sources::SourceVideo>,
+    tracked: Rc<TrackedVideo>,
     /// Parts in which the objects move freely; none where a person named the part.
     free: Vec<Proposal>,
 }
 
 /// Parts of the films that are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Parts {
+pub(super) enum MeasuredParts {
     /// Those in which the objects move freely.
     Free,
     /// Everything that was asked for.
@@ -89,9 +89,9 @@ pub(super) enum Parts {
 }
 
 /// One part of one video with its objects tracked.
-struct Take {
-    video: Rc<sources::Video>,
-    tracked: Rc<Tracked>,
+struct TrackedTake {
+    video: Rc<sources::SourceVideo>,
+    tracked: Rc<TrackedVideo>,
     numbers: Vec<usize>,
     /// Of these frames, from 0 on, seconds.
     seconds: Vec<f64>,
@@ -111,7 +111,7 @@ impl VideoRequest {
     }
 
     /// All parts of all videos, tracked.
-    pub(super) fn films(&self) -> Result<Vec<Film>> {
+    pub(super) fn films(&self) -> Result<Vec<TrackedPart>> {
         ensure!(!self.videos.is_empty(), "no video given");
         let (_, objects) = self.system()?;
         let each =
@@ -119,7 +119,7 @@ impl VideoRequest {
         each.collect()
     }
 
-    pub(super) fn subject(&self, films: &[Film], parts: Parts) -> Result<(Subject, Equation)> {
+    pub(super) fn subject(&self, films: &[TrackedPart], parts: MeasuredParts) -> Result<(Subject, EquationChoice)> {
         let (file, objects) = self.system()?;
         let (mut takes, mut proposed, mut doubtful) = (Vec::new(), Vec::new(), Vec::new());
         for of_one in films.chunk_by(|one, next| one.video.path == next.video.path) {
@@ -146,11 +146,11 @@ impl VideoRequest {
         let interval = upper_median(intervals).context("a video needs more than one frame")?;
         let crop = match self.crop {
             Some(rectangle) => rectangle.squared(size[0], size[1])?,
-            None => Rectangle { x: 0, y: 0, width: size[0], height: size[1] }.squared(size[0], size[1])?,
+            None => CropRectangle { x: 0, y: 0, width: size[0], height: size[1] }.squared(size[0], size[1])?,
         };
         let calibration = self.filming.calibration(first)?;
-        let trained = |take: &Take| learned_from(take.numbers.len());
-        let source = |take: &Take| Source {
+        let trained = |take: &TrackedTake| learned_from(take.numbers.len());
+        let source = |take: &TrackedTake| Source {
             file: take.video.path.display().to_string(),
             frames: [take.numbers[0], take.numbers[take.numbers.len() - 1] + 1],
             first_seconds: take.first_seconds,
@@ -195,13 +195,13 @@ impl VideoRequest {
         let recordings: Vec<_> = recordings.collect();
         let shortest = recordings.iter().map(|recording| recording.trained).min().unwrap_or(0);
         let units = (&scale, &system);
-        let observation = |by: By, text: &str| Observation {
+        let observation = |by: PositionSource, text: &str| Observation {
             by: text.into(),
             recordings: takes.iter().map(|take| take.tracked.positions(&take.numbers, by, units)).collect(),
         };
         let observations = vec![
-            observation(By::Template, "the tracker's templates at the video's resolution"),
-            observation(By::Centroid, "centroids of what moves"),
+            observation(PositionSource::Template, "the tracker's templates at the video's resolution"),
+            observation(PositionSource::Centroid, "centroids of what moves"),
         ];
         let tracked = || takes.chunk_by(|a, b| Rc::ptr_eq(&a.tracked, &b.tracked)).map(|of_one| &of_one[0]);
         let doubts = tracked().flat_map(|take| take.tracked.doubts.iter().cloned()).collect();
@@ -209,7 +209,7 @@ impl VideoRequest {
         let notes = doubtful.into_iter().chain(notes).chain(proposed).collect();
         let subject = Subject {
             task: names.join(", "),
-            pictures: takes.into_iter().map(|take| pictures::Source::Filmed(take.video)).collect(),
+            pictures: takes.into_iter().map(|take| pictures::PictureSource::Filmed(take.video)).collect(),
             observations,
             first_counts: true,
             may_be_cut: true,
@@ -219,7 +219,7 @@ impl VideoRequest {
             takes: Vec::new(),
             training_seconds: None,
             seed: 0,
-            scene: Scene {
+            scene: RecordedSystem {
                 record,
                 dt: system.dt,
                 system,
@@ -230,8 +230,10 @@ impl VideoRequest {
             },
         };
         let equation = match self.equation {
-            Some(_) => Equation::Given(Named { name: file.name, cell: subject.scene.system.cell.clone() }),
-            None => Equation::OneOf(candidates(objects, interval, self.crop.is_some())),
+            Some(_) => {
+                EquationChoice::Given(ComparedEquation { name: file.name, cell: subject.scene.system.cell.clone() })
+            }
+            None => EquationChoice::OneOf(candidates(objects, interval, self.crop.is_some())),
         };
         Ok((subject, equation))
     }
@@ -249,32 +251,32 @@ impl VideoRequest {
     }
 
     /// A part of a video with its objects tracked.
-    fn film(&self, path: &Path, part: Part, objects: usize) -> Result<Film> {
+    fn film(&self, path: &Path, part: VideoPart, objects: usize) -> Result<TrackedPart> {
         let video = self.filming.open(path)?;
         let named = || format!("video {}", path.display());
-        let whole = part == Part::All;
+        let whole = part == VideoPart::All;
         let part = range(video.frames, video.times.as_deref(), None, part).with_context(named)?;
         let calibration = self.filming.calibration(&video).context("--plane").with_context(named)?;
         let hint = |hint: &Hint| match &calibration {
             Some(calibration) => Hint { position: calibration.rectified(hint.position), ..*hint },
             None => *hint,
         };
-        let options = Options {
+        let options = TrackingOptions {
             frames: Some(part),
             hints: self.hints.iter().map(hint).collect(),
             ignore: self.ignore.clone(),
             slow_motion: self.filming.slow_motion,
             readout: self.filming.readout,
-            ..Options::default()
+            ..TrackingOptions::default()
         };
-        let video = calibration.iter().fold(video, sources::Video::rectified);
-        let tracked = Tracked::of(&video, &options, objects)?;
+        let video = calibration.iter().fold(video, sources::SourceVideo::rectified);
+        let tracked = TrackedVideo::of(&video, &options, objects)?;
         let free = if whole { tracked.proposals(LEAST_FRAMES) } else { Vec::new() };
-        Ok(Film { video: Rc::new(video), tracked: Rc::new(tracked), free })
+        Ok(TrackedPart { video: Rc::new(video), tracked: Rc::new(tracked), free })
     }
 }
 
-impl Film {
+impl TrackedPart {
     /// Whether the objects move freely in a part of it only.
     pub(super) fn has_parts(&self) -> bool {
         let whole = self.tracked.range(None);
@@ -282,9 +284,9 @@ impl Film {
     }
 
     /// Parts cut to the frames between which all objects are seen, with a line on each in `proposed`.
-    fn takes(&self, parts: Parts, proposed: &mut Vec<String>) -> Result<Vec<Take>> {
+    fn takes(&self, parts: MeasuredParts, proposed: &mut Vec<String>) -> Result<Vec<TrackedTake>> {
         let mut takes = Vec::new();
-        for Proposal { frames, reason } in self.free.iter().filter(|_| parts == Parts::Free) {
+        for Proposal { frames, reason } in self.free.iter().filter(|_| parts == MeasuredParts::Free) {
             let Ok(take) = self.take(Some(frames)) else { continue };
             let (first, last) = (take.numbers[0], take.numbers[take.numbers.len() - 1]);
             if take.numbers.len() < self.video.frames {
@@ -302,8 +304,8 @@ impl Film {
         Ok(takes)
     }
 
-    fn take(&self, among: Option<&Range<usize>>) -> Result<Take> {
-        let Film { video, tracked, .. } = self;
+    fn take(&self, among: Option<&Range<usize>>) -> Result<TrackedTake> {
+        let TrackedPart { video, tracked, .. } = self;
         let path = &video.path;
         let seen = tracked.range(among);
         ensure!(
@@ -323,6 +325,6 @@ impl Film {
             path.display()
         );
         let (video, tracked) = (video.clone(), tracked.clone());
-        Ok(Take { video, tracked, numbers: seen.collect(), first_seconds: stamps[0], seconds })
+        Ok(TrackedTake { video, tracked, numbers: seen.collect(), first_seconds: stamps[0], seconds })
     }
 }

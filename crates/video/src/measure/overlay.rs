@@ -7,7 +7,7 @@ use plotters::element::{Circle, Cross, PathElement};
 use plotters::style::text_anchor::HPos;
 use plotters::style::{Color, RGBColor};
 
-use super::measured::Measured;
+use super::measured::MeasuredSubject;
 use paig::viz::canvas::{Canvas, drawn};
 use paig::viz::chart::{BLUE, GREEN, ORANGE};
 use paig::viz::gif;
@@ -20,7 +20,7 @@ const LEAST_WIDTH: u32 = 320;
 const TEXT: u32 = 18;
 
 /// Green circles: seen. Crosses: fitted (blue), or predicted in the held-out part (orange).
-pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
+pub(super) fn write(path: &Path, measured: &MeasuredSubject) -> Result<()> {
     let places: Vec<_> = (0..measured.pictures.len()).map(|video| measured.places(video)).collect();
     let pictures: Vec<_> = (0..measured.pictures.len())
         .flat_map(|video| (0..measured.pictures[video].pictures.len()).map(move |picture| (video, picture)))

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::Result;
 use plotters::chart::SeriesLabelPosition;
 
-use super::measured::Measured;
+use super::measured::MeasuredSubject;
 use super::motion;
 use super::results::EXTENDED;
 use super::results::{Alternative, Quantity};
@@ -22,14 +22,14 @@ pub(super) const POSITIONS: &str = "measurement-positions.png";
 pub(super) const PAGE: &str = "measurement.html";
 
 /// Writes the page and its charts.
-pub(super) fn write(folder: &Path, measured: &Measured) -> Result<()> {
+pub(super) fn write(folder: &Path, measured: &MeasuredSubject) -> Result<()> {
     chart::write(&folder.join(POSITIONS), HEIGHT, charts(measured))?;
     let page = html::render(&format!("{}: measurement", measured.measurement.task), &text(measured)?, folder)?;
     atomic::write_file(&folder.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
 }
 
 /// The first object of the first video along its way, seen and fitted, and what is left between.
-fn charts(measured: &Measured) -> Vec<Chart> {
+fn charts(measured: &MeasuredSubject) -> Vec<Chart> {
     let recording = &measured.scene.recordings[0];
     let objects = measured.explained.dynamics.system.objects;
     let second = measured.scene.scale.seconds;
@@ -78,7 +78,7 @@ fn charts(measured: &Measured) -> Vec<Chart> {
     ]
 }
 
-fn text(measured: &Measured) -> Result<String> {
+fn text(measured: &MeasuredSubject) -> Result<String> {
     let it = &measured.measurement;
     let mut page = String::new();
     writeln!(page, "# {}\n", it.task)?;

@@ -11,7 +11,7 @@ use super::recording::Recording;
 use super::scale::Scale;
 use crate::import::motion::spread;
 use crate::import::sources;
-use crate::import::time_base::{Kept, Part};
+use crate::import::time_base::{Kept, VideoPart};
 use paig::datasets::film::FilmFile;
 use paig::tasks::video;
 
@@ -31,32 +31,32 @@ pub struct Pictures {
 
 /// Where the pictures of a recording come from.
 #[derive(Clone)]
-pub enum Source {
+pub enum PictureSource {
     /// The video, by the numbers of the recording's frames.
-    Filmed(Rc<sources::Video>),
+    Filmed(Rc<sources::SourceVideo>),
     /// The frames as the model sees them, `[frames, height, width, channels]`.
     Seen(Array4<u8>),
 }
 
-impl Source {
+impl PictureSource {
     /// # Errors
     /// Damage.
     pub fn pictures(&self, recording: &Recording, scale: &Scale) -> Result<Pictures> {
         match self {
-            Source::Filmed(video) => {
+            PictureSource::Filmed(video) => {
                 let numbers: Vec<usize> = recording.numbers.iter().map(|number| *number as usize).collect();
                 Pictures::filmed(video, &numbers, scale)
             }
-            Source::Seen(frames) => Ok(Pictures::seen(frames)),
+            PictureSource::Seen(frames) => Ok(Pictures::seen(frames)),
         }
     }
 }
 
 /// The video that a recording was cut from, with the numbers of its frames; none where it is no longer there, or another one by
 /// now.
-pub fn filmed(record: &video::Video, film: &FilmFile, video: usize) -> Option<(sources::Video, Vec<usize>)> {
+pub fn filmed(record: &video::Video, film: &FilmFile, video: usize) -> Option<(sources::SourceVideo, Vec<usize>)> {
     let source = &record.sources[video];
-    let filmed = sources::Video::open(Path::new(&source.file)).ok()?;
+    let filmed = sources::SourceVideo::open(Path::new(&source.file)).ok()?;
     let said: Vec<_> = film.numbers[video].iter().map(|number| *number as usize).collect();
     let count = film.videos[video].dim().0;
     let numbers = if said.is_empty() { chosen_again(record, source, &filmed, count) } else { said };
@@ -69,7 +69,7 @@ impl Pictures {
     ///
     /// # Errors
     /// Damage.
-    fn filmed(video: &sources::Video, numbers: &[usize], scale: &Scale) -> Result<Self> {
+    fn filmed(video: &sources::SourceVideo, numbers: &[usize], scale: &Scale) -> Result<Self> {
         let shrunk = (f64::from(LONGEST_SIDE) / f64::from(video.width.max(video.height))).min(1.0);
         let side = |side: u32| ((f64::from(side) * shrunk).round() as u32).max(1);
         let mut frames = video.decode()?;
@@ -101,10 +101,15 @@ impl Pictures {
 
 /// The frames of a film of `count` that does not say their numbers: chosen once more from where they begin, to the last one that
 /// was used or to the end of the video, or every so many-th.
-fn chosen_again(record: &video::Video, source: &video::Source, filmed: &sources::Video, count: usize) -> Vec<usize> {
+fn chosen_again(
+    record: &video::Video,
+    source: &video::Source,
+    filmed: &sources::SourceVideo,
+    count: usize,
+) -> Vec<usize> {
     let ([first, end], step) = (source.frames, record.film_step.unwrap_or(record.step));
     let chosen = [Some(end), None].into_iter().filter_map(|end| {
-        Kept::choose(filmed.frames, filmed.times.as_deref(), None, Part::Frames(first, end), step).ok()
+        Kept::choose(filmed.frames, filmed.times.as_deref(), None, VideoPart::Frames(first, end), step).ok()
     });
     let same = chosen.map(|kept| kept.frames).find(|numbers| numbers.len() == count);
     same.unwrap_or_else(|| (first..).step_by(step).take(count).collect())
@@ -131,8 +136,8 @@ mod tests {
             encoder.encode_frame(Frame::from_parts(picture, 0, 0, delay)).unwrap();
         }
         drop(encoder);
-        let filmed = sources::Video::open(&path).unwrap();
-        let part = Part::Frames(10, Some(40));
+        let filmed = sources::SourceVideo::open(&path).unwrap();
+        let part = VideoPart::Frames(10, Some(40));
         let numbers = Kept::choose(60, filmed.times.as_deref(), None, part, 1).unwrap().frames;
         assert!(numbers.windows(2).any(|pair| pair[0] == pair[1]) && numbers.len() > 30, "{numbers:?}");
         let source = video::Source {

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::Result;
 
 use super::dynamics::Dynamics;
-use super::measured::Measured;
+use super::measured::MeasuredSubject;
 use paig::network::cells::Coordinates;
 use paig::support::atomic;
 use paig::support::significant::six_digits;
@@ -14,25 +14,25 @@ use paig::support::statistics::upper_median;
 
 /// Where the equation has what is seen of an object in one frame: pixels of a frame, and those per unit of `dt`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
+pub(super) struct PredictedPoint {
     pub at: [f64; 2],
     pub velocity: [f64; 2],
 }
 
-impl Place {
+impl PredictedPoint {
     /// The same with what is seen beside the state.
-    fn beside(self, dynamics: &Dynamics, raw: &[f64], object: usize, time: f64) -> Self {
+    fn beside(self, dynamics: &Dynamics, unconstrained: &[f64], object: usize, time: f64) -> Self {
         let coordinate = |axis: usize| 2 * object + axis;
-        Place {
-            at: [0, 1].map(|axis| self.at[axis] + dynamics.beside(raw, time, coordinate(axis))),
-            velocity: [0, 1].map(|axis| self.velocity[axis] + dynamics.drift(raw, coordinate(axis))),
+        PredictedPoint {
+            at: [0, 1].map(|axis| self.at[axis] + dynamics.beside(unconstrained, time, coordinate(axis))),
+            velocity: [0, 1].map(|axis| self.velocity[axis] + dynamics.drift(unconstrained, coordinate(axis))),
         }
     }
 }
 
-impl Measured<'_> {
+impl MeasuredSubject<'_> {
     /// Where the equation has the objects of a video, frame by frame, object by object.
-    pub(super) fn places(&self, video: usize) -> Vec<Place> {
+    pub(super) fn places(&self, video: usize) -> Vec<PredictedPoint> {
         let system = &self.explained.dynamics.system;
         let (objects, per_object) = (system.objects, system.cell.coordinates.per_object());
         let state_size = 2 * objects * per_object;
@@ -41,14 +41,14 @@ impl Measured<'_> {
         let of_state = |state: &[f64]| {
             let (pos, vel) = state.split_at(objects * per_object);
             let place = |object: usize| match system.cell.coordinates {
-                Coordinates::Position => Place {
+                Coordinates::Position => PredictedPoint {
                     at: [pos[2 * object], pos[2 * object + 1]],
                     velocity: [vel[2 * object], vel[2 * object + 1]],
                 },
                 // What turns is seen at one distance from the middle; 0 is up, positive clockwise.
                 Coordinates::Angle => {
                     let ((sin, cos), distance) = (pos[object].sin_cos(), distances[object]);
-                    Place {
+                    PredictedPoint {
                         at: [middle + distance * sin, middle - distance * cos],
                         velocity: [distance * cos * vel[object], distance * sin * vel[object]],
                     }
@@ -58,10 +58,10 @@ impl Measured<'_> {
         };
         let states = self.explained.states[video].chunks(state_size);
         let dynamics = &self.explained.dynamics;
-        let raw = &self.explained.fitted.raw;
+        let unconstrained = &self.explained.fitted.unconstrained;
         let of_frame = |(state, time): (&[f64], &f64)| {
             let places = of_state(state).into_iter().enumerate();
-            places.map(|(object, place)| place.beside(dynamics, raw, object, *time)).collect::<Vec<_>>()
+            places.map(|(object, place)| place.beside(dynamics, unconstrained, object, *time)).collect::<Vec<_>>()
         };
         states.zip(&self.scene.recordings[video].times).flat_map(of_frame).collect()
     }
@@ -79,7 +79,7 @@ impl Measured<'_> {
 }
 
 /// One line for each object in each frame.
-pub(super) fn write(path: &Path, measured: &Measured) -> Result<()> {
+pub(super) fn write(path: &Path, measured: &MeasuredSubject) -> Result<()> {
     let (scale, objects) = (&measured.scene.scale, measured.explained.dynamics.system.objects);
     let unit = scale.length_unit();
     let second = scale.seconds;
@@ -130,9 +130,9 @@ mod tests {
     fn a_drift_is_in_the_velocity_too() {
         let system = paig::tasks::builtin("falling").unwrap().system;
         let dynamics = Dynamics::new(System { objects: 1, ..system }, 0.1).unwrap();
-        let raw = [12.0_f64.ln(), 0.5, -2.0];
-        let rests = Place { at: [3.0, 4.0], velocity: [0.0, 0.0] };
-        let [first, later] = [0.0, 1.0].map(|time| rests.beside(&dynamics, &raw, 0, time));
+        let unconstrained = [12.0_f64.ln(), 0.5, -2.0];
+        let rests = PredictedPoint { at: [3.0, 4.0], velocity: [0.0, 0.0] };
+        let [first, later] = [0.0, 1.0].map(|time| rests.beside(&dynamics, &unconstrained, 0, time));
         assert_eq!((first.at, first.velocity), (rests.at, [0.5, -2.0]));
         // Rounding of float64.
         for axis in 0..2 {

@@ -3,15 +3,15 @@
 
 use std::collections::BTreeMap;
 
-use super::bootstrap::{Draw, Uncertainty};
+use super::bootstrap::{BootstrapSample, Uncertainty};
 use super::dynamics::Dynamics;
 use super::explain::{Explained, positions_of};
-use super::fit::Track;
+use super::fit::Observations;
+use super::identifiability::Identifiability;
 use super::motion;
-use super::recording::Scene;
+use super::recording::RecordedSystem;
 use super::results::Quantity;
 use super::scale::Scale;
-use super::shown::Shown;
 use paig::network::cells::PhysicalParameter;
 
 /// Draws of the bootstrap that are rolled out again: for what only a whole motion shows.
@@ -19,22 +19,22 @@ const ROLLED_OUT_DRAWS: usize = 200;
 /// The acceleration of gravity for which the length of a simple pendulum is given, m/s^2.
 const STANDARD_GRAVITY: f64 = 9.80665;
 
-impl Scene {
+impl RecordedSystem {
     pub(super) fn quantities(
         &self,
-        tracks: &[Track],
+        tracks: &[Observations],
         explained: &Explained,
         uncertainty: &Uncertainty,
     ) -> Vec<Quantity> {
         let parameters = explained.dynamics.system.cell.parameters.iter().enumerate();
         let parameters = parameters.filter(|(place, _)| explained.learned[*place]).map(|(place, parameter)| {
             let powers = Scale::powers(parameter);
-            let value = |raw: &[f64]| parameter.bounds.value(raw[place]);
-            let in_frames = value(&explained.fitted.raw);
+            let value = |unconstrained: &[f64]| parameter.bounds.value(unconstrained[place]);
+            let in_frames = value(&explained.fitted.unconstrained);
             let factor = powers.map_or(1.0, |powers| self.scale.factor(powers));
             let draws = of_shown(uncertainty, place);
-            let draws =
-                draws.map(|draw| value(&draw.raw) * powers.map_or(1.0, |powers| self.scale.drawn(powers, draw)));
+            let draws = draws
+                .map(|draw| value(&draw.unconstrained) * powers.map_or(1.0, |powers| self.scale.drawn(powers, draw)));
             Quantity::new(&parameter.name, factor * in_frames, draws.collect())
                 .in_unit(powers.map_or("?".into(), |powers| self.scale.unit(powers)))
                 .in_frames(in_frames)
@@ -52,8 +52,8 @@ impl Scene {
         let (seconds, unit) = if system.objects == 1 { (self.scale.seconds, "px/s") } else { (1.0, "px") };
         let times = self.scale.video_pixels / seconds;
         let quantity = |place: usize| {
-            let draws = of_shown(uncertainty, place).map(|draw| times * draw.raw[place]);
-            let value = times * explained.fitted.raw[place];
+            let draws = of_shown(uncertainty, place).map(|draw| times * draw.unconstrained[place]);
+            let value = times * explained.fitted.unconstrained[place];
             Quantity::new(&explained.dynamics.name(place), value, draws.collect()).in_unit(unit.into())
         };
         let learned = (system.cell.parameters.len()..explained.learned.len()).filter(|place| explained.learned[*place]);
@@ -62,21 +62,22 @@ impl Scene {
 
     /// Period, effective length and amplitude of a motion that swings, in the first video. What walls turn back is no simple
     /// pendulum, however evenly it swings.
-    fn of_the_swing(&self, tracks: &[Track], explained: &Explained, uncertainty: &Uncertainty) -> Vec<Quantity> {
+    fn of_the_swing(&self, tracks: &[Observations], explained: &Explained, uncertainty: &Uncertainty) -> Vec<Quantity> {
         let coordinates = explained.dynamics.coordinates();
         let second = self.scale.seconds * explained.dynamics.dt;
         // At even times, whatever the video's are.
         let frames = (tracks[0].duration() / explained.dynamics.dt).round() as usize + 1;
         let times = explained.dynamics.even_times(frames);
-        let swing = |raw: &[f64], state: &[f64]| {
-            let states = explained.dynamics.roll_out(raw, state, &times);
+        let swing = |unconstrained: &[f64], state: &[f64]| {
+            let states = explained.dynamics.roll_out(unconstrained, state, &times);
             motion::along_the_way(&positions_of(&states, coordinates), coordinates)
         };
-        let of = |explained: &Explained| swing(&explained.fitted.raw, &explained.states[0][..2 * coordinates]);
+        let of =
+            |explained: &Explained| swing(&explained.fitted.unconstrained, &explained.states[0][..2 * coordinates]);
         let along = of(explained);
         let Some(frames) = motion::period(&along) else { return Vec::new() };
         let drawn = uncertainty.draws.iter().take(ROLLED_OUT_DRAWS).map(|draw| {
-            let along = swing(&draw.raw, &draw.states[0]);
+            let along = swing(&draw.unconstrained, &draw.states[0]);
             (
                 motion::period(&along).unwrap_or(f64::NAN) * self.scale.drawn([0, 1], draw) * explained.dynamics.dt,
                 motion::amplitude(&along),
@@ -102,9 +103,9 @@ impl Scene {
     }
 }
 
-/// The draws in which a raw number says something: none of what does not show by itself.
-fn of_shown(uncertainty: &Uncertainty, place: usize) -> impl Iterator<Item = &Draw> {
-    uncertainty.draws.iter().filter(move |_| uncertainty.shown[place] == Shown::ByItself)
+/// The draws in which an unconstrained parameter says something: none of what does not show by itself.
+fn of_shown(uncertainty: &Uncertainty, place: usize) -> impl Iterator<Item = &BootstrapSample> {
+    uncertainty.draws.iter().filter(move |_| uncertainty.shown[place] == Identifiability::ByItself)
 }
 
 impl Explained {
@@ -114,7 +115,7 @@ impl Explained {
         let learned = parameters.filter(|(place, _)| self.learned[*place]);
         let value = |(place, kind): (usize, &PhysicalParameter)| {
             let factor = Scale::powers(kind).map_or(1.0, |powers| scale.factor(powers));
-            (kind.name.to_string(), factor * kind.bounds.value(self.fitted.raw[place]))
+            (kind.name.to_string(), factor * kind.bounds.value(self.fitted.unconstrained[place]))
         };
         learned.map(value).collect()
     }

@@ -6,12 +6,12 @@ use paig::network::System;
 use paig::network::cells::Coordinates;
 use paig::tasks::video::Video;
 
-use super::fit::Track;
+use super::fit::Observations;
 use super::scale::Scale;
 
 /// Videos of one system and what is known of them before anything is fitted.
 #[derive(Debug, Clone)]
-pub struct Scene {
+pub struct RecordedSystem {
     /// Where the videos come from, their scale and axes.
     pub record: Video,
     /// The equation with the frame in whose pixels its positions are.
@@ -78,7 +78,7 @@ impl Positions {
     }
 }
 
-impl Scene {
+impl RecordedSystem {
     /// From the unit of a coordinate to pixels of the video, or radians.
     pub fn per_coordinate(&self) -> (f64, &'static str) {
         match self.system.cell.coordinates {
@@ -88,8 +88,8 @@ impl Scene {
     }
 
     /// What a fit is made to; the part that is held out is not part of it.
-    pub fn tracks(&self, observation: &Observation) -> Vec<Track> {
-        let track = |(recording, positions): (&Recording, &Positions)| Track {
+    pub fn tracks(&self, observation: &Observation) -> Vec<Observations> {
+        let track = |(recording, positions): (&Recording, &Positions)| Observations {
             positions: positions.coordinates.clone(),
             times: recording.times.clone(),
             weights: positions.weights.clone(),
@@ -100,7 +100,7 @@ impl Scene {
     }
 }
 
-impl Scene {
+impl RecordedSystem {
     /// The same with only these frames of the only recording.
     pub fn cut(&mut self, frames: Range<usize>) {
         let recording = &mut self.recordings[0];
@@ -126,10 +126,10 @@ impl Observation {
 }
 
 /// The same tracks with nothing held out of those that teach.
-pub fn whole(tracks: &[Track]) -> Vec<Track> {
-    let whole = |track: &Track| {
+pub fn whole(tracks: &[Observations]) -> Vec<Observations> {
+    let whole = |track: &Observations| {
         let frames = track.times.len();
-        Track { trained: if track.teaches { frames } else { track.trained }, ..track.clone() }
+        Observations { trained: if track.teaches { frames } else { track.trained }, ..track.clone() }
     };
     tracks.iter().map(whole).collect()
 }

@@ -73,7 +73,7 @@ pub struct Quantity {
     pub tracker_high: Option<f64>,
     /// By each take alone, where the scatter of several is part of the interval.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub takes: Vec<Take>,
+    pub takes: Vec<TakeEstimate>,
     /// Whether the value can be quoted with its interval; none in files of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<Outcome>,
@@ -81,7 +81,7 @@ pub struct Quantity {
 
 /// A quantity by one take alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Take {
+pub struct TakeEstimate {
     /// Name of its video, with its frames.
     pub video: String,
     pub value: f64,

@@ -5,7 +5,7 @@ use paig::network::System;
 use paig::network::cells::PhysicalParameter;
 use paig::tasks::video::Video;
 
-use super::bootstrap::Draw;
+use super::bootstrap::BootstrapSample;
 
 /// The units of one task's videos.
 #[derive(Debug, Clone)]
@@ -47,7 +47,7 @@ impl Scale {
     }
 
     /// The same as one draw of scale and time has it.
-    pub fn drawn(&self, powers: Powers, draw: &Draw) -> f64 {
+    pub fn drawn(&self, powers: Powers, draw: &BootstrapSample) -> f64 {
         let off = |percent: f64, normal: f64| (1.0 + 0.01 * percent * normal).max(0.01);
         // More pixels to a metre make a length shorter.
         let scale = if self.metres.is_some() { off(self.video.scale_percent, draw.scale) } else { 1.0 };
@@ -180,7 +180,7 @@ mod tests {
             ("m/s^2".into(), "1/s".into(), "".into())
         );
         assert!((metres.factor([1, -2]) - 0.1).abs() < 1e-12);
-        let draw = Draw { raw: Vec::new(), states: Vec::new(), scale: 1.0, time: 1.0 };
+        let draw = BootstrapSample { unconstrained: Vec::new(), states: Vec::new(), scale: 1.0, time: 1.0 };
         assert!((metres.drawn([1, -2], &draw) - 0.1 / 1.01 / 1.02f64.powi(2)).abs() < 1e-12);
         assert_eq!(scale(0.0, None).unit([1, -1]), "px/s");
     }

@@ -9,13 +9,13 @@ use std::ops::Range;
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 
-use super::candidates::Candidate;
+use super::candidates::EquationCandidate;
 use super::explain::{Explained, explain};
-use super::fit::{Start, Track};
+use super::fit::{Observations, Start};
 use super::fits::{explains, frames_in_one_of_best};
 use super::free_motion::{cut, free_motion};
-use super::motion::Motion;
-use super::recording::{Observation, Scene, learned_from, whole};
+use super::motion::TrackMotion;
+use super::recording::{Observation, RecordedSystem, learned_from, whole};
 use super::starts::starts;
 
 /// A held-out error of at most so many times the least, or so many times the noise, is as good.
@@ -29,7 +29,7 @@ const LONG: f64 = 0.75;
 /// An equation with its fit to the part that is learned from.
 #[derive(Debug, Clone)]
 pub(super) struct Ranked {
-    pub candidate: Candidate,
+    pub candidate: EquationCandidate,
     pub explained: Explained,
     bic: f64,
 }
@@ -49,7 +49,11 @@ impl Selection {
     ///
     /// # Errors
     /// No candidate that can be fitted.
-    pub fn of(scene: &mut Scene, observations: &mut [Observation], candidates: &[Candidate]) -> Result<Self> {
+    pub fn of(
+        scene: &mut RecordedSystem,
+        observations: &mut [Observation],
+        candidates: &[EquationCandidate],
+    ) -> Result<Self> {
         let on_whole = rank(scene, &scene.tracks(&observations[0]), candidates)?;
         let explained = on_whole[0].explains(scene, &observations[0]);
         if explained || scene.recordings.len() > 1 {
@@ -104,7 +108,7 @@ impl Selection {
 }
 
 impl Ranked {
-    fn explains(&self, scene: &Scene, observation: &Observation) -> bool {
+    fn explains(&self, scene: &RecordedSystem, observation: &Observation) -> bool {
         explains(&self.explained, &self.explained, &scene.tracks(observation)[0])
     }
 
@@ -114,13 +118,13 @@ impl Ranked {
 }
 
 /// The candidates that can be fitted, the best first.
-fn rank(scene: &Scene, tracks: &[Track], candidates: &[Candidate]) -> Result<Vec<Ranked>> {
-    let fitted = |candidate: &Candidate| {
+fn rank(scene: &RecordedSystem, tracks: &[Observations], candidates: &[EquationCandidate]) -> Result<Vec<Ranked>> {
+    let fitted = |candidate: &EquationCandidate| {
         let dynamics = scene.dynamics(&candidate.cell).ok()?;
         let starts = starts(&dynamics, tracks, scene.piece, (&[], true), None);
         Some((candidate.clone(), explain(&dynamics, tracks, &starts).ok()?))
     };
-    let fitted: Vec<(Candidate, Explained)> = candidates.par_iter().filter_map(fitted).collect();
+    let fitted: Vec<(EquationCandidate, Explained)> = candidates.par_iter().filter_map(fitted).collect();
     ensure!(!fitted.is_empty(), "no equation that comes with the program can be fitted to these positions");
     let frames_in_one = frames_in_one_of_best(fitted.iter().map(|(_, explained)| explained));
     let ranked = fitted.into_iter().map(|(candidate, explained)| Ranked {
@@ -129,7 +133,7 @@ fn rank(scene: &Scene, tracks: &[Track], candidates: &[Candidate]) -> Result<Vec
         explained,
     });
     let mut ranked: Vec<Ranked> = ranked.collect();
-    let noise = Motion::of(&tracks[0], ranked[0].explained.dynamics.coordinates()).noise;
+    let noise = TrackMotion::of(&tracks[0], ranked[0].explained.dynamics.coordinates()).noise;
     let held_out = |of: &Ranked| of.explained.errors.held_out;
     let least = ranked.iter().map(held_out).fold(f64::INFINITY, f64::min);
     let good = (AS_GOOD * least).max(NOISE * noise);
@@ -146,14 +150,18 @@ fn rank(scene: &Scene, tracks: &[Track], candidates: &[Candidate]) -> Result<Vec
 
 /// The part of a track that an equation explains and whose last quarter it predicts: of the long ones that of the equation with the
 /// fewest parameters.
-fn explained_part(scene: &Scene, track: &Track, candidates: &[Candidate]) -> Option<Range<usize>> {
-    let part = |candidate: &Candidate| {
+fn explained_part(
+    scene: &RecordedSystem,
+    track: &Observations,
+    candidates: &[EquationCandidate],
+) -> Option<Range<usize>> {
+    let part = |candidate: &EquationCandidate| {
         let dynamics = scene.dynamics(&candidate.cell).ok()?;
         let found = free_motion(&dynamics, track)?;
         let own = cut(track, found.frames.clone(), dynamics.coordinates());
-        let own = Track { trained: learned_from(found.frames.len()), ..own };
+        let own = Observations { trained: learned_from(found.frames.len()), ..own };
         let learned = candidate.cell.parameters.iter().map(|kind| kind.fixed.is_none()).collect();
-        let start = Start { raw: found.fitted.raw, learned, piece: scene.piece };
+        let start = Start { unconstrained: found.fitted.unconstrained, learned, piece: scene.piece };
         let judged = explain(&dynamics, std::slice::from_ref(&own), &[start]).ok()?;
         explains(&judged, &judged, &own).then_some((candidate.cell.parameters.len(), found.frames))
     };

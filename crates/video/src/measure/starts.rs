@@ -9,8 +9,8 @@ use nalgebra::{DMatrix, DVector};
 use rand::Rng;
 
 use super::dynamics::Dynamics;
-use super::fit::{Start, Track};
-use paig::network::cells::text::{Given, WallTable};
+use super::fit::{Observations, Start};
+use paig::network::cells::text::{TableNumber, WallTable};
 use paig::network::cells::{Bounds, Build};
 use paig::support::least_squares;
 use paig::support::random::{named_generator, normal};
@@ -23,7 +23,7 @@ const HARDLY_MORE: f64 = 1.3;
 const MOST_SAMPLES: usize = 240;
 /// Parts that leave more than so many times the median hold an impact or another object.
 const ROUGH: f64 = 4.0;
-/// Starting values that are tried, the spread of their raw numbers, and those of which a fit begins.
+/// Starting values that are tried, the spread of their unconstrained parameters, and those of which a fit begins.
 const TRIED: usize = 40;
 const SPREAD: f64 = 3.0;
 const KEPT: usize = 3;
@@ -32,7 +32,7 @@ const ALIKE: f64 = 0.2;
 /// Iterations, and the relative fall of the cost at which they end.
 const ITERATIONS: usize = 40;
 const CONVERGED: f64 = 1e-6;
-/// Half the span of the difference quotients of raw numbers, and the largest step of one.
+/// Half the span of the difference quotients of unconstrained parameters, and the largest step of one.
 const PROBE: f64 = 1e-5;
 const LARGEST_STEP: f64 = 2.0;
 /// Share of `dt` over which an acceleration is taken.
@@ -46,14 +46,14 @@ const BEYOND_WALL: f64 = 0.02;
 
 /// A parameter that is known from elsewhere.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Known {
+pub struct KnownParameter {
     pub name: String,
     pub value: f64,
     pub learned: bool,
 }
 
 /// State of all objects at one time, with their accelerations.
-struct Sample {
+struct StateSample {
     time: f64,
     state: Vec<f64>,
     acceleration: Vec<f64>,
@@ -64,15 +64,15 @@ struct Sample {
 /// Walls are where `turning` turns; the tracks, where it is not given.
 pub fn starts(
     dynamics: &Dynamics,
-    tracks: &[Track],
+    tracks: &[Observations],
     piece: usize,
-    (known, own): (&[Known], bool),
-    turning: Option<&Track>,
+    (known, own): (&[KnownParameter], bool),
+    turning: Option<&Observations>,
 ) -> Vec<Start> {
     let cell = &dynamics.system.cell;
     let of_run = |name: &str| known.iter().find(|known| known.name == name);
     let of_file = |kind: &paig::network::cells::PhysicalParameter| {
-        kind.fixed.or(kind.start).map_or(0.0, |value| kind.bounds.raw(value))
+        kind.fixed.or(kind.start).map_or(0.0, |value| kind.bounds.unconstrained(value))
     };
     let file: Vec<f64> = cell.parameters.iter().map(of_file).collect();
     let learned: Vec<bool> = cell
@@ -86,7 +86,10 @@ pub fn starts(
     // What another equation gives as fixed stays as it is given there.
     let taken_over = cell.parameters.iter().zip(&file).map(|(kind, file)| {
         let known = of_run(&kind.name).filter(|_| kind.fixed.is_none() || own);
-        known.map(|it| kind.bounds.raw(it.value)).filter(|raw| raw.is_finite()).unwrap_or(*file)
+        known
+            .map(|it| kind.bounds.unconstrained(it.value))
+            .filter(|unconstrained| unconstrained.is_finite())
+            .unwrap_or(*file)
     });
     let taken_over: Vec<f64> = taken_over.collect();
     // What is not learned is given in every start.
@@ -108,13 +111,13 @@ pub fn starts(
         raws.push(file);
         raws.extend(matched.unwrap_or_default());
     }
-    raws.into_iter().map(|raw| Start { raw, learned: learned.clone(), piece }).collect()
+    raws.into_iter().map(|unconstrained| Start { unconstrained, learned: learned.clone(), piece }).collect()
 }
 
 /// Parameters against the accelerations of tracks.
 struct Matching<'a> {
     dynamics: &'a Dynamics,
-    samples: Vec<Sample>,
+    samples: Vec<StateSample>,
     /// Places of the parameters that are learned.
     learned: Vec<usize>,
     /// Raw numbers of parameters that are walls, where the tracks turn.
@@ -125,7 +128,12 @@ struct Matching<'a> {
 
 impl<'a> Matching<'a> {
     /// None of tracks without smooth parts.
-    fn new(dynamics: &'a Dynamics, tracks: &[Track], learned: &[bool], turning: &[Track]) -> Option<Self> {
+    fn new(
+        dynamics: &'a Dynamics,
+        tracks: &[Observations],
+        learned: &[bool],
+        turning: &[Observations],
+    ) -> Option<Self> {
         let coordinates = dynamics.coordinates();
         let samples = samples(tracks, coordinates)?;
         let sizes = samples.iter().flat_map(|sample| sample.acceleration.iter().map(|a| a.abs()));
@@ -135,27 +143,29 @@ impl<'a> Matching<'a> {
         Some(Matching { dynamics, samples, learned, walls, usual })
     }
 
-    /// The best distinct raw numbers, from `file` and from random starting values.
+    /// The best distinct unconstrained parameters, from `file` and from random starting values.
     fn best(&self, file: &[f64]) -> Vec<Vec<f64>> {
         let mut random = named_generator(0, "gradient matching");
         let mut found: Vec<(f64, Vec<f64>)> = Vec::new();
         for number in 0..TRIED {
-            let mut raw = file.to_vec();
+            let mut unconstrained = file.to_vec();
             if number > 0 {
-                self.learned.iter().for_each(|place| raw[*place] = self.drawn(*place, file[*place], &mut random));
+                self.learned
+                    .iter()
+                    .for_each(|place| unconstrained[*place] = self.drawn(*place, file[*place], &mut random));
             }
-            self.walls.iter().for_each(|(place, wall)| raw[*place] = *wall);
-            let cost = self.minimise(&mut raw);
+            self.walls.iter().for_each(|(place, wall)| unconstrained[*place] = *wall);
+            let cost = self.minimise(&mut unconstrained);
             if cost.is_finite() {
-                found.push((cost, raw));
+                found.push((cost, unconstrained));
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut best: Vec<Vec<f64>> = Vec::new();
-        for (_, raw) in found {
-            let alike = |other: &Vec<f64>| raw.iter().zip(other).all(|(a, b)| (a - b).abs() < ALIKE);
+        for (_, unconstrained) in found {
+            let alike = |other: &Vec<f64>| unconstrained.iter().zip(other).all(|(a, b)| (a - b).abs() < ALIKE);
             if best.len() < KEPT && !best.iter().any(alike) {
-                best.push(raw);
+                best.push(unconstrained);
             }
         }
         best
@@ -165,63 +175,66 @@ impl<'a> Matching<'a> {
     fn drawn(&self, place: usize, start: f64, random: &mut impl Rng) -> f64 {
         match self.dynamics.system.cell.parameters[place].bounds {
             Bounds::Above(_) => start + SPREAD * normal(random),
-            bounds @ Bounds::Between(low, high) => bounds.raw(low + (high - low) * random.random_range(0.02..0.98)),
+            bounds @ Bounds::Between(low, high) => {
+                bounds.unconstrained(low + (high - low) * random.random_range(0.02..0.98))
+            }
         }
     }
 
     /// Differences of the equation's accelerations and those of the tracks, in units of the usual one.
-    fn residuals(&self, raw: &[f64]) -> DVector<f64> {
+    fn residuals(&self, unconstrained: &[f64]) -> DVector<f64> {
         let states: Vec<&[f64]> = self.samples.iter().map(|sample| sample.state.as_slice()).collect();
         let times: Vec<f64> = self.samples.iter().map(|sample| sample.time).collect();
-        let all = self.dynamics.accelerations(raw, &states, &times, INSTANT * self.dynamics.dt);
+        let all = self.dynamics.accelerations(unconstrained, &states, &times, INSTANT * self.dynamics.dt);
         let pairs = all.iter().zip(&self.samples);
         let differences = pairs.flat_map(|(found, sample)| found.iter().zip(&sample.acceleration).map(|(a, b)| a - b));
         DVector::from_vec(differences.map(|difference| difference / self.usual).collect())
     }
 
     /// Minimises the Huber loss of the residuals; the cost that is left.
-    fn minimise(&self, raw: &mut Vec<f64>) -> f64 {
+    fn minimise(&self, unconstrained: &mut Vec<f64>) -> f64 {
         let mut huber = f64::INFINITY;
         let mut cost = f64::INFINITY;
         for _ in 0..3 {
-            let loss = |raw: &Vec<f64>| {
+            let loss = |unconstrained: &Vec<f64>| {
                 let loss = |x: &f64| if x.abs() <= huber { 0.5 * x * x } else { huber * (x.abs() - 0.5 * huber) };
-                let sum = self.residuals(raw).iter().map(loss).sum::<f64>();
+                let sum = self.residuals(unconstrained).iter().map(loss).sum::<f64>();
                 if sum.is_finite() { sum } else { f64::INFINITY }
             };
-            let linearise = |raw: &Vec<f64>| {
+            let linearise = |unconstrained: &Vec<f64>| {
                 let columns = self.learned.iter().map(|place| {
                     let [up, down] = [PROBE, -PROBE].map(|by| {
-                        let mut probed = raw.clone();
+                        let mut probed = unconstrained.clone();
                         probed[*place] += by;
                         self.residuals(&probed)
                     });
                     (up - down) / (2.0 * PROBE)
                 });
-                (self.residuals(raw), columns.collect::<Vec<_>>())
+                (self.residuals(unconstrained), columns.collect::<Vec<_>>())
             };
-            let step = |raw: &Vec<f64>, (residuals, columns): &(DVector<f64>, Vec<DVector<f64>>), damping: f64| {
-                if columns.is_empty() {
-                    return None;
-                }
-                let jacobian = DMatrix::from_columns(columns);
-                let weights = residuals.map(|x| if x.abs() <= huber { 1.0 } else { huber / x.abs() });
-                let mut weighted = jacobian.clone();
-                weighted.column_iter_mut().for_each(|mut column| column.component_mul_assign(&weights));
-                let mut normal = weighted.transpose() * &jacobian;
-                (0..normal.nrows()).for_each(|place| normal[(place, place)] *= 1.0 + damping);
-                (0..normal.nrows()).for_each(|place| normal[(place, place)] += 1e-9);
-                let mut change = -normal.cholesky()?.solve(&(weighted.transpose() * residuals));
-                let largest = change.amax();
-                if largest > LARGEST_STEP {
-                    change *= LARGEST_STEP / largest;
-                }
-                let mut next = raw.clone();
-                self.learned.iter().zip(change.iter()).for_each(|(place, change)| next[*place] += change);
-                Some(next)
-            };
-            least_squares::minimise(raw, (ITERATIONS, CONVERGED), loss, linearise, step);
-            let residuals = self.residuals(raw);
+            let step =
+                |unconstrained: &Vec<f64>, (residuals, columns): &(DVector<f64>, Vec<DVector<f64>>), damping: f64| {
+                    if columns.is_empty() {
+                        return None;
+                    }
+                    let jacobian = DMatrix::from_columns(columns);
+                    let weights = residuals.map(|x| if x.abs() <= huber { 1.0 } else { huber / x.abs() });
+                    let mut weighted = jacobian.clone();
+                    weighted.column_iter_mut().for_each(|mut column| column.component_mul_assign(&weights));
+                    let mut normal = weighted.transpose() * &jacobian;
+                    (0..normal.nrows()).for_each(|place| normal[(place, place)] *= 1.0 + damping);
+                    (0..normal.nrows()).for_each(|place| normal[(place, place)] += 1e-9);
+                    let mut change = -normal.cholesky()?.solve(&(weighted.transpose() * residuals));
+                    let largest = change.amax();
+                    if largest > LARGEST_STEP {
+                        change *= LARGEST_STEP / largest;
+                    }
+                    let mut next = unconstrained.clone();
+                    self.learned.iter().zip(change.iter()).for_each(|(place, change)| next[*place] += change);
+                    Some(next)
+                };
+            least_squares::minimise(unconstrained, (ITERATIONS, CONVERGED), loss, linearise, step);
+            let residuals = self.residuals(unconstrained);
             let usual = upper_median(residuals.iter().map(|x| x.abs())).unwrap_or(f64::INFINITY);
             // Costs of different starts are compared: a scale of each one's own would favour the worse.
             cost = residuals.iter().map(|x| x.abs().min(MOST_COUNTED).powi(2)).sum();
@@ -232,16 +245,16 @@ impl<'a> Matching<'a> {
 }
 
 /// Smooth parts of all tracks; none where there are none.
-fn samples(tracks: &[Track], coordinates: usize) -> Option<Vec<Sample>> {
-    let of_window = |window: usize| -> Vec<(f64, Sample)> {
-        let of_track = |track: &Track| {
+fn samples(tracks: &[Observations], coordinates: usize) -> Option<Vec<StateSample>> {
+    let of_window = |window: usize| -> Vec<(f64, StateSample)> {
+        let of_track = |track: &Observations| {
             let frames = track.trained;
             let starts = if frames < window { 0 } else { frames - window + 1 };
             (0..starts).filter_map(|first| smooth(track, first..first + window, coordinates)).collect::<Vec<_>>()
         };
         tracks.iter().filter(|track| track.teaches).flat_map(of_track).collect()
     };
-    let usual = |samples: &[(f64, Sample)]| upper_median(samples.iter().map(|(left, _)| *left));
+    let usual = |samples: &[(f64, StateSample)]| upper_median(samples.iter().map(|(left, _)| *left));
     let mut best = of_window(WINDOWS[0]);
     let least = usual(&best)?;
     for window in &WINDOWS[1..] {
@@ -254,13 +267,13 @@ fn samples(tracks: &[Track], coordinates: usize) -> Option<Vec<Sample>> {
     let rough = ROUGH * usual(&best)?;
     best.retain(|(left, _)| *left <= rough.max(f64::MIN_POSITIVE));
     let stride = best.len().div_ceil(MOST_SAMPLES).max(1);
-    let samples: Vec<Sample> = best.into_iter().step_by(stride).map(|(_, sample)| sample).collect();
+    let samples: Vec<StateSample> = best.into_iter().step_by(stride).map(|(_, sample)| sample).collect();
     (!samples.is_empty()).then_some(samples)
 }
 
 /// What a cubic polynomial through some frames leaves of the positions (root mean square, of so many free numbers), and the state
 /// in its middle; none where an object is not seen in one of them.
-fn smooth(track: &Track, frames: std::ops::Range<usize>, coordinates: usize) -> Option<(f64, Sample)> {
+fn smooth(track: &Observations, frames: std::ops::Range<usize>, coordinates: usize) -> Option<(f64, StateSample)> {
     let positions = &track.positions[coordinates * frames.start..coordinates * frames.end];
     if positions.iter().any(|x| x.is_nan()) {
         return None;
@@ -274,11 +287,11 @@ fn smooth(track: &Track, frames: std::ops::Range<usize>, coordinates: usize) -> 
     let left = (&matrix * &solved - seen).norm_squared() / ((times.len() - 4) * coordinates) as f64;
     let of_power = |power: usize, times: f64| solved.row(power).iter().map(|x| x * times).collect::<Vec<_>>();
     let state = [of_power(0, 1.0), of_power(1, half.recip())].concat();
-    Some((left.sqrt(), Sample { time: middle, state, acceleration: of_power(2, 2.0 / half.powi(2)) }))
+    Some((left.sqrt(), StateSample { time: middle, state, acceleration: of_power(2, 2.0 / half.powi(2)) }))
 }
 
-/// Where the tracks turn at walls whose places are parameters: raw numbers by the parameters' places.
-fn walls(dynamics: &Dynamics, tracks: &[Track]) -> Vec<(usize, f64)> {
+/// Where the tracks turn at walls whose places are parameters: unconstrained parameters by the parameters' places.
+fn walls(dynamics: &Dynamics, tracks: &[Observations]) -> Vec<(usize, f64)> {
     let cell = &dynamics.system.cell;
     let Build::Text(equation) = &cell.build else { return Vec::new() };
     let WallTable::At(sides) = &equation.table().walls else { return Vec::new() };
@@ -294,10 +307,10 @@ fn walls(dynamics: &Dynamics, tracks: &[Track]) -> Vec<(usize, f64)> {
     let all = [(&sides.left, 0, false), (&sides.right, 0, true), (&sides.top, 1, false), (&sides.bottom, 1, true)];
     all.into_iter()
         .filter_map(|(given, axis, far)| {
-            let Some(Given::Parameter(name)) = given else { return None };
+            let Some(TableNumber::Parameter(name)) = given else { return None };
             let place = cell.parameters.iter().position(|parameter| parameter.name == name.as_str())?;
-            let raw = cell.parameters[place].bounds.raw(furthest(axis, far)?);
-            raw.is_finite().then_some((place, raw))
+            let unconstrained = cell.parameters[place].bounds.unconstrained(furthest(axis, far)?);
+            unconstrained.is_finite().then_some((place, unconstrained))
         })
         .collect()
 }
@@ -314,22 +327,28 @@ mod tests {
         (task, dynamics)
     }
 
-    fn seen(dynamics: &Dynamics, raw: &[f64], state: &[f64], frames: usize) -> Track {
+    fn seen(dynamics: &Dynamics, unconstrained: &[f64], state: &[f64], frames: usize) -> Observations {
         let times = dynamics.even_times(frames);
         let mut random = named_generator(4, "noise");
-        let positions = dynamics.positions(raw, state, &times);
-        Track::new(positions.iter().map(|x| x + 0.02 * normal(&mut random)).collect(), times, frames)
+        let positions = dynamics.positions(unconstrained, state, &times);
+        Observations::new(positions.iter().map(|x| x + 0.02 * normal(&mut random)).collect(), times, frames)
     }
 
     /// A pendulum whose gravity is 10 times that of the file, hanging elsewhere: found within a tenth from its accelerations.
     #[test]
     fn a_pendulum_is_found_from_a_start_that_is_far_off() {
         let (_, dynamics) = dynamics(include_str!("../../../../configs/gallery/free_pendulum.toml"));
-        let raw: Vec<f64> =
-            dynamics.system.cell.parameters.iter().zip([500.0, 25.0, -10.0]).map(|(it, x)| it.bounds.raw(x)).collect();
-        let track = seen(&dynamics, &raw, &[35.0, 40.0, 0.0, 0.0], 80);
+        let unconstrained: Vec<f64> = dynamics
+            .system
+            .cell
+            .parameters
+            .iter()
+            .zip([500.0, 25.0, -10.0])
+            .map(|(it, x)| it.bounds.unconstrained(x))
+            .collect();
+        let track = seen(&dynamics, &unconstrained, &[35.0, 40.0, 0.0, 0.0], 80);
         let starts = starts(&dynamics, &[track], 12, (&[], true), None);
-        let values = dynamics.values(&starts[0].raw);
+        let values = dynamics.values(&starts[0].unconstrained);
         assert!((values[0] / 500.0 - 1.0).abs() < 0.1 && (values[1] - 25.0).abs() < 3.0, "{values:?}");
     }
 
@@ -339,13 +358,13 @@ mod tests {
         let (task, dynamics) = dynamics(include_str!("../../../../configs/gallery/bounce_on_a_floor.toml"));
         let names = dynamics.system.cell.parameters.iter().map(|it| &*it.name);
         let truth: Vec<f64> = names.map(|name| task.truth_of(name).unwrap()).collect();
-        let raw: Vec<f64> =
-            dynamics.system.cell.parameters.iter().zip(&truth).map(|(it, x)| it.bounds.raw(*x)).collect();
-        let track = seen(&dynamics, &raw, &[3.0, 5.0, 1.0, 0.0], 200);
+        let unconstrained: Vec<f64> =
+            dynamics.system.cell.parameters.iter().zip(&truth).map(|(it, x)| it.bounds.unconstrained(*x)).collect();
+        let track = seen(&dynamics, &unconstrained, &[3.0, 5.0, 1.0, 0.0], 200);
         let starts = starts(&dynamics, &[track], 12, (&[], true), None);
-        for (kind, raw) in dynamics.system.cell.parameters.iter().zip(&starts[0].raw) {
+        for (kind, unconstrained) in dynamics.system.cell.parameters.iter().zip(&starts[0].unconstrained) {
             let expected = task.truth_of(&kind.name).unwrap();
-            let found = kind.bounds.value(*raw);
+            let found = kind.bounds.value(*unconstrained);
             if kind.name != "e" {
                 assert!((found / expected - 1.0).abs() < 0.1, "{}: {found} instead of {expected}", kind.name);
             }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use super::results::{Measurement, Outcome};
-use paig::support::output::{Kind, has_keys};
+use paig::support::output::{FileKind, has_keys};
 use paig::support::{atomic, storage};
 
 /// What is known, by the video's name without its ending and the quantity.
@@ -15,7 +15,7 @@ pub type References = BTreeMap<String, BTreeMap<String, f64>>;
 
 /// One quantity of one video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Row {
+pub struct QuantityRow {
     pub clip: String,
     pub quantity: String,
     pub value: f64,
@@ -55,11 +55,11 @@ pub fn read_references(path: &Path) -> Result<References> {
 
 /// The rows of one measurement: its quantities, the prediction, and by how much other equations are
 /// worse.
-pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
+pub fn rows(measurement: &Measurement, references: &References) -> Vec<QuantityRow> {
     let video = measurement.videos.first().map_or("", String::as_str);
     let clip = clip_name(video).to_string();
     let held_out = &measurement.held_out;
-    let row = |quantity: &str, value: f64, unit: &str| Row {
+    let row = |quantity: &str, value: f64, unit: &str| QuantityRow {
         clip: clip.clone(),
         quantity: quantity.into(),
         value,
@@ -79,7 +79,7 @@ pub fn rows(measurement: &Measurement, references: &References) -> Vec<Row> {
     };
     let mut rows = Vec::new();
     for it in &measurement.quantities {
-        rows.push(Row {
+        rows.push(QuantityRow {
             low: it.low,
             high: it.high,
             verdict: it.outcome,
@@ -114,12 +114,12 @@ fn clip_name(video: &str) -> &str {
 }
 
 /// The rows as a file that the program recognizes.
-pub const ROWS: Kind =
-    Kind { name: "rows of `paig measurements`", recognizes: |json| has_keys(json, &["clip", "quantity", "value"]) };
+pub const ROWS: FileKind =
+    FileKind { name: "rows of `paig measurements`", recognizes: |json| has_keys(json, &["clip", "quantity", "value"]) };
 
 /// # Errors
 /// A full disk.
-pub fn write(path: &Path, rows: &[Row]) -> Result<()> {
+pub fn write(path: &Path, rows: &[QuantityRow]) -> Result<()> {
     atomic::write_file(path, |file| Ok(serde_json::to_writer_pretty(file, rows)?))
 }
 

@@ -2,7 +2,7 @@
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use super::results::{Measurement, Outcome, Quantity, Take};
+use super::results::{Measurement, Outcome, Quantity, TakeEstimate};
 
 /// Normal deviates of half of a 95 % interval.
 const HALF: f64 = 1.96;
@@ -14,7 +14,7 @@ const LEAST_TAKES: usize = 2;
 /// quantity do not count.
 pub(super) fn pool(quantities: &mut [Quantity], apart: &[Measurement]) {
     for quantity in quantities {
-        let takes: Vec<Take> = apart.iter().filter_map(|it| take(it, &quantity.name)).collect();
+        let takes: Vec<TakeEstimate> = apart.iter().filter_map(|it| take(it, &quantity.name)).collect();
         let values: Vec<[f64; 2]> = takes.iter().map(|it| [it.value, (it.high - it.low) / (2.0 * HALF)]).collect();
         if let Some([mean, half]) = pooled(&values) {
             (quantity.value, quantity.low, quantity.high) = (mean, Some(mean - half), Some(mean + half));
@@ -25,11 +25,11 @@ pub(super) fn pool(quantities: &mut [Quantity], apart: &[Measurement]) {
     }
 }
 
-fn take(measurement: &Measurement, name: &str) -> Option<Take> {
+fn take(measurement: &Measurement, name: &str) -> Option<TakeEstimate> {
     let Quantity { value, low, high, outcome, .. } = measurement.quantities.iter().find(|it| it.name == name)?;
     let said = outcome.is_none_or(|outcome| outcome != Outcome::NotFound);
     let video = measurement.videos.join(", ");
-    said.then_some(Take { video, value: *value, low: (*low)?, high: (*high)? })
+    said.then_some(TakeEstimate { video, value: *value, low: (*low)?, high: (*high)? })
 }
 
 /// Mean of `[value, standard deviation]` and half of its 95 % interval; none of fewer than two.

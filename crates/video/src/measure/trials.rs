@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use super::candidates::{SIDE, candidates, for_frames};
 use super::explain::explain;
 use super::missing_term::missing_term;
-use super::recording::{Observation, Positions, Recording, Scene, learned_from};
+use super::recording::{Observation, Positions, RecordedSystem, Recording, learned_from};
 use super::results::MissingTerm;
 use super::scale::Scale;
 use super::selection::Selection;
@@ -71,7 +71,7 @@ impl Trial {
         Ok(missing_term(&scene, &tracks, &judged, self.seed))
     }
 
-    fn scene(&self, cell: &Arc<CellKind>) -> Result<(Scene, Vec<Observation>)> {
+    fn scene(&self, cell: &Arc<CellKind>) -> Result<(RecordedSystem, Vec<Observation>)> {
         let per_pixel = SIDE as f64 / self.side;
         let side = (SIDE as f64 * PIXELS) as u32;
         let record = Video {
@@ -114,7 +114,7 @@ impl Trial {
             teaches: true,
         };
         let observation = Observation { by: "made".into(), recordings: vec![Positions::even(pixels.clone(), pixels)] };
-        let scene = Scene {
+        let scene = RecordedSystem {
             scale: Scale::new(&record, &system),
             record,
             dt: system.dt,

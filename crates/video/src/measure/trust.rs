@@ -4,18 +4,18 @@
 use tch::Tensor;
 
 use super::bootstrap::Uncertainty;
-use super::explain::{Errors, Explained, positions_of};
-use super::fit::Track;
+use super::explain::{Explained, RollOutErrors, positions_of};
+use super::fit::Observations;
+use super::identifiability::{Identifiability, shown};
 use super::motion;
-use super::recording::Scene;
+use super::recording::RecordedSystem;
 use super::results::{HeldOut, Residuals};
-use super::shown::{Shown, shown};
-use paig::training::identify::rank::{self, Indistinct};
+use paig::training::identify::rank::{self, Unidentifiable};
 
-impl Scene {
+impl RecordedSystem {
     pub(super) fn held_out(
         &self,
-        tracks: &[Track],
+        tracks: &[Observations],
         explained: &Explained,
         steady: &[Vec<f64>],
         tracker: Option<&Explained>,
@@ -27,7 +27,7 @@ impl Scene {
             frames: tracks.iter().map(|it| it.positions.len() / coordinates - it.trained).sum(),
             unit: unit.into(),
             error: times * explained.errors.held_out,
-            constant_velocity: times * Errors::of(tracks, steady, &explained.dynamics).held_out,
+            constant_velocity: times * RollOutErrors::of(tracks, steady, &explained.dynamics).held_out,
             tracker_fit: tracker.map(|fit| times * fit.errors.held_out),
             percent_of_amplitude: 100.0 * explained.errors.held_out / motion::amplitude(&along[..tracks[0].trained]),
             metres_per_unit: (unit == "px" && self.scale.length_unit() == "m")
@@ -48,7 +48,12 @@ impl Scene {
         }
     }
 
-    pub(super) fn notes(&self, tracks: &[Track], explained: &Explained, uncertainty: &Uncertainty) -> Vec<String> {
+    pub(super) fn notes(
+        &self,
+        tracks: &[Observations],
+        explained: &Explained,
+        uncertainty: &Uncertainty,
+    ) -> Vec<String> {
         let mut notes = Vec::new();
         notes.extend(of_unknowns(explained, uncertainty));
         notes.extend(of_what_is_beside(tracks, explained));
@@ -79,7 +84,7 @@ impl Scene {
 }
 
 /// What is seen beside the state, if it is, and what that hides.
-fn of_what_is_beside(tracks: &[Track], explained: &Explained) -> Vec<String> {
+fn of_what_is_beside(tracks: &[Observations], explained: &Explained) -> Vec<String> {
     let Explained { dynamics, learned, fitted, .. } = explained;
     let first = dynamics.system.cell.parameters.len();
     if learned.len() <= first {
@@ -95,7 +100,7 @@ fn of_what_is_beside(tracks: &[Track], explained: &Explained) -> Vec<String> {
     let left: Vec<_> = left.collect();
     let all = [&learned[..first], &vec![true; learned.len() - first]].concat();
     let shown = shown(dynamics, tracks, &all, fitted).unwrap_or_default();
-    let hidden = shown.iter().take(first).enumerate().filter(|(_, shown)| **shown == Shown::OnlyWithOthers);
+    let hidden = shown.iter().take(first).enumerate().filter(|(_, shown)| **shown == Identifiability::OnlyWithOthers);
     let hidden: Vec<_> = hidden.map(|(place, _)| dynamics.name(place)).collect();
     if !left.is_empty() && !hidden.is_empty() {
         notes.push(format!(
@@ -113,17 +118,17 @@ fn of_unknowns(explained: &Explained, uncertainty: &Uncertainty) -> Vec<String> 
     let learned = parameters.filter(|(place, _)| explained.learned[*place]);
     // Rows and columns of the curvature; what is seen beside the state comes last.
     let (shown, hidden): (Vec<_>, Vec<_>) =
-        learned.zip(0_i64..).partition(|((place, _), _)| uncertainty.shown[*place] != Shown::Not);
+        learned.zip(0_i64..).partition(|((place, _), _)| uncertainty.shown[*place] != Identifiability::Not);
     let (kinds, rows): (Vec<_>, Vec<_>) = shown.into_iter().map(|((_, kind), row)| (kind, row)).unzip();
     let rows = Tensor::from_slice(&rows);
     let curvature = uncertainty.curvature.index_select(0, &rows).index_select(1, &rows);
     let of_hidden = hidden.iter().map(|((_, kind), _)| {
         format!("{} does not show in the motion: its value says nothing; fix it (model.fixed)", kind.name)
     });
-    let indistinct = rank::indistinct(&curvature, &kinds);
+    let unidentifiable = rank::unidentifiable(&curvature, &kinds);
     // Those that go with what is seen beside the state, or with the first state, the parameters alone do not show.
-    let named = |name: &String| indistinct.iter().any(|it| it.names.contains(name));
-    let together = uncertainty.shown.iter().enumerate().filter(|(_, shown)| **shown == Shown::OnlyWithOthers);
+    let named = |name: &String| unidentifiable.iter().any(|it| it.names.contains(name));
+    let together = uncertainty.shown.iter().enumerate().filter(|(_, shown)| **shown == Identifiability::OnlyWithOthers);
     let together: Vec<_> = together.map(|(place, _)| explained.dynamics.name(place)).collect();
     let of_others = (!together.iter().all(named)).then(|| {
         format!(
@@ -131,7 +136,7 @@ fn of_unknowns(explained: &Explained, uncertainty: &Uncertainty) -> Vec<String> 
             together.join(", ")
         )
     });
-    of_hidden.chain(indistinct.as_ref().map(Indistinct::text)).chain(of_others).collect()
+    of_hidden.chain(unidentifiable.as_ref().map(Unidentifiable::text)).chain(of_others).collect()
 }
 
 #[cfg(test)]
@@ -145,25 +150,26 @@ mod tests {
     use paig::network::cells::CellKind;
     use paig::support::random::{named_generator, normal};
 
-    /// A fall through what resists, with these raw numbers and more beside the state: which of them have an interval, and what is
-    /// said of the others.
-    fn fall(acceleration: &str, raw: &[f64], beside: usize) -> (Vec<bool>, Vec<String>) {
+    /// A fall through what resists, with these unconstrained parameters and more beside the state: which of them have an
+    /// interval, and what is said of the others.
+    fn fall(acceleration: &str, unconstrained: &[f64], beside: usize) -> (Vec<bool>, Vec<String>) {
         let parameters: String =
-            ["c", "g", "m"][..raw.len()].iter().map(|name| format!("\nparameters.{name} = {{}}")).collect();
+            ["c", "g", "m"][..unconstrained.len()].iter().map(|name| format!("\nparameters.{name} = {{}}")).collect();
         let equation = format!("acceleration = \"{acceleration}\"{parameters}");
         let cell = CellKind::of_text(&toml::from_str(&equation).unwrap(), 1).unwrap().into();
         let system = paig::tasks::builtin("falling").unwrap().system;
         let dynamics = Dynamics::new(System { objects: 1, cell, ..system }, 0.3).unwrap();
         let mut random = named_generator(1, "noise");
         let times = dynamics.even_times(48);
-        let positions = dynamics.positions(raw, &[10.0, 6.0, 2.0, 0.0], &times);
+        let positions = dynamics.positions(unconstrained, &[10.0, 6.0, 2.0, 0.0], &times);
         let seen = positions.iter().map(|x| x + 0.1 * normal(&mut random)).collect();
-        let tracks = [Track::new(seen, times, 48)];
-        let raw = [raw, &vec![0.0; beside]].concat();
-        let learned = vec![true; raw.len()];
-        let explained = explain(&dynamics, &tracks, &[Start { raw, learned: learned.clone(), piece: 12 }]).unwrap();
+        let tracks = [Observations::new(seen, times, 48)];
+        let unconstrained = [unconstrained, &vec![0.0; beside]].concat();
+        let learned = vec![true; unconstrained.len()];
+        let explained =
+            explain(&dynamics, &tracks, &[Start { unconstrained, learned: learned.clone(), piece: 12 }]).unwrap();
         let uncertainty = bootstrap(&dynamics, &tracks, &learned, &explained.fitted, 0).unwrap();
-        let by_itself = uncertainty.shown.iter().map(|shown| *shown == Shown::ByItself).collect();
+        let by_itself = uncertainty.shown.iter().map(|shown| *shown == Identifiability::ByItself).collect();
         (by_itself, of_unknowns(&explained, &uncertainty))
     }
 

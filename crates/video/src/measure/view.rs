@@ -4,8 +4,8 @@
 use paig::network::cells::Coordinates;
 
 use super::explain::{Explained, explain};
-use super::fit::{Start, Track};
-use super::recording::Scene;
+use super::fit::{Observations, Start};
+use super::recording::RecordedSystem;
 
 /// First step of a coefficient, its largest size, and rounds of the search.
 const STEP: f64 = 0.01;
@@ -14,7 +14,7 @@ const ROUNDS: usize = 3;
 
 /// A way in which the camera may change what is seen, by one coefficient or two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum View {
+pub(super) enum ViewDistortion {
     /// Radial distortion about the middle of the picture; the coefficient is the shift at its corner over the distance from the
     /// middle.
     Lens,
@@ -24,39 +24,39 @@ pub(super) enum View {
 
 /// A correction with the fit to the corrected positions.
 pub(super) struct Corrected {
-    pub view: View,
+    pub view: ViewDistortion,
     pub coefficients: Vec<f64>,
     pub explained: Explained,
     /// Extent of the corrected positions over that of the observed: what residuals are divided by to be compared.
     pub magnification: f64,
 }
 
-impl View {
-    pub const ALL: [View; 2] = [View::Lens, View::Perspective];
+impl ViewDistortion {
+    pub const ALL: [ViewDistortion; 2] = [ViewDistortion::Lens, ViewDistortion::Perspective];
 
     pub fn name(self) -> &'static str {
         match self {
-            View::Lens => "lens distortion",
-            View::Perspective => "perspective: the plane of the motion is seen at an angle",
+            ViewDistortion::Lens => "lens distortion",
+            ViewDistortion::Perspective => "perspective: the plane of the motion is seen at an angle",
         }
     }
 
     /// Names of the coefficients.
     pub fn coefficients(self) -> &'static [&'static str] {
         match self {
-            View::Lens => &["distortion_at_the_corner"],
-            View::Perspective => &["scale_along_x", "scale_along_y"],
+            ViewDistortion::Lens => &["distortion_at_the_corner"],
+            ViewDistortion::Perspective => &["scale_along_x", "scale_along_y"],
         }
     }
 
     /// Where a place, from the middle of the picture in units of the distance of its corner, would be seen without it.
     fn corrected(self, coefficients: &[f64], [x, y]: [f64; 2]) -> [f64; 2] {
         match self {
-            View::Lens => {
+            ViewDistortion::Lens => {
                 let factor = 1.0 + coefficients[0] * (x * x + y * y);
                 [x * factor, y * factor]
             }
-            View::Perspective => {
+            ViewDistortion::Perspective => {
                 let factor = 1.0 / (1.0 + coefficients[0] * x + coefficients[1] * y);
                 [x * factor, y * factor]
             }
@@ -64,11 +64,11 @@ impl View {
     }
 
     /// The coefficients with which an equation leaves least; none where it cannot be fitted.
-    pub fn fitted(self, scene: &Scene, tracks: &[Track], judged: &Explained) -> Option<Corrected> {
+    pub fn fitted(self, scene: &RecordedSystem, tracks: &[Observations], judged: &Explained) -> Option<Corrected> {
         if judged.dynamics.system.cell.coordinates != Coordinates::Position {
             return None;
         }
-        let frame = Frame::of(scene);
+        let frame = PictureExtent::of(scene);
         let mut best = self.at(&vec![0.0; self.coefficients().len()], &frame, (scene, tracks), judged)?;
         let mut step = STEP;
         for _ in 0..ROUNDS {
@@ -98,25 +98,29 @@ impl View {
     fn at(
         self,
         coefficients: &[f64],
-        frame: &Frame,
-        (scene, tracks): (&Scene, &[Track]),
+        frame: &PictureExtent,
+        (scene, tracks): (&RecordedSystem, &[Observations]),
         before: &Explained,
     ) -> Option<Corrected> {
-        let corrected: Vec<Track> = tracks.iter().map(|track| self.track(track, coefficients, frame)).collect();
+        let corrected: Vec<Observations> = tracks.iter().map(|track| self.track(track, coefficients, frame)).collect();
         let magnification = extent(&corrected) / extent(tracks);
-        let start = Start { raw: before.fitted.raw.clone(), learned: before.learned.clone(), piece: scene.piece };
+        let start = Start {
+            unconstrained: before.fitted.unconstrained.clone(),
+            learned: before.learned.clone(),
+            piece: scene.piece,
+        };
         let explained = explain(&before.dynamics, &corrected, &[start]).ok()?;
         let coefficients = coefficients.to_vec();
         Some(Corrected { view: self, coefficients, explained, magnification })
     }
 
-    fn track(self, track: &Track, coefficients: &[f64], frame: &Frame) -> Track {
+    fn track(self, track: &Observations, coefficients: &[f64], frame: &PictureExtent) -> Observations {
         let place = |at: &[f64]| {
             let from_middle = [0, 1].map(|axis| (at[axis] - frame.middle[axis]) / frame.corner);
             let corrected = self.corrected(coefficients, from_middle);
             [0, 1].map(|axis| frame.middle[axis] + frame.corner * corrected[axis])
         };
-        Track { positions: track.positions.chunks(2).flat_map(place).collect(), ..track.clone() }
+        Observations { positions: track.positions.chunks(2).flat_map(place).collect(), ..track.clone() }
     }
 }
 
@@ -128,22 +132,22 @@ impl Corrected {
 }
 
 /// The picture in the coordinates of the equation.
-struct Frame {
+struct PictureExtent {
     middle: [f64; 2],
     /// Distance of a corner from the middle.
     corner: f64,
 }
 
-impl Frame {
-    fn of(scene: &Scene) -> Self {
+impl PictureExtent {
+    fn of(scene: &RecordedSystem) -> Self {
         let [width, height] = scene.record.size.map(|side| side as f64);
         let middle = scene.scale.in_frame([width / 2.0, height / 2.0]);
-        Frame { middle, corner: width.hypot(height) / 2.0 / scene.scale.video_pixels }
+        PictureExtent { middle, corner: width.hypot(height) / 2.0 / scene.scale.video_pixels }
     }
 }
 
 /// Root mean square distance of the positions from their mean, over all tracks.
-fn extent(tracks: &[Track]) -> f64 {
+fn extent(tracks: &[Observations]) -> f64 {
     let seen = || {
         tracks.iter().flat_map(|track| track.positions.chunks(2)).filter(|at| at[0].is_finite() && at[1].is_finite())
     };
@@ -158,13 +162,13 @@ mod tests {
 
     #[test]
     fn a_view_without_coefficients_changes_nothing_and_the_corner_is_where_it_is_said() {
-        assert_eq!(View::Lens.corrected(&[0.0], [0.3, 0.4]), [0.3, 0.4]);
-        assert_eq!(View::Perspective.corrected(&[0.0, 0.0], [0.3, 0.4]), [0.3, 0.4]);
+        assert_eq!(ViewDistortion::Lens.corrected(&[0.0], [0.3, 0.4]), [0.3, 0.4]);
+        assert_eq!(ViewDistortion::Perspective.corrected(&[0.0, 0.0], [0.3, 0.4]), [0.3, 0.4]);
         // At the corner (0.6, 0.8) a coefficient of 0.1 moves a place outwards by a tenth.
-        let [x, y] = View::Lens.corrected(&[0.1], [0.6, 0.8]);
+        let [x, y] = ViewDistortion::Lens.corrected(&[0.1], [0.6, 0.8]);
         assert!((x - 0.66).abs() < 1e-12 && (y - 0.88).abs() < 1e-12);
         // The right side is nearer to the camera by a fifth.
-        let [x, _] = View::Perspective.corrected(&[0.25, 0.0], [1.0, 0.0]);
+        let [x, _] = ViewDistortion::Perspective.corrected(&[0.25, 0.0], [1.0, 0.0]);
         assert!((x - 0.8).abs() < 1e-12);
     }
 }

@@ -9,23 +9,23 @@ use super::operation::{Binary, Unary};
 
 /// A number that stands in the text, or what was computed.
 #[derive(Debug)]
-pub(super) enum Value {
+pub(super) enum Operand {
     Number(f64),
     Tensor(Tensor),
 }
 
-impl Value {
+impl Operand {
     /// As a tensor, a number as one of `[1]`.
     pub(super) fn tensor(&self, options: (Kind, Device)) -> Tensor {
         match self {
-            Value::Number(number) => Tensor::full([1], *number, options),
-            Value::Tensor(tensor) => tensor.shallow_clone(),
+            Operand::Number(number) => Tensor::full([1], *number, options),
+            Operand::Tensor(tensor) => tensor.shallow_clone(),
         }
     }
 }
 
 /// One operation; numbers become tensors of these options.
-pub(super) fn unary(operation: Unary, of: &Value, options: (Kind, Device)) -> Tensor {
+pub(super) fn unary(operation: Unary, of: &Operand, options: (Kind, Device)) -> Tensor {
     let x = of.tensor(options);
     match operation {
         Unary::Negative => -x,
@@ -50,8 +50,8 @@ pub(super) fn unary(operation: Unary, of: &Value, options: (Kind, Device)) -> Te
 }
 
 /// One operation; numbers become tensors of these options where they must.
-pub(super) fn binary(operation: Binary, a: &Value, b: &Value, options: (Kind, Device)) -> Tensor {
-    use Value::{Number as N, Tensor as T};
+pub(super) fn binary(operation: Binary, a: &Operand, b: &Operand, options: (Kind, Device)) -> Tensor {
+    use Operand::{Number as N, Tensor as T};
     match (operation, a, b) {
         (Binary::Plus, T(x), N(number)) | (Binary::Plus, N(number), T(x)) => x + *number,
         (Binary::Minus, T(x), N(number)) => x - *number,

@@ -5,8 +5,8 @@ use std::fmt::Debug;
 
 use num_traits::Float;
 
-use super::evaluate::Program;
-use super::graph::{Given, Graph, Operation};
+use super::evaluate::CompiledEquation;
+use super::graph::{ExternalInput, Graph, Operation};
 use super::operation::{Binary, Unary};
 use crate::support::fast_math;
 
@@ -47,13 +47,13 @@ impl Number for f32 {
 }
 
 /// How many numbers a node has: objects (or 1), their others (or 1), coordinates.
-type Shape = [usize; 3];
+type NodeShape = [usize; 3];
 
 /// One operation, and where its columns begin.
 #[derive(Debug, Clone, Copy)]
 struct Step {
     operation: Operation,
-    shape: Shape,
+    shape: NodeShape,
     at: usize,
     /// Whether it changes with the state.
     moves: bool,
@@ -84,7 +84,7 @@ pub(super) struct Columns<F> {
 
 impl<F: Number> Columns<F> {
     /// Of each parameter one value for all states, or one for each.
-    pub(super) fn new(program: &Program, coordinates: usize, parameters: Vec<Vec<F>>) -> Self {
+    pub(super) fn new(program: &CompiledEquation, coordinates: usize, parameters: Vec<Vec<F>>) -> Self {
         let steps = laid_out(&program.graph, program.objects, coordinates);
         Columns { steps, parameters, coordinates, batch: 0, numbers: Vec::new() }
     }
@@ -129,14 +129,14 @@ impl<F: Number> Columns<F> {
                 match step.operation {
                     Operation::Number(bits) => into.fill(F::of(f64::from_bits(bits))),
                     Operation::Given(given) => match given.source(*coordinates, at) {
-                        Source::Parameter(place) => match parameters[place][..] {
+                        InputColumn::Parameter(place) => match parameters[place][..] {
                             [one] => into.fill(one),
                             ref each => into.copy_from_slice(each),
                         },
-                        Source::Position(place) => into.copy_from_slice(&moment.pos[place * batch..][..batch]),
-                        Source::Velocity(place) => into.copy_from_slice(&moment.vel[place * batch..][..batch]),
-                        Source::Held => into.copy_from_slice(moment.held),
-                        Source::Time => map(moment.held, into, |time| time + moment.since),
+                        InputColumn::Position(place) => into.copy_from_slice(&moment.pos[place * batch..][..batch]),
+                        InputColumn::Velocity(place) => into.copy_from_slice(&moment.vel[place * batch..][..batch]),
+                        InputColumn::Held => into.copy_from_slice(moment.held),
+                        InputColumn::Time => map(moment.held, into, |time| time + moment.since),
                     },
                     Operation::Unary(operation, of) => {
                         unary(operation, steps[of].shape, at, |at| read(of, at), into);
@@ -165,7 +165,7 @@ fn places(objects: usize, others: usize, parts: usize) -> impl Iterator<Item = (
 }
 
 /// Where a number that comes from outside the equation is found.
-enum Source {
+enum InputColumn {
     Parameter(usize),
     Position(usize),
     Velocity(usize),
@@ -173,22 +173,22 @@ enum Source {
     Time,
 }
 
-impl Given {
-    fn source(self, coordinates: usize, [object, other, part]: [usize; 3]) -> Source {
+impl ExternalInput {
+    fn source(self, coordinates: usize, [object, other, part]: [usize; 3]) -> InputColumn {
         let named = if other >= object { other + 1 } else { other };
         let number = |of: usize| of * coordinates + part;
         match self {
-            Given::Parameter(place) => Source::Parameter(place),
-            Given::Parameters(first) => Source::Parameter(first + object),
-            Given::ParametersOfOthers(first) => Source::Parameter(first + named),
-            Given::Positions => Source::Position(number(object)),
-            Given::Velocities => Source::Velocity(number(object)),
-            Given::PositionOf(of) => Source::Position(number(of)),
-            Given::VelocityOf(of) => Source::Velocity(number(of)),
-            Given::PositionsOfOthers => Source::Position(number(named)),
-            Given::VelocitiesOfOthers => Source::Velocity(number(named)),
-            Given::Action => Source::Held,
-            Given::Time => Source::Time,
+            ExternalInput::Parameter(place) => InputColumn::Parameter(place),
+            ExternalInput::Parameters(first) => InputColumn::Parameter(first + object),
+            ExternalInput::ParametersOfOthers(first) => InputColumn::Parameter(first + named),
+            ExternalInput::Positions => InputColumn::Position(number(object)),
+            ExternalInput::Velocities => InputColumn::Velocity(number(object)),
+            ExternalInput::PositionOf(of) => InputColumn::Position(number(of)),
+            ExternalInput::VelocityOf(of) => InputColumn::Velocity(number(of)),
+            ExternalInput::PositionsOfOthers => InputColumn::Position(number(named)),
+            ExternalInput::VelocitiesOfOthers => InputColumn::Velocity(number(named)),
+            ExternalInput::Action => InputColumn::Held,
+            ExternalInput::Time => InputColumn::Time,
         }
     }
 }
@@ -197,12 +197,13 @@ fn laid_out(graph: &Graph, objects: usize, coordinates: usize) -> Vec<Step> {
     let (mut steps, mut size) = (Vec::<Step>::new(), 0);
     for node in &graph.nodes {
         let shape = match node.operation {
-            Operation::Number(_) | Operation::Given(Given::Parameter(_) | Given::Action | Given::Time) => [1, 1, 1],
-            Operation::Given(Given::Parameters(_)) => [objects, 1, 1],
-            Operation::Given(Given::ParametersOfOthers(_)) => [objects, objects - 1, 1],
-            Operation::Given(Given::Positions | Given::Velocities) => [objects, 1, coordinates],
-            Operation::Given(Given::PositionOf(_) | Given::VelocityOf(_)) => [1, 1, coordinates],
-            Operation::Given(Given::PositionsOfOthers | Given::VelocitiesOfOthers) => {
+            Operation::Number(_)
+            | Operation::Given(ExternalInput::Parameter(_) | ExternalInput::Action | ExternalInput::Time) => [1, 1, 1],
+            Operation::Given(ExternalInput::Parameters(_)) => [objects, 1, 1],
+            Operation::Given(ExternalInput::ParametersOfOthers(_)) => [objects, objects - 1, 1],
+            Operation::Given(ExternalInput::Positions | ExternalInput::Velocities) => [objects, 1, coordinates],
+            Operation::Given(ExternalInput::PositionOf(_) | ExternalInput::VelocityOf(_)) => [1, 1, coordinates],
+            Operation::Given(ExternalInput::PositionsOfOthers | ExternalInput::VelocitiesOfOthers) => {
                 [objects, objects - 1, coordinates]
             }
             Operation::Unary(operation, of) => {
@@ -231,7 +232,7 @@ fn laid_out(graph: &Graph, objects: usize, coordinates: usize) -> Vec<Step> {
 
 fn unary<'a, F: Number + 'a>(
     operation: Unary,
-    shape: Shape,
+    shape: NodeShape,
     at: [usize; 3],
     read: impl Fn([usize; 3]) -> &'a [F],
     into: &mut [F],

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, HashMap};
 use std::f64::consts::PI;
 
-use super::complaint::{Complaint, Span};
-use super::graph::{Extent, Given, Graph, Place};
+use super::complaint::{Complaint, TextSpan};
+use super::graph::{Extent, ExternalInput, Graph, NodePlace};
 use super::operation::{Binary, FUNCTIONS, Function, Unary};
 use super::parameters::{Parameters, of_object};
 use super::parse::{Expression, Operator, Term};
@@ -28,13 +28,13 @@ pub(super) struct Compiler<'a> {
     /// Which parameters a text has named.
     pub used: Vec<bool>,
     /// Definitions that were used, by who is meant by p and q; none while one is being read.
-    defined: HashMap<(&'a str, View), Option<Place>>,
+    defined: HashMap<(&'a str, ObjectPair), Option<NodePlace>>,
     depth: usize,
 }
 
 /// Whose acceleration is written, and who the other is inside of `others(..)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-struct View {
+struct ObjectPair {
     own: Own,
     other: Other,
 }
@@ -77,8 +77,8 @@ impl<'a> Compiler<'a> {
     ///
     /// # Errors
     /// An unknown name, operands that do not go together, another rank or unit than an acceleration's.
-    pub(super) fn acceleration(&mut self, of: Option<usize>, text: &Expression) -> Result<Place, Complaint> {
-        let view = View { own: of.map_or(Own::Each, Own::One), other: Other::Nobody };
+    pub(super) fn acceleration(&mut self, of: Option<usize>, text: &Expression) -> Result<NodePlace, Complaint> {
+        let view = ObjectPair { own: of.map_or(Own::Each, Own::One), other: Other::Nobody };
         let place = self.expression(text, view)?;
         let node = self.graph.nodes[place];
         let (vector, unit) = match self.coordinates {
@@ -99,7 +99,7 @@ impl<'a> Compiler<'a> {
         Ok(place)
     }
 
-    fn expression(&mut self, expression: &Expression, view: View) -> Result<Place, Complaint> {
+    fn expression(&mut self, expression: &Expression, view: ObjectPair) -> Result<NodePlace, Complaint> {
         let at = &expression.at;
         if self.depth == DEEPEST {
             return Err(Complaint::new(at, format!("more than {DEEPEST} expressions in each other")));
@@ -121,7 +121,7 @@ impl<'a> Compiler<'a> {
     }
 
     /// A chain of operators from its first operand on: a long sum must not exhaust the stack.
-    fn operations(&mut self, expression: &Expression, view: View) -> Result<Place, Complaint> {
+    fn operations(&mut self, expression: &Expression, view: ObjectPair) -> Result<NodePlace, Complaint> {
         let mut chain = Vec::new();
         let mut first = expression;
         while let Term::Binary(operator, a, b) = &first.term {
@@ -144,7 +144,7 @@ impl<'a> Compiler<'a> {
     }
 
     /// `.x` and `.y`, one after the other, or a parameter of the other object.
-    fn parts(&mut self, expression: &Expression, view: View) -> Result<Place, Complaint> {
+    fn parts(&mut self, expression: &Expression, view: ObjectPair) -> Result<NodePlace, Complaint> {
         let mut chain = Vec::new();
         let mut first = expression;
         while let Term::Part(whole, name) = &first.term {
@@ -169,7 +169,7 @@ impl<'a> Compiler<'a> {
         Ok(place)
     }
 
-    fn name(&mut self, name: &str, at: &Span, view: View) -> Result<Place, Complaint> {
+    fn name(&mut self, name: &str, at: &TextSpan, view: ObjectPair) -> Result<NodePlace, Complaint> {
         let turns = self.coordinates == Coordinates::Angle;
         match name {
             "p" => self.state(true, Whose::Own, at, view),
@@ -178,8 +178,8 @@ impl<'a> Compiler<'a> {
             "spin" if turns => self.state(false, Whose::Own, at, view),
             "q" => self.state(true, Whose::Other, at, view),
             "w" => self.state(false, Whose::Other, at, view),
-            "u" => self.graph.given(Given::Action, false, Unit::Any, at),
-            "t" => self.graph.given(Given::Time, false, Unit::Of([0.0, 1.0]), at),
+            "u" => self.graph.given(ExternalInput::Action, false, Unit::Any, at),
+            "t" => self.graph.given(ExternalInput::Time, false, Unit::Of([0.0, 1.0]), at),
             "pi" => self.graph.number(PI, at),
             "other" => Err(Complaint::new(at, "the other object's parameter is written other.name")),
             _ => match of_object(name) {
@@ -198,9 +198,9 @@ impl<'a> Compiler<'a> {
         name: &'a str,
         text: &str,
         meaning: &Expression,
-        at: &Span,
-        view: View,
-    ) -> Result<Place, Complaint> {
+        at: &TextSpan,
+        view: ObjectPair,
+    ) -> Result<NodePlace, Complaint> {
         match self.defined.get(&(name, view)) {
             Some(Some(place)) => return Ok(*place),
             Some(None) => return Err(Complaint::new(at, format!("{name} is defined by itself"))),
@@ -212,21 +212,21 @@ impl<'a> Compiler<'a> {
     }
 
     /// A position or a velocity.
-    fn state(&mut self, position: bool, whose: Whose, at: &Span, view: View) -> Result<Place, Complaint> {
+    fn state(&mut self, position: bool, whose: Whose, at: &TextSpan, view: ObjectPair) -> Result<NodePlace, Complaint> {
         let given = match (whose, view.own, view.other) {
             (Whose::Own, Own::Each, _) => {
                 if position {
-                    Given::Positions
+                    ExternalInput::Positions
                 } else {
-                    Given::Velocities
+                    ExternalInput::Velocities
                 }
             }
             (Whose::Own, Own::One(object), _) | (Whose::Other, _, Other::One(object)) => of_one(position, object),
             (Whose::Other, _, Other::Each) => {
                 if position {
-                    Given::PositionsOfOthers
+                    ExternalInput::PositionsOfOthers
                 } else {
-                    Given::VelocitiesOfOthers
+                    ExternalInput::VelocitiesOfOthers
                 }
             }
             (Whose::Other, _, Other::Nobody) => {
@@ -238,7 +238,7 @@ impl<'a> Compiler<'a> {
         self.given_state(given, position, at)
     }
 
-    fn given_state(&mut self, given: Given, position: bool, at: &Span) -> Result<Place, Complaint> {
+    fn given_state(&mut self, given: ExternalInput, position: bool, at: &TextSpan) -> Result<NodePlace, Complaint> {
         let plane = self.coordinates == Coordinates::Position;
         let length = if plane { 1.0 } else { 0.0 };
         let unit = Unit::Of([length, if position { 0.0 } else { -1.0 }]);
@@ -246,7 +246,7 @@ impl<'a> Compiler<'a> {
     }
 
     /// `p1`, `v2`.
-    fn numbered(&mut self, letter: char, number: &str, at: &Span) -> Result<Place, Complaint> {
+    fn numbered(&mut self, letter: char, number: &str, at: &TextSpan) -> Result<NodePlace, Complaint> {
         let object = number.parse().ok().filter(|number| (1..=self.objects).contains(number));
         let Some(object) = object else {
             let objects = self.objects;
@@ -258,13 +258,13 @@ impl<'a> Compiler<'a> {
         self.given_state(of_one(letter == 'p', object - 1), letter == 'p', at)
     }
 
-    fn parameter(&mut self, name: &str, at: &Span, view: View) -> Result<Place, Complaint> {
+    fn parameter(&mut self, name: &str, at: &TextSpan, view: ObjectPair) -> Result<NodePlace, Complaint> {
         if let Some(first) = self.parameters.each.get(name) {
             return match view.own {
                 Own::One(object) => self.one_parameter(first + object, at),
                 Own::Each => {
                     self.used[*first..first + self.objects].fill(true);
-                    self.graph.given(Given::Parameters(*first), false, self.parameters.all[*first].unit, at)
+                    self.graph.given(ExternalInput::Parameters(*first), false, self.parameters.all[*first].unit, at)
                 }
             };
         }
@@ -274,13 +274,13 @@ impl<'a> Compiler<'a> {
         }
     }
 
-    fn one_parameter(&mut self, place: usize, at: &Span) -> Result<Place, Complaint> {
+    fn one_parameter(&mut self, place: usize, at: &TextSpan) -> Result<NodePlace, Complaint> {
         self.used[place] = true;
-        self.graph.given(Given::Parameter(place), false, self.parameters.all[place].unit, at)
+        self.graph.given(ExternalInput::Parameter(place), false, self.parameters.all[place].unit, at)
     }
 
     /// `other.m`.
-    fn parameter_of_other(&mut self, name: &str, at: &Span, view: View) -> Result<Place, Complaint> {
+    fn parameter_of_other(&mut self, name: &str, at: &TextSpan, view: ObjectPair) -> Result<NodePlace, Complaint> {
         if view.other == Other::Nobody {
             return Err(Complaint::new(at, "there is an other object only inside others(..)"));
         }
@@ -293,13 +293,13 @@ impl<'a> Compiler<'a> {
             Other::One(object) => self.one_parameter(first + object, at),
             _ => {
                 self.used[*first..first + self.objects].fill(true);
-                self.graph.given(Given::ParametersOfOthers(*first), false, self.parameters.all[*first].unit, at)
+                self.graph.given(ExternalInput::ParametersOfOthers(*first), false, self.parameters.all[*first].unit, at)
             }
         }
     }
 
     /// All names that mean something, for people to read.
-    fn known(&self, view: View) -> String {
+    fn known(&self, view: ObjectPair) -> String {
         let mut names = vec!["p", "v"];
         if self.coordinates == Coordinates::Angle {
             names.extend(["angle", "spin"]);
@@ -314,7 +314,13 @@ impl<'a> Compiler<'a> {
         names.join(", ")
     }
 
-    fn call(&mut self, name: &str, arguments: &[Expression], at: &Span, view: View) -> Result<Place, Complaint> {
+    fn call(
+        &mut self,
+        name: &str,
+        arguments: &[Expression],
+        at: &TextSpan,
+        view: ObjectPair,
+    ) -> Result<NodePlace, Complaint> {
         let Some(function) = Function::named(name) else {
             let known: Vec<_> = FUNCTIONS.iter().map(|(known, _)| *known).collect();
             let what = format!("unknown function {name:?}; known are {}", known.join(", "));
@@ -343,7 +349,7 @@ impl<'a> Compiler<'a> {
     }
 
     /// The sum over all other objects.
-    fn others(&mut self, term: &Expression, at: &Span, view: View) -> Result<Place, Complaint> {
+    fn others(&mut self, term: &Expression, at: &TextSpan, view: ObjectPair) -> Result<NodePlace, Complaint> {
         if view.other != Other::Nobody {
             return Err(Complaint::new(at, "others(..) cannot stand inside others(..)"));
         }
@@ -352,7 +358,7 @@ impl<'a> Compiler<'a> {
         }
         match view.own {
             Own::Each => {
-                let place = self.expression(term, View { other: Other::Each, ..view })?;
+                let place = self.expression(term, ObjectPair { other: Other::Each, ..view })?;
                 if self.graph.nodes[place].extent == Extent::Pairs {
                     return self.graph.unary(Unary::OverOthers, place, at);
                 }
@@ -363,7 +369,7 @@ impl<'a> Compiler<'a> {
             Own::One(own) => {
                 let mut sum = None;
                 for object in (0..self.objects).filter(|object| *object != own) {
-                    let place = self.expression(term, View { other: Other::One(object), ..view })?;
+                    let place = self.expression(term, ObjectPair { other: Other::One(object), ..view })?;
                     sum = Some(match sum {
                         Some(sum) => self.graph.binary(Binary::Plus, sum, place, at)?,
                         None => place,
@@ -382,6 +388,6 @@ enum Whose {
     Other,
 }
 
-fn of_one(position: bool, object: usize) -> Given {
-    if position { Given::PositionOf(object) } else { Given::VelocityOf(object) }
+fn of_one(position: bool, object: usize) -> ExternalInput {
+    if position { ExternalInput::PositionOf(object) } else { ExternalInput::VelocityOf(object) }
 }

@@ -3,19 +3,19 @@
 use std::ops::Range;
 
 /// A place in a text, in bytes.
-pub(super) type Span = Range<usize>;
+pub(super) type TextSpan = Range<usize>;
 
 /// What is wrong at a place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Complaint {
-    pub at: Span,
+    pub at: TextSpan,
     pub what: String,
     /// Name and text of the definition in which the place is; none of the acceleration itself.
     pub definition: Option<(String, String)>,
 }
 
 impl Complaint {
-    pub(super) fn new(at: &Span, what: impl Into<String>) -> Self {
+    pub(super) fn new(at: &TextSpan, what: impl Into<String>) -> Self {
         Complaint { at: at.clone(), what: what.into(), definition: None }
     }
 
@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn a_complaint_shows_its_place() {
-        let shown = |at: Span, text: &str| Complaint::new(&at, "wrong").shown(text);
+        let shown = |at: TextSpan, text: &str| Complaint::new(&at, "wrong").shown(text);
         assert_eq!(shown(2..4, "a bc d"), "column 3: wrong\n  a bc d\n    ^^");
         assert_eq!(shown(6..9, "ab +\n cde"), "line 2, column 2: wrong\n   cde\n   ^^^");
         // At the end there is nothing to mark; letters of several bytes count once.

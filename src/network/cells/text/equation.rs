@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::compile::Compiler;
-use super::evaluate::Program;
+use super::evaluate::CompiledEquation;
 use super::parameters::{Parameters, check_name};
 use super::parse::{Expression, parse};
 use super::table::{Accelerations, EquationTable};
@@ -24,7 +24,7 @@ pub struct Equation {
     pub(super) parameters: Vec<PhysicalParameter>,
     /// Places of the parameters that each object has, the first object's.
     of_each: Vec<usize>,
-    pub(super) program: Program,
+    pub(super) program: CompiledEquation,
     pub(super) walls: Option<TextWalls>,
     /// Whether the parameters are computed in every substep instead of once for a roll-out. Their gradients then round as those
     /// of the original, which does so.
@@ -161,7 +161,7 @@ impl Equation {
         if let Some(unused) = compiler.unused_definition() {
             bail!("where: no acceleration names {unused}; use it, or take it out");
         }
-        let program = Program::new(compiler.graph, accelerations, objects);
+        let program = CompiledEquation::new(compiler.graph, accelerations, objects);
         ensure!(
             !(program.acts() && program.tells_time()),
             "the equation names both u and t, and a dataset holds one number for each frame: what acts, or its time"

@@ -2,16 +2,16 @@
 
 use tch::{Device, Kind, Tensor};
 
-use super::arithmetic::{self, Value};
-use super::graph::{Given, Graph, Operation, Place};
+use super::arithmetic::{self, Operand};
+use super::graph::{ExternalInput, Graph, NodePlace, Operation};
 use super::operation::Binary;
 
 /// The operations of an equation, ready to be computed.
 #[derive(Debug)]
-pub(super) struct Program {
+pub(super) struct CompiledEquation {
     pub graph: Graph,
     /// The acceleration of all objects, or that of each.
-    pub accelerations: Vec<Place>,
+    pub accelerations: Vec<NodePlace>,
     pub objects: usize,
     /// Whether values have an axis for objects. Without it each is about one object: `[batch, coordinates]`.
     by_object: bool,
@@ -24,7 +24,7 @@ pub(super) struct Constants {
     /// Each object's others, `[objects * others]`.
     others: Tensor,
     /// By node; none of those that change with the state.
-    values: Vec<Option<Value>>,
+    values: Vec<Option<Operand>>,
 }
 
 /// A state, positions and velocities `[batch, objects * coordinates]` each.
@@ -38,20 +38,20 @@ pub(super) struct Instant<'a> {
 }
 
 /// The same with the axes of an equation's values: `[batch, objects, coordinates]` or `[batch, coordinates]`.
-struct Grid {
+struct StateAxes {
     pos: Tensor,
     vel: Tensor,
     coordinates: i64,
 }
 
 /// Values of nodes while they are computed.
-struct Values<'a> {
-    constants: &'a [Option<Value>],
-    moving: Vec<Option<Value>>,
+struct NodeValues<'a> {
+    constants: &'a [Option<Operand>],
+    moving: Vec<Option<Operand>>,
 }
 
-impl Values<'_> {
-    fn at(&self, place: Place) -> &Value {
+impl NodeValues<'_> {
+    fn at(&self, place: NodePlace) -> &Operand {
         let value = self.moving[place].as_ref().or(self.constants.get(place).and_then(Option::as_ref));
         value.expect("operands stand before what they are used in")
     }
@@ -64,34 +64,38 @@ impl Constants {
     }
 }
 
-impl Program {
-    pub(super) fn new(graph: Graph, accelerations: Vec<Place>, objects: usize) -> Self {
+impl CompiledEquation {
+    pub(super) fn new(graph: Graph, accelerations: Vec<NodePlace>, objects: usize) -> Self {
         let of_one = |given| match given {
-            Given::Parameter(_) | Given::Action | Given::Time | Given::PositionOf(_) | Given::VelocityOf(_) => true,
+            ExternalInput::Parameter(_)
+            | ExternalInput::Action
+            | ExternalInput::Time
+            | ExternalInput::PositionOf(_)
+            | ExternalInput::VelocityOf(_) => true,
             _ => objects == 1,
         };
         let of_one = |operation| !matches!(operation, Operation::Given(given) if !of_one(given));
         let apart = accelerations.len() == objects && graph.nodes.iter().all(|node| of_one(node.operation));
-        Program { graph, accelerations, objects, by_object: !apart }
+        CompiledEquation { graph, accelerations, objects, by_object: !apart }
     }
 
     /// Whether anything acts from outside.
     pub(super) fn acts(&self) -> bool {
-        self.names(Given::Action)
+        self.names(ExternalInput::Action)
     }
 
     /// Whether the time is in it.
     pub(super) fn tells_time(&self) -> bool {
-        self.names(Given::Time)
+        self.names(ExternalInput::Time)
     }
 
     /// Whether the position or velocity of a given object is in it.
     pub(super) fn names_objects(&self) -> bool {
-        let named = |given| matches!(given, Given::PositionOf(_) | Given::VelocityOf(_));
+        let named = |given| matches!(given, ExternalInput::PositionOf(_) | ExternalInput::VelocityOf(_));
         self.graph.nodes.iter().any(|node| matches!(node.operation, Operation::Given(given) if named(given)))
     }
 
-    fn names(&self, given: Given) -> bool {
+    fn names(&self, given: ExternalInput) -> bool {
         self.graph.nodes.iter().any(|node| node.operation == Operation::Given(given))
     }
 
@@ -108,10 +112,10 @@ impl Program {
     }
 
     fn with_parameters(&self, parameters: &[Tensor], others: Tensor, options: (Kind, Device)) -> Constants {
-        let mut values = Values { constants: &[], moving: Vec::with_capacity(self.graph.nodes.len()) };
+        let mut values = NodeValues { constants: &[], moving: Vec::with_capacity(self.graph.nodes.len()) };
         for node in &self.graph.nodes {
             let value = (!node.moves).then(|| match node.operation {
-                Operation::Given(given) => Value::Tensor(self.parameter(given, parameters, &others)),
+                Operation::Given(given) => Operand::Tensor(self.parameter(given, parameters, &others)),
                 operation => computed(operation, &values, options),
             });
             values.moving.push(value);
@@ -128,23 +132,24 @@ impl Program {
             true => x.reshape([batch, objects, coordinates]),
             false => x.shallow_clone(),
         };
-        let grid = Grid { pos: axes(at.pos), vel: axes(at.vel), coordinates };
-        let mut values = Values { constants: &constants.values, moving: Vec::with_capacity(self.graph.nodes.len()) };
+        let grid = StateAxes { pos: axes(at.pos), vel: axes(at.vel), coordinates };
+        let mut values =
+            NodeValues { constants: &constants.values, moving: Vec::with_capacity(self.graph.nodes.len()) };
         for node in &self.graph.nodes {
             let value = node.moves.then(|| match node.operation {
-                Operation::Given(given) => Value::Tensor(self.of_state(given, constants, &grid, at)),
+                Operation::Given(given) => Operand::Tensor(self.of_state(given, constants, &grid, at)),
                 operation => computed(operation, &values, constants.options),
             });
             values.moving.push(value);
         }
-        let result = |place: Place| values.at(place).tensor(constants.options);
+        let result = |place: NodePlace| values.at(place).tensor(constants.options);
         match self.accelerations[..] {
             [of_all] if self.by_object => {
                 of_shape(result(of_all), &[batch, objects, coordinates]).reshape([batch, objects * coordinates])
             }
             [of_one] => of_shape(result(of_one), &[batch, coordinates]),
             ref of_each => {
-                let row = |place: &Place| match self.by_object {
+                let row = |place: &NodePlace| match self.by_object {
                     true => of_shape(result(*place), &[batch, 1, coordinates]).squeeze_dim(1),
                     false => of_shape(result(*place), &[batch, coordinates]),
                 };
@@ -153,20 +158,20 @@ impl Program {
         }
     }
 
-    fn parameter(&self, given: Given, parameters: &[Tensor], others: &Tensor) -> Tensor {
+    fn parameter(&self, given: ExternalInput, parameters: &[Tensor], others: &Tensor) -> Tensor {
         let objects = self.objects as i64;
         let row = |first: usize| Tensor::stack(&parameters[first..first + self.objects], 0);
         match given {
-            Given::Parameter(place) => parameters[place].shallow_clone(),
-            Given::Parameters(first) => row(first).reshape([1, objects, 1]),
-            Given::ParametersOfOthers(first) => {
+            ExternalInput::Parameter(place) => parameters[place].shallow_clone(),
+            ExternalInput::Parameters(first) => row(first).reshape([1, objects, 1]),
+            ExternalInput::ParametersOfOthers(first) => {
                 row(first).index_select(0, others).reshape([1, objects, objects - 1, 1])
             }
             _ => unreachable!("a state is no parameter"),
         }
     }
 
-    fn of_state(&self, given: Given, constants: &Constants, grid: &Grid, at: &Instant) -> Tensor {
+    fn of_state(&self, given: ExternalInput, constants: &Constants, grid: &StateAxes, at: &Instant) -> Tensor {
         let of_others = |x: &Tensor| {
             // Of two objects each other's is the row turned round.
             if self.objects == 2 {
@@ -185,13 +190,13 @@ impl Program {
             false => x.narrow(1, object as i64 * grid.coordinates, grid.coordinates),
         };
         match given {
-            Given::Positions => grid.pos.shallow_clone(),
-            Given::Velocities => grid.vel.shallow_clone(),
-            Given::PositionOf(object) => of_one(&grid.pos, object),
-            Given::VelocityOf(object) => of_one(&grid.vel, object),
-            Given::PositionsOfOthers => of_others(&grid.pos),
-            Given::VelocitiesOfOthers => of_others(&grid.vel),
-            Given::Time => held() + at.since,
+            ExternalInput::Positions => grid.pos.shallow_clone(),
+            ExternalInput::Velocities => grid.vel.shallow_clone(),
+            ExternalInput::PositionOf(object) => of_one(&grid.pos, object),
+            ExternalInput::VelocityOf(object) => of_one(&grid.vel, object),
+            ExternalInput::PositionsOfOthers => of_others(&grid.pos),
+            ExternalInput::VelocitiesOfOthers => of_others(&grid.vel),
+            ExternalInput::Time => held() + at.since,
             _ => held(),
         }
     }
@@ -202,16 +207,16 @@ fn of_shape(x: Tensor, shape: &[i64]) -> Tensor {
     if x.size() == shape { x } else { x.expand(shape, false) }
 }
 
-fn computed(operation: Operation, values: &Values, options: (Kind, Device)) -> Value {
+fn computed(operation: Operation, values: &NodeValues, options: (Kind, Device)) -> Operand {
     match operation {
-        Operation::Number(bits) => Value::Number(f64::from_bits(bits)),
-        Operation::Unary(operation, of) => Value::Tensor(arithmetic::unary(operation, values.at(of), options)),
+        Operation::Number(bits) => Operand::Number(f64::from_bits(bits)),
+        Operation::Unary(operation, of) => Operand::Tensor(arithmetic::unary(operation, values.at(of), options)),
         // A square: one product backward instead of two.
         Operation::Binary(Binary::Dot, a, b) if a == b => {
-            Value::Tensor(arithmetic::squared_norm(&values.at(a).tensor(options)))
+            Operand::Tensor(arithmetic::squared_norm(&values.at(a).tensor(options)))
         }
         Operation::Binary(operation, a, b) => {
-            Value::Tensor(arithmetic::binary(operation, values.at(a), values.at(b), options))
+            Operand::Tensor(arithmetic::binary(operation, values.at(a), values.at(b), options))
         }
         Operation::Given(_) => unreachable!("given values are not computed"),
     }

@@ -6,20 +6,20 @@ use std::collections::HashMap;
 
 use tch::{Device, Kind};
 
-use super::arithmetic::{self, Value};
-use super::complaint::{Complaint, Span};
-use super::operation::{Binary, Known, Unary};
+use super::arithmetic::{self, Operand};
+use super::complaint::{Complaint, TextSpan};
+use super::operation::{Binary, ExpressionFacts, Unary};
 use super::units::Unit;
 
 /// Most nodes of an equation.
 const MOST_NODES: usize = 10_000;
 
 /// A node's place among all nodes.
-pub(super) type Place = usize;
+pub(super) type NodePlace = usize;
 
 /// What comes from outside the equation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum Given {
+pub(super) enum ExternalInput {
     /// One parameter, a scalar.
     Parameter(usize),
     /// That of each object, `[1, objects, 1]`; the first of them stands here.
@@ -41,17 +41,22 @@ pub(super) enum Given {
     Time,
 }
 
-impl Given {
+impl ExternalInput {
     fn extent(self) -> Extent {
         match self {
-            Given::Parameter(_) => Extent::Shared,
-            Given::ParametersOfOthers(_) | Given::PositionsOfOthers | Given::VelocitiesOfOthers => Extent::Pairs,
+            ExternalInput::Parameter(_) => Extent::Shared,
+            ExternalInput::ParametersOfOthers(_)
+            | ExternalInput::PositionsOfOthers
+            | ExternalInput::VelocitiesOfOthers => Extent::Pairs,
             _ => Extent::Objects,
         }
     }
 
     fn moves(self) -> bool {
-        !matches!(self, Given::Parameter(_) | Given::Parameters(_) | Given::ParametersOfOthers(_))
+        !matches!(
+            self,
+            ExternalInput::Parameter(_) | ExternalInput::Parameters(_) | ExternalInput::ParametersOfOthers(_)
+        )
     }
 }
 
@@ -70,9 +75,9 @@ pub(super) enum Extent {
 pub(super) enum Operation {
     /// The bits of a number.
     Number(u64),
-    Given(Given),
-    Unary(Unary, Place),
-    Binary(Binary, Place, Place),
+    Given(ExternalInput),
+    Unary(Unary, NodePlace),
+    Binary(Binary, NodePlace, NodePlace),
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -86,8 +91,8 @@ pub(super) struct Node {
 }
 
 impl Node {
-    fn known(&self) -> Known {
-        Known { vector: self.vector, unit: self.unit, number: self.number() }
+    fn known(&self) -> ExpressionFacts {
+        ExpressionFacts { vector: self.vector, unit: self.unit, number: self.number() }
     }
 
     pub(super) fn number(&self) -> Option<f64> {
@@ -102,11 +107,11 @@ impl Node {
 #[derive(Debug, Default)]
 pub(super) struct Graph {
     pub nodes: Vec<Node>,
-    places: HashMap<Operation, Place>,
+    places: HashMap<Operation, NodePlace>,
 }
 
 impl Graph {
-    pub(super) fn number(&mut self, number: f64, at: &Span) -> Result<Place, Complaint> {
+    pub(super) fn number(&mut self, number: f64, at: &TextSpan) -> Result<NodePlace, Complaint> {
         if !number.is_finite() {
             return Err(Complaint::new(at, format!("this is {number}, not a finite number")));
         }
@@ -114,18 +119,24 @@ impl Graph {
         self.put(Node { operation, vector: false, extent: Extent::Shared, unit: Unit::Literal, moves: false }, at)
     }
 
-    pub(super) fn given(&mut self, given: Given, vector: bool, unit: Unit, at: &Span) -> Result<Place, Complaint> {
+    pub(super) fn given(
+        &mut self,
+        given: ExternalInput,
+        vector: bool,
+        unit: Unit,
+        at: &TextSpan,
+    ) -> Result<NodePlace, Complaint> {
         let operation = Operation::Given(given);
         self.put(Node { operation, vector, extent: given.extent(), unit, moves: given.moves() }, at)
     }
 
     /// # Errors
     /// An operand of a rank or unit that does not fit.
-    pub(super) fn unary(&mut self, operation: Unary, of: Place, at: &Span) -> Result<Place, Complaint> {
+    pub(super) fn unary(&mut self, operation: Unary, of: NodePlace, at: &TextSpan) -> Result<NodePlace, Complaint> {
         let node = self.nodes[of];
         let (vector, unit) = operation.check(node.known()).map_err(|what| Complaint::new(at, what))?;
         if let Some(number) = node.number() {
-            let value = arithmetic::unary(operation, &Value::Number(number), (Kind::Double, Device::Cpu));
+            let value = arithmetic::unary(operation, &Operand::Number(number), (Kind::Double, Device::Cpu));
             return self.number(value.double_value(&[0]), at);
         }
         let extent = match operation {
@@ -138,11 +149,17 @@ impl Graph {
 
     /// # Errors
     /// Operands that do not go together.
-    pub(super) fn binary(&mut self, operation: Binary, a: Place, b: Place, at: &Span) -> Result<Place, Complaint> {
+    pub(super) fn binary(
+        &mut self,
+        operation: Binary,
+        a: NodePlace,
+        b: NodePlace,
+        at: &TextSpan,
+    ) -> Result<NodePlace, Complaint> {
         let known = [a, b].map(|place| self.nodes[place].known());
         let (vector, unit) = operation.check(known[0], known[1]).map_err(|what| Complaint::new(at, what))?;
         if let ([Some(x), Some(y)], false) = (known.map(|known| known.number), vector) {
-            let [x, y] = [x, y].map(Value::Number);
+            let [x, y] = [x, y].map(Operand::Number);
             let value = arithmetic::binary(operation, &x, &y, (Kind::Double, Device::Cpu));
             return self.number(value.double_value(&[0]), at);
         }
@@ -153,14 +170,14 @@ impl Graph {
     }
 
     /// What each object has, for each pair where pairs are computed with.
-    fn spread(&mut self, place: Place, extent: Extent, at: &Span) -> Result<Place, Complaint> {
+    fn spread(&mut self, place: NodePlace, extent: Extent, at: &TextSpan) -> Result<NodePlace, Complaint> {
         match (self.nodes[place].extent, extent) {
             (Extent::Objects, Extent::Pairs) => self.unary(Unary::ForOthers, place, at),
             _ => Ok(place),
         }
     }
 
-    fn put(&mut self, node: Node, at: &Span) -> Result<Place, Complaint> {
+    fn put(&mut self, node: Node, at: &TextSpan) -> Result<NodePlace, Complaint> {
         if let Some(place) = self.places.get(&node.operation) {
             return Ok(*place);
         }

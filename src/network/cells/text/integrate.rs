@@ -20,12 +20,12 @@ use crate::network::cells::state::{State, Walls};
 pub struct TextCell {
     equation: Arc<Equation>,
     /// Scalars, in the order of the equation's parameters.
-    raw: Vec<Tensor>,
+    unconstrained: Vec<Tensor>,
     walls: Walls,
 }
 
 /// A roll-out under way.
-struct Run<'a> {
+struct TextRollOut<'a> {
     cell: &'a TextCell,
     constants: Constants,
     barrier: Option<Barrier>,
@@ -40,24 +40,31 @@ struct Barrier {
 }
 
 impl TextCell {
-    /// The cell with these raw parameters (scalars, one for each).
-    pub fn new(equation: &Arc<Equation>, raw: &[Tensor], walls: Walls) -> Self {
-        TextCell { equation: equation.clone(), raw: raw.iter().map(Tensor::shallow_clone).collect(), walls }
+    /// The cell with these unconstrained parameters (scalars, one for each).
+    pub fn new(equation: &Arc<Equation>, unconstrained: &[Tensor], walls: Walls) -> Self {
+        TextCell {
+            equation: equation.clone(),
+            unconstrained: unconstrained.iter().map(Tensor::shallow_clone).collect(),
+            walls,
+        }
     }
 
     /// The values of the parameters, scalars.
     fn parameters(&self) -> Vec<Tensor> {
         let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
-        bounds.zip(&self.raw).map(|(bounds, raw)| bounds.values(raw)).collect()
+        bounds.zip(&self.unconstrained).map(|(bounds, unconstrained)| bounds.values(unconstrained)).collect()
     }
 
     /// The same as numbers.
     fn values(&self) -> Vec<f64> {
         let bounds = self.equation.parameters.iter().map(|parameter| parameter.bounds);
-        bounds.zip(&self.raw).map(|(bounds, raw)| bounds.value(raw.double_value(&[]))).collect()
+        bounds
+            .zip(&self.unconstrained)
+            .map(|(bounds, unconstrained)| bounds.value(unconstrained.double_value(&[])))
+            .collect()
     }
 
-    fn begin(&self, state: &State) -> Run<'_> {
+    fn begin(&self, state: &State) -> TextRollOut<'_> {
         let (parameters, options) = (self.parameters(), (state.pos.kind(), state.pos.device()));
         let constants = self.equation.program.constants(&parameters, options);
         let barrier = |walls: &TextWalls| Barrier {
@@ -67,7 +74,7 @@ impl TextCell {
             }),
             left: walls.left_tensor(&parameters, options),
         };
-        Run { cell: self, constants, barrier: self.equation.walls.as_ref().map(barrier) }
+        TextRollOut { cell: self, constants, barrier: self.equation.walls.as_ref().map(barrier) }
     }
 }
 
@@ -119,7 +126,7 @@ impl Cell for TextCell {
     }
 }
 
-impl Run<'_> {
+impl TextRollOut<'_> {
     fn frame(&self, state: &State, held: Option<&Tensor>, dt: f64) -> State {
         let substeps = self.cell.equation.table.substeps;
         self.go_on(state, held, dt / substeps as f64, substeps)

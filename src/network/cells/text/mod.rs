@@ -27,7 +27,7 @@ mod walls;
 
 pub use equation::{Equation, PlainForms};
 pub use plain::{Ensemble, SingleEquation};
-pub use table::{Accelerations, EquationTable, Given, ParameterTable, Sides, WallTable};
+pub use table::{Accelerations, EquationTable, ParameterTable, Sides, TableNumber, WallTable};
 
 pub(super) use integrate::TextCell;
 pub(super) use scalars::listing;

@@ -90,7 +90,7 @@ impl Function {
 
 /// What the checks know of an expression.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Known {
+pub(super) struct ExpressionFacts {
     /// Otherwise it is a scalar.
     pub vector: bool,
     pub unit: Unit,
@@ -98,7 +98,7 @@ pub(super) struct Known {
     pub number: Option<f64>,
 }
 
-impl Known {
+impl ExpressionFacts {
     fn rank(self) -> &'static str {
         if self.vector { "a vector" } else { "a scalar" }
     }
@@ -113,7 +113,7 @@ impl Unary {
     ///
     /// # Errors
     /// An operand of another rank or unit.
-    pub(super) fn check(self, of: Known) -> Result<(bool, Unit), String> {
+    pub(super) fn check(self, of: ExpressionFacts) -> Result<(bool, Unit), String> {
         let unit = of.unit;
         match self {
             Unary::Part(_) | Unary::Norm | Unary::Perp if !of.vector => {
@@ -149,13 +149,13 @@ impl Unary {
                         "this has the unit {unit} (powers of length and time); a plain number is needed"
                     ));
                 }
-                Ok(Known::scalar(Unit::NONE))
+                Ok(ExpressionFacts::scalar(Unit::NONE))
             }
             Unary::Negative | Unary::Perp | Unary::ForOthers | Unary::OverOthers => Ok((of.vector, unit)),
-            Unary::Part(_) | Unary::Norm | Unary::Abs => Ok(Known::scalar(unit)),
-            Unary::Sqrt => Ok(Known::scalar(unit.raised(0.5))),
-            Unary::Square => Ok(Known::scalar(unit.raised(2.0))),
-            Unary::Sign => Ok(Known::scalar(Unit::NONE)),
+            Unary::Part(_) | Unary::Norm | Unary::Abs => Ok(ExpressionFacts::scalar(unit)),
+            Unary::Sqrt => Ok(ExpressionFacts::scalar(unit.raised(0.5))),
+            Unary::Square => Ok(ExpressionFacts::scalar(unit.raised(2.0))),
+            Unary::Sign => Ok(ExpressionFacts::scalar(Unit::NONE)),
         }
     }
 }
@@ -165,7 +165,7 @@ impl Binary {
     ///
     /// # Errors
     /// Operands that do not go together.
-    pub(super) fn check(self, a: Known, b: Known) -> Result<(bool, Unit), String> {
+    pub(super) fn check(self, a: ExpressionFacts, b: ExpressionFacts) -> Result<(bool, Unit), String> {
         match self {
             Binary::Plus | Binary::Minus => {
                 if a.vector != b.vector {
@@ -193,7 +193,7 @@ impl Binary {
                 if !(a.vector && b.vector) {
                     return Err(format!("two vectors are needed, not {} and {}", a.rank(), b.rank()));
                 }
-                Ok(Known::scalar(a.unit.times(b.unit)))
+                Ok(ExpressionFacts::scalar(a.unit.times(b.unit)))
             }
             Binary::Vec | Binary::Atan2 | Binary::Min | Binary::Max => {
                 if a.vector || b.vector {
@@ -206,13 +206,13 @@ impl Binary {
     }
 }
 
-fn same_unit(a: Known, b: Known) -> Result<Unit, String> {
+fn same_unit(a: ExpressionFacts, b: ExpressionFacts) -> Result<Unit, String> {
     a.unit
         .plus(b.unit)
         .ok_or_else(|| format!("units {} and {} (powers of length and time) cannot be put together", a.unit, b.unit))
 }
 
-fn power(base: Known, exponent: Known) -> Result<(bool, Unit), String> {
+fn power(base: ExpressionFacts, exponent: ExpressionFacts) -> Result<(bool, Unit), String> {
     if base.vector || exponent.vector {
         return Err("a power is of scalars; the square of a vector is dot(a, a)".into());
     }
@@ -220,8 +220,8 @@ fn power(base: Known, exponent: Known) -> Result<(bool, Unit), String> {
         return Err(format!("the exponent has the unit {} (powers of length and time)", exponent.unit));
     }
     match exponent.number {
-        Some(number) => Ok(Known::scalar(base.unit.raised(number))),
-        None if base.unit.is_none() => Ok(Known::scalar(base.unit)),
+        Some(number) => Ok(ExpressionFacts::scalar(base.unit.raised(number))),
+        None if base.unit.is_none() => Ok(ExpressionFacts::scalar(base.unit)),
         None => Err(format!(
             "what has a unit, here {} (powers of length and time), needs a number as its exponent; divide it by a \
              quantity of its unit first",

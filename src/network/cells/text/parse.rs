@@ -5,7 +5,7 @@ use pest::error::{ErrorVariant, InputLocation};
 use pest::iterators::{Pair, Pairs};
 use pest_derive::Parser;
 
-use super::complaint::{Complaint, Span};
+use super::complaint::{Complaint, TextSpan};
 
 /// Longest text, bytes.
 const LONGEST: usize = 4000;
@@ -19,7 +19,7 @@ struct Grammar;
 /// A part of a text and what it says.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Expression {
-    pub at: Span,
+    pub at: TextSpan,
     pub term: Term,
 }
 
@@ -131,7 +131,7 @@ fn next<'a>(pairs: &mut Pairs<'a, Rule>) -> Pair<'a, Rule> {
     pairs.next().expect("the grammar has it there")
 }
 
-fn span(pair: &Pair<Rule>) -> Span {
+fn span(pair: &Pair<Rule>) -> TextSpan {
     pair.as_span().start()..pair.as_span().end()
 }
 
@@ -155,7 +155,7 @@ fn expression(pair: Pair<Rule>) -> Expression {
     }
 }
 
-fn call(at: Span, mut inner: Pairs<Rule>) -> Expression {
+fn call(at: TextSpan, mut inner: Pairs<Rule>) -> Expression {
     let name = next(&mut inner).as_str().to_string();
     let arguments = inner.filter(|pair| pair.as_rule() == Rule::sum).map(expression).collect();
     Expression { at, term: Term::Call(name, arguments) }
@@ -170,7 +170,7 @@ fn part(mut inner: Pairs<Rule>) -> Expression {
 }
 
 /// Any number of signs, of which only whether the minus signs are even or odd counts.
-fn signed(at: Span, inner: Pairs<Rule>) -> Expression {
+fn signed(at: TextSpan, inner: Pairs<Rule>) -> Expression {
     let mut minuses = 0;
     let mut of = None;
     for pair in inner {

@@ -7,12 +7,12 @@ use super::columns::{Columns, Moment, Number};
 use super::equation::Equation;
 use super::walls::{LEAST_RESTITUTION, TextWalls};
 use crate::network::cells::impact::{Single, turned_back};
-use crate::network::cells::integrands::{OnRows, Row};
+use crate::network::cells::integrands::{NumberRow, OnRows};
 use crate::network::cells::plain::PlainCell;
 use crate::network::cells::state::Walls;
 
-/// An equation with the values (not the raw numbers) of its parameters. States stand side by side, positions and velocities
-/// `[coordinates * objects, batch]` each.
+/// An equation with the values (not the unconstrained parameters) of its parameters. States stand side by side, positions
+/// and velocities `[coordinates * objects, batch]` each.
 #[derive(Debug)]
 pub(super) struct PlainText<F> {
     equation: Arc<Equation>,
@@ -85,7 +85,7 @@ impl<F: Number> PlainText<F> {
                 into.copy_from_slice(columns.column(place, object, coordinate));
             }
         };
-        table.integrator.step(&mut OnRows { accelerate, spare }, [Row::Lent(pos), Row::Lent(vel)], h);
+        table.integrator.step(&mut OnRows { accelerate, spare }, [NumberRow::Lent(pos), NumberRow::Lent(vel)], h);
     }
 
     /// Turns back what has passed a wall in a time `h`, with what is left of its speed. Coordinates stand one after the other,
@@ -122,7 +122,7 @@ impl<F: Number> PlainCell<F> for PlainText<F> {
 pub struct SingleEquation(PlainText<f64>);
 
 impl SingleEquation {
-    /// The equation with these values (not the raw numbers) of its parameters.
+    /// The equation with these values (not the unconstrained parameters) of its parameters.
     pub fn new(equation: &Arc<Equation>, parameters: &[f64], walls: Walls) -> Self {
         SingleEquation(PlainText::new(equation, parameters.to_vec(), walls))
     }
@@ -150,7 +150,8 @@ pub struct Ensemble {
 }
 
 impl Ensemble {
-    /// The equation with these values (not the raw numbers) of its parameters: one for all of the `size` states, or one for each.
+    /// The equation with these values (not the unconstrained parameters) of its parameters: one for all of the `size`
+    /// states, or one for each.
     pub fn new(equation: &Arc<Equation>, parameters: Vec<Vec<f64>>, walls: Walls, size: usize) -> Self {
         Ensemble { plain: PlainText::of_each(equation, parameters, walls), nothing: vec![0.0; size] }
     }

@@ -30,7 +30,7 @@ pub struct EquationTable {
     pub walls: WallTable,
     /// What is left of the speed towards a wall; 1 if nothing is said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub restitution: Option<Given>,
+    pub restitution: Option<TableNumber>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, ParameterTable>,
 }
@@ -54,7 +54,7 @@ pub enum Accelerations {
 /// A number beside the accelerations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "a number, or the name of a parameter")]
-pub enum Given {
+pub enum TableNumber {
     Number(f64),
     Parameter(String),
 }
@@ -80,20 +80,20 @@ impl Default for WallTable {
 #[serde(deny_unknown_fields)]
 pub struct Sides {
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub left: Option<Given>,
+    pub left: Option<TableNumber>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub right: Option<Given>,
+    pub right: Option<TableNumber>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub top: Option<Given>,
+    pub top: Option<TableNumber>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub bottom: Option<Given>,
+    pub bottom: Option<TableNumber>,
 }
 
 impl Sides {
     /// Multiplies places that are given as numbers.
     pub fn scale(&mut self, factor: f64) {
         for given in [&mut self.left, &mut self.right, &mut self.top, &mut self.bottom] {
-            if let Some(Given::Number(place)) = given {
+            if let Some(TableNumber::Number(place)) = given {
                 *place *= factor;
             }
         }
@@ -109,7 +109,7 @@ impl EquationTable {
         let WallTable::At(Sides { left, right, top, bottom }) = &self.walls else { return Ok(()) };
         let side = side as f64;
         for (name, wall) in [("left", left), ("right", right), ("top", top), ("bottom", bottom)] {
-            if let Some(Given::Number(place)) = wall {
+            if let Some(TableNumber::Number(place)) = wall {
                 ensure!(
                     (-side..=2.0 * side).contains(place),
                     "walls.{name} = {place}: expected {} to {}, in or beside the frame of {side} pixels",

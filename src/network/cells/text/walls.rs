@@ -4,7 +4,7 @@ use anyhow::{Context, Result, ensure};
 use tch::{Kind, Tensor};
 
 use super::parameters::Parameters;
-use super::table::{EquationTable, Given, WallTable};
+use super::table::{EquationTable, TableNumber, WallTable};
 use super::units::Unit;
 use crate::network::cells::state::{Coordinates, Walls};
 
@@ -13,7 +13,7 @@ pub(super) const LEAST_RESTITUTION: f64 = 0.1;
 
 /// A number that the table gives, or a parameter by its place.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Value {
+pub(super) enum WallNumber {
     Number(f64),
     Parameter(usize),
 }
@@ -22,24 +22,24 @@ pub(super) enum Value {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TextWalls {
     /// Left and top, right and bottom, where the table says; the frame's edges where it does not.
-    pub(super) stand: Option<[[Option<Value>; 2]; 2]>,
+    pub(super) stand: Option<[[Option<WallNumber>; 2]; 2]>,
     /// What is left of the speed towards a wall; none for all of it.
-    pub(super) restitution: Option<Value>,
+    pub(super) restitution: Option<WallNumber>,
 }
 
-impl Value {
+impl WallNumber {
     fn among(self, parameters: impl Fn(usize) -> f64) -> f64 {
         match self {
-            Value::Number(number) => number,
-            Value::Parameter(place) => parameters(place),
+            WallNumber::Number(number) => number,
+            WallNumber::Parameter(place) => parameters(place),
         }
     }
 
     /// A scalar, differentiable by the parameter.
     fn tensor(self, parameters: &[Tensor], options: (Kind, tch::Device)) -> Tensor {
         match self {
-            Value::Number(number) => Tensor::full([0_i64; 0], number, options),
-            Value::Parameter(place) => parameters[place].shallow_clone(),
+            WallNumber::Number(number) => Tensor::full([0_i64; 0], number, options),
+            WallNumber::Parameter(place) => parameters[place].shallow_clone(),
         }
     }
 }
@@ -56,15 +56,15 @@ impl TextWalls {
             !(table.walls != WallTable::default() && angle),
             "walls: there are walls for positions, not for angles"
         );
-        let mut value = |given: &Given, key: &str, unit: Unit, what: &str| match given {
-            Given::Number(number) => Ok(Value::Number(*number)),
-            Given::Parameter(name) => {
+        let mut value = |given: &TableNumber, key: &str, unit: Unit, what: &str| match given {
+            TableNumber::Number(number) => Ok(WallNumber::Number(*number)),
+            TableNumber::Parameter(name) => {
                 let place = parameters.place(name);
                 let place = place.with_context(|| format!("{key} = {name:?}: there is no such parameter"))?;
                 let its = parameters.all[place].unit;
                 ensure!(its == Unit::Any || its == unit, "{key} = {name:?}: has the unit {its}, but is {what}");
                 used[place] = true;
-                anyhow::Ok(Value::Parameter(place))
+                anyhow::Ok(WallNumber::Parameter(place))
             }
         };
         let stand = match &table.walls {
@@ -75,7 +75,7 @@ impl TextWalls {
             }
             WallTable::AtTheEdges(true) => None,
             WallTable::At(sides) => {
-                let mut side = |given: &Option<Given>, key| {
+                let mut side = |given: &Option<TableNumber>, key| {
                     let given = given.as_ref();
                     given.map(|given| value(given, key, Unit::Of([1.0, 0.0]), "a place, in pixels")).transpose()
                 };
@@ -83,10 +83,10 @@ impl TextWalls {
                 let far = [side(&sides.right, "walls.right")?, side(&sides.bottom, "walls.bottom")?];
                 let given = near.iter().chain(&far).flatten();
                 ensure!(given.clone().count() > 0, "walls: none of left, right, top and bottom is given");
-                let finite = |value: &Value| !matches!(value, Value::Number(number) if !number.is_finite());
+                let finite = |value: &WallNumber| !matches!(value, WallNumber::Number(number) if !number.is_finite());
                 ensure!(given.clone().all(finite), "walls: a wall stands at a finite number of pixels");
                 for (near, far) in near.iter().zip(&far) {
-                    if let (Some(Value::Number(near)), Some(Value::Number(far))) = (near, far) {
+                    if let (Some(WallNumber::Number(near)), Some(WallNumber::Number(far))) = (near, far) {
                         ensure!(near < far, "walls: {near} and {far} leave no room between them");
                     }
                 }
@@ -94,14 +94,14 @@ impl TextWalls {
             }
         };
         let restitution = match &table.restitution {
-            None | Some(Given::Number(1.0)) => None,
+            None | Some(TableNumber::Number(1.0)) => None,
             Some(given) => {
                 let value = value(given, "restitution", Unit::Of([0.0, 0.0]), "a plain number")?;
                 match value {
-                    Value::Number(number) => {
+                    WallNumber::Number(number) => {
                         ensure!((0.0..=1.0).contains(&number), "restitution = {number}: must be 0 to 1");
                     }
-                    Value::Parameter(place) => {
+                    WallNumber::Parameter(place) => {
                         let parameter = &parameters.all[place];
                         let [least, most] = parameter.range();
                         ensure!(
@@ -125,15 +125,16 @@ impl TextWalls {
     /// Near and far walls, of x and of y each; infinitely far where there is none. `edges` are those of the frame.
     pub(super) fn places(&self, edges: Walls, parameters: impl Fn(usize) -> f64) -> [[f64; 2]; 2] {
         let Some([near, far]) = self.stand else { return [[edges.near; 2], [edges.far; 2]] };
-        let place = |value: Option<Value>, none: f64| value.map_or(none, |value| value.among(&parameters));
+        let place = |value: Option<WallNumber>, none: f64| value.map_or(none, |value| value.among(&parameters));
         [near.map(|value| place(value, f64::NEG_INFINITY)), far.map(|value| place(value, f64::INFINITY))]
     }
 
     /// The same as tensors `[2]`, differentiable by the parameters.
     pub(super) fn tensors(&self, edges: Walls, parameters: &[Tensor], options: (Kind, tch::Device)) -> [Tensor; 2] {
         let Some([near, far]) = self.stand else { return edges.tensors(options) };
-        let place = |value: Option<Value>, none| value.unwrap_or(Value::Number(none)).tensor(parameters, options);
-        let both = |[x, y]: [Option<Value>; 2], none| Tensor::stack(&[place(x, none), place(y, none)], 0);
+        let place =
+            |value: Option<WallNumber>, none| value.unwrap_or(WallNumber::Number(none)).tensor(parameters, options);
+        let both = |[x, y]: [Option<WallNumber>; 2], none| Tensor::stack(&[place(x, none), place(y, none)], 0);
         [both(near, f64::NEG_INFINITY), both(far, f64::INFINITY)]
     }
 

@@ -12,7 +12,7 @@ use crate::network::System;
 use crate::network::blocks::{Layers, VariableFromNetwork};
 use crate::network::cells::Coordinates;
 use crate::network::stn;
-use paig_kernels::{Kernels, Scene, compose, draw, sample_separable};
+use paig_kernels::{Kernels, SceneSizes, compose, draw, sample_separable};
 
 /// Of what the fainter of two objects draws, the share below which a difference between them is none.
 const TWINS: f64 = 0.1;
@@ -242,7 +242,7 @@ impl CoordinateConsistent {
         if self.coordinates != Coordinates::Position {
             return positions.map(|positions| self.forward(positions).frames);
         }
-        let scene = Scene {
+        let scene = SceneSizes {
             objects: self.objects as usize,
             channels: self.channels,
             window: self.side / 2,

@@ -40,10 +40,10 @@ pub struct Sprites {
 
 /// A decoder of either kind.
 #[derive(Debug)]
-pub struct Decoder(Kind);
+pub struct Decoder(DecoderNetwork);
 
 #[derive(Debug)]
-enum Kind {
+enum DecoderNetwork {
     CoordinateConsistent(Box<CoordinateConsistent>),
     Mlp(MlpDecoder),
 }
@@ -52,17 +52,17 @@ impl Decoder {
     pub fn new(scope: Path, system: &System, options: &ModelOptions) -> Self {
         Decoder(match options.decoder {
             DecoderKind::CoordinateConsistent => {
-                Kind::CoordinateConsistent(Box::new(CoordinateConsistent::new(scope, system, options)))
+                DecoderNetwork::CoordinateConsistent(Box::new(CoordinateConsistent::new(scope, system, options)))
             }
-            DecoderKind::Mlp => Kind::Mlp(MlpDecoder::new(scope, system)),
+            DecoderKind::Mlp => DecoderNetwork::Mlp(MlpDecoder::new(scope, system)),
         })
     }
 
     /// Draws the objects at `positions`, `[frames, coordinates * objects]`. A perceptron draws all as background.
     pub fn forward(&self, positions: &Tensor) -> Rendering {
         match &self.0 {
-            Kind::CoordinateConsistent(decoder) => decoder.forward(positions),
-            Kind::Mlp(decoder) => decoder.forward(positions),
+            DecoderNetwork::CoordinateConsistent(decoder) => decoder.forward(positions),
+            DecoderNetwork::Mlp(decoder) => decoder.forward(positions),
         }
     }
 
@@ -70,8 +70,8 @@ impl Decoder {
     /// (`[frames, coordinates * objects]`).
     pub fn draw<const LISTS: usize>(&self, positions: [&Tensor; LISTS]) -> [Tensor; LISTS] {
         match &self.0 {
-            Kind::CoordinateConsistent(decoder) => decoder.draw(positions),
-            Kind::Mlp(decoder) => positions.map(|positions| decoder.forward(positions).frames),
+            DecoderNetwork::CoordinateConsistent(decoder) => decoder.draw(positions),
+            DecoderNetwork::Mlp(decoder) => positions.map(|positions| decoder.forward(positions).frames),
         }
     }
 
@@ -85,15 +85,17 @@ impl Decoder {
     /// The same decoder as a constant: gradients pass through it to the positions, not to what it has learned.
     pub(crate) fn detached(&self) -> Self {
         Decoder(match &self.0 {
-            Kind::CoordinateConsistent(decoder) => Kind::CoordinateConsistent(Box::new(decoder.detached())),
-            Kind::Mlp(decoder) => Kind::Mlp(decoder.detached()),
+            DecoderNetwork::CoordinateConsistent(decoder) => {
+                DecoderNetwork::CoordinateConsistent(Box::new(decoder.detached()))
+            }
+            DecoderNetwork::Mlp(decoder) => DecoderNetwork::Mlp(decoder.detached()),
         })
     }
 
     fn with_sprites(&self) -> Option<&CoordinateConsistent> {
         match &self.0 {
-            Kind::CoordinateConsistent(decoder) => Some(decoder),
-            Kind::Mlp(_) => None,
+            DecoderNetwork::CoordinateConsistent(decoder) => Some(decoder),
+            DecoderNetwork::Mlp(_) => None,
         }
     }
 
@@ -126,8 +128,8 @@ impl Decoder {
     /// Begins the background at these logits, `[channels, S, S]`, its network's kernel scaled by `kernel`.
     pub fn start_background(&self, logits: &Tensor, kernel: f64) {
         match &self.0 {
-            Kind::CoordinateConsistent(decoder) => decoder.start_background(logits, kernel),
-            Kind::Mlp(decoder) => decoder.start_background(logits, kernel),
+            DecoderNetwork::CoordinateConsistent(decoder) => decoder.start_background(logits, kernel),
+            DecoderNetwork::Mlp(decoder) => decoder.start_background(logits, kernel),
         }
     }
 

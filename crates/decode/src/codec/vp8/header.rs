@@ -5,7 +5,7 @@ use super::numbers::{
     AC_STEPS, CHROMA_MODES, DC_STEPS, LUMA_MODES, TOKEN_UPDATES, TOKENS, TokenProbabilities, VECTOR_UPDATES, VECTORS,
     VectorProbabilities,
 };
-use crate::error::{Error, Result};
+use crate::error::{DecodeError, Result};
 use crate::limits::check_size;
 
 /// The first bytes of a frame.
@@ -24,7 +24,7 @@ pub(super) struct Tag {
 
 impl Tag {
     pub(super) fn read(packet: &[u8]) -> Result<Self> {
-        let short = || Error::corrupt("VP8: a frame ends within its header");
+        let short = || DecodeError::corrupt("VP8: a frame ends within its header");
         let [a, b, c] = *packet.first_chunk().ok_or_else(short)?;
         let bits = u32::from(a) | u32::from(b) << 8 | u32::from(c) << 16;
         let mut tag = Tag {
@@ -38,7 +38,7 @@ impl Tag {
         if tag.is_key {
             let [_, _, _, start @ .., w0, w1, h0, h1]: [u8; 10] = *packet.first_chunk().ok_or_else(short)?;
             if start != [0x9d, 0x01, 0x2a] {
-                return Err(Error::corrupt("VP8: a key frame has no start code"));
+                return Err(DecodeError::corrupt("VP8: a key frame has no start code"));
             }
             // The two highest bits scale the picture where it is shown.
             let side = |low: u8, high: u8| u32::from(u16::from_le_bytes([low, high]) & 0x3fff);
@@ -152,7 +152,7 @@ pub(super) struct Steps {
 
 /// Which frame replaces a reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Update {
+pub(super) enum ReferenceUpdate {
     Keep,
     Current,
     Last,
@@ -162,12 +162,12 @@ pub(super) enum Update {
 
 /// What a frame's header states, beyond what stays from frame to frame.
 #[derive(Debug)]
-pub(super) struct Header {
+pub(super) struct Vp8Header {
     /// By segment.
     pub steps: [Steps; 4],
     pub partitions: usize,
-    pub golden: Update,
-    pub alternate: Update,
+    pub golden: ReferenceUpdate,
+    pub alternate: ReferenceUpdate,
     pub is_last: bool,
     /// Whether vectors to the golden and to the alternate frame point the other way in time.
     pub signs: [bool; 2],
@@ -179,7 +179,7 @@ pub(super) struct Header {
 
 /// What stays from frame to frame.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Lasting {
+pub(super) struct PersistentState {
     pub probabilities: Probabilities,
     /// Those to return to after a frame whose own do not stay.
     pub saved: Option<Probabilities>,
@@ -188,11 +188,11 @@ pub(super) struct Lasting {
     signs: [bool; 2],
 }
 
-impl Lasting {
+impl PersistentState {
     /// Reads the header of a frame from the first partition.
-    pub(super) fn read(&mut self, bools: &mut Bools, is_key: bool) -> Header {
+    pub(super) fn read(&mut self, bools: &mut Bools, is_key: bool) -> Vp8Header {
         if is_key {
-            *self = Lasting::default();
+            *self = PersistentState::default();
             // Colour space and clamping: levels are clamped in any case.
             bools.number(2);
         }
@@ -200,9 +200,12 @@ impl Lasting {
         self.filter.read(bools);
         let partitions = 1 << bools.number(2);
         let steps = self.steps(bools);
-        let (mut golden, mut alternate) = (Update::Current, Update::Current);
+        let (mut golden, mut alternate) = (ReferenceUpdate::Current, ReferenceUpdate::Current);
         if !is_key {
-            let update = |code: i32| [Update::Keep, Update::Last, Update::Other, Update::Keep][code as usize];
+            let update = |code: i32| {
+                [ReferenceUpdate::Keep, ReferenceUpdate::Last, ReferenceUpdate::Other, ReferenceUpdate::Keep]
+                    [code as usize]
+            };
             let (golden_is_current, alternate_is_current) = (bools.flag(), bools.flag());
             if !golden_is_current {
                 golden = update(bools.number(2));
@@ -218,7 +221,7 @@ impl Lasting {
         let skipping = bools.flag().then(|| bools.number(8) as u8);
         let references = if is_key { [0; 3] } else { self.update_modes(bools) };
         let signs = self.signs;
-        Header { steps, partitions, golden, alternate, is_last, signs, skipping, references }
+        Vp8Header { steps, partitions, golden, alternate, is_last, signs, skipping, references }
     }
 
     fn steps(&self, bools: &mut Bools) -> [Steps; 4] {

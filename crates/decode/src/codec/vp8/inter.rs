@@ -1,7 +1,7 @@
 //! Prediction from another frame (RFC 6386, section 18).
 
 use super::modes::{Luma, Macroblock, Vector};
-use super::plane::{Picture, Samples};
+use super::plane::{Vp8Picture, Vp8Plane};
 
 /// Weights of six samples by eighths of a pixel.
 const SIX_TAPS: [[i32; 6]; 8] = [
@@ -16,7 +16,7 @@ const SIX_TAPS: [[i32; 6]; 8] = [
 ];
 
 /// Predicts a macroblock at a column and row.
-pub(super) fn predict(to: &mut Picture, from: &Picture, (column, row): (usize, usize), it: &Macroblock) {
+pub(super) fn predict(to: &mut Vp8Picture, from: &Vp8Picture, (column, row): (usize, usize), it: &Macroblock) {
     let (x, y) = (16 * column, 16 * row);
     if it.luma != Luma::Divided {
         // A quarter of a pixel of luma is an eighth of one of chroma.
@@ -42,7 +42,7 @@ pub(super) fn predict(to: &mut Picture, from: &Picture, (column, row): (usize, u
 }
 
 /// Predicts a square from another frame's, moved by eighths of a pixel.
-fn square(to: &mut Samples, from: &Samples, (x, y): (usize, usize), side: usize, vector: Vector) {
+fn square(to: &mut Vp8Plane, from: &Vp8Plane, (x, y): (usize, usize), side: usize, vector: Vector) {
     let (left, top) = (x as i32 + (vector.x >> 3), y as i32 + (vector.y >> 3));
     let (across, down) = (SIX_TAPS[(vector.x & 7) as usize], SIX_TAPS[(vector.y & 7) as usize]);
     // The square with two samples before it and three after.

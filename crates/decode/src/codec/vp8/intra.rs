@@ -1,23 +1,23 @@
 //! Prediction from the edges of the same frame (RFC 6386, section 12).
 
-use super::modes::Mode;
-use super::plane::Samples;
+use super::modes::PredictionMode;
+use super::plane::Vp8Plane;
 
 /// Levels beyond the frame: above it, and on its left.
 const ABOVE: u8 = 127;
 const LEFT: u8 = 129;
 
 /// Levels around a square.
-struct Edges {
+struct EdgeSamples {
     /// Above, and beyond on the right for blocks.
     above: [u8; 20],
     left: [u8; 16],
     corner: u8,
 }
 
-impl Edges {
-    fn of(plane: &Samples, (x, y): (usize, usize), side: usize) -> Self {
-        let mut edges = Edges { above: [ABOVE; 20], left: [LEFT; 16], corner: ABOVE };
+impl EdgeSamples {
+    fn of(plane: &Vp8Plane, (x, y): (usize, usize), side: usize) -> Self {
+        let mut edges = EdgeSamples { above: [ABOVE; 20], left: [LEFT; 16], corner: ABOVE };
         if y > 0 {
             let place = (y - 1) * plane.width + x;
             edges.above[..side].copy_from_slice(&plane.levels[place..place + side]);
@@ -31,8 +31,8 @@ impl Edges {
 }
 
 /// Predicts a square of 8 or 16.
-pub(super) fn whole(plane: &mut Samples, place: (usize, usize), side: usize, mode: Mode) {
-    let edges = Edges::of(plane, place, side);
+pub(super) fn whole(plane: &mut Vp8Plane, place: (usize, usize), side: usize, mode: PredictionMode) {
+    let edges = EdgeSamples::of(plane, place, side);
     let (above, left) = (&edges.above[..side], &edges.left[..side]);
     let sum = |levels: &[u8]| levels.iter().map(|&level| u32::from(level)).sum::<u32>();
     let count = side as u32;
@@ -45,10 +45,10 @@ pub(super) fn whole(plane: &mut Samples, place: (usize, usize), side: usize, mod
     let mut levels = [0; 256];
     for (y, row) in levels.chunks_exact_mut(side).take(side).enumerate() {
         match mode {
-            Mode::Mean => row.fill(mean as u8),
-            Mode::Vertical => row.copy_from_slice(above),
-            Mode::Horizontal => row.fill(left[y]),
-            Mode::Gradient => {
+            PredictionMode::Mean => row.fill(mean as u8),
+            PredictionMode::Vertical => row.copy_from_slice(above),
+            PredictionMode::Horizontal => row.fill(left[y]),
+            PredictionMode::Gradient => {
                 for (level, above) in row.iter_mut().zip(above) {
                     *level = gradient(*above, left[y], edges.corner);
                 }
@@ -63,8 +63,8 @@ fn gradient(above: u8, left: u8, corner: u8) -> u8 {
 }
 
 /// Predicts a block of 4 x 4; `beyond` are the four levels above on its right.
-pub(super) fn block(plane: &mut Samples, place: (usize, usize), mode: u8, beyond: [u8; 4]) {
-    let edges = Edges::of(plane, place, 4);
+pub(super) fn block(plane: &mut Vp8Plane, place: (usize, usize), mode: u8, beyond: [u8; 4]) {
+    let edges = EdgeSamples::of(plane, place, 4);
     let mut above = [0; 8];
     above[..4].copy_from_slice(&edges.above[..4]);
     above[4..].copy_from_slice(&beyond);
@@ -126,7 +126,7 @@ pub(super) fn block(plane: &mut Samples, place: (usize, usize), mode: u8, beyond
 }
 
 /// The four levels above a macroblock of luma on its right, which the blocks of its last column share.
-pub(super) fn beyond(plane: &Samples, (x, y): (usize, usize)) -> [u8; 4] {
+pub(super) fn beyond(plane: &Vp8Plane, (x, y): (usize, usize)) -> [u8; 4] {
     match y.checked_sub(1) {
         None => [ABOVE; 4],
         Some(above) if x + 16 >= plane.width => [plane.at(x + 15, above); 4],

@@ -1,6 +1,6 @@
 //! The filter along the edges of blocks (RFC 6386, section 15).
 
-use super::plane::{Picture, Samples};
+use super::plane::{Vp8Picture, Vp8Plane};
 
 /// Strength of the filter of a macroblock.
 #[derive(Debug, Clone, Copy)]
@@ -35,7 +35,7 @@ impl Strength {
 }
 
 /// Filters the edges of a macroblock at a column and row: on the left, within, above, within.
-pub(super) fn normal(picture: &mut Picture, (column, row): (usize, usize), strength: &Strength) {
+pub(super) fn normal(picture: &mut Vp8Picture, (column, row): (usize, usize), strength: &Strength) {
     let [whole, inner] = strength.limits();
     for (plane, side) in picture.iter_mut().zip([16, 8, 8]) {
         let (x, y) = (column * side, row * side);
@@ -53,7 +53,7 @@ pub(super) fn normal(picture: &mut Picture, (column, row): (usize, usize), stren
 }
 
 /// The same in its simple form, on luma only.
-pub(super) fn simple(picture: &mut Picture, (column, row): (usize, usize), strength: &Strength) {
+pub(super) fn simple(picture: &mut Vp8Picture, (column, row): (usize, usize), strength: &Strength) {
     let [whole, inner] = strength.limits();
     let plane = &mut picture[0];
     for (begin, along, across) in [(column > 0, plane.width, 1), (row > 0, 1, plane.width)] {
@@ -82,17 +82,17 @@ fn clamp(number: i32) -> i32 {
 }
 
 /// The two levels on both sides of an edge, less 128.
-fn around(plane: &Samples, place: usize, across: usize) -> [i32; 4] {
+fn around(plane: &Vp8Plane, place: usize, across: usize) -> [i32; 4] {
     let at = |place: usize| i32::from(plane.levels[place]) - 128;
     [at(place - 2 * across), at(place - across), at(place), at(place + across)]
 }
 
-fn set(plane: &mut Samples, place: usize, level: i32) {
+fn set(plane: &mut Vp8Plane, place: usize, level: i32) {
     plane.levels[place] = (clamp(level) + 128) as u8;
 }
 
 /// Filters across an edge at one place; `is_whole` for the edge of a macroblock.
-fn edge(plane: &mut Samples, place: usize, across: usize, limit: i32, strength: &Strength, is_whole: bool) {
+fn edge(plane: &mut Vp8Plane, place: usize, across: usize, limit: i32, strength: &Strength, is_whole: bool) {
     let [p1, p0, q0, q1] = around(plane, place, across);
     let at = |place: usize| i32::from(plane.levels[place]) - 128;
     let (p3, p2) = (at(place - 4 * across), at(place - 3 * across));

@@ -13,19 +13,19 @@ mod residual;
 use std::sync::Arc;
 
 use self::bools::Bools;
-use self::header::{Header, Lasting, Tag, Update};
+use self::header::{PersistentState, ReferenceUpdate, Tag, Vp8Header};
 use self::loop_filter::Strength;
 use self::modes::{Luma, Macroblock, Neighbours, Reach};
-use self::plane::{Picture as Planes8, Samples};
-use self::residual::{Edge, Residual};
-use super::{Decode, Facts, check_same};
-use crate::error::{Error, Result};
-use crate::picture::{Chroma, Picture, Plane, Planes, Yuv};
+use self::plane::{Vp8Picture as Planes8, Vp8Plane};
+use self::residual::{EdgeCoefficients, Residual};
+use super::{Decode, StreamFacts, check_same};
+use crate::error::{DecodeError, Result};
+use crate::picture::{Chroma, DecodedPicture, PlaneSamples, SamplePlane, Yuv};
 
 /// A decoder with the frames and the settings that later frames refer to.
 #[derive(Default)]
 pub(super) struct Vp8 {
-    lasting: Lasting,
+    lasting: PersistentState,
     size: Option<(u32, u32)>,
     /// The last, the golden and the alternate frame.
     references: Option<[Arc<Planes8>; 3]>,
@@ -42,21 +42,21 @@ impl Vp8 {
     fn frame(&mut self, packet: &[u8]) -> Result<Option<Yuv>> {
         let tag = Tag::read(packet)?;
         if tag.version > 0 {
-            return Err(Error::unsupported(format!("VP8 of version {}", tag.version)));
+            return Err(DecodeError::unsupported(format!("VP8 of version {}", tag.version)));
         }
         if let Some(size) = tag.size {
             check_same(&mut self.size, size)?;
         }
         let (Some((width, height)), true) = (self.size, tag.is_key || self.references.is_some()) else {
-            return Err(Error::corrupt("VP8: it does not begin with a key frame"));
+            return Err(DecodeError::corrupt("VP8: it does not begin with a key frame"));
         };
-        let cut = || Error::corrupt("VP8: a frame is cut off");
+        let cut = || DecodeError::corrupt("VP8: a frame is cut off");
         let (first, rest) = packet[tag.length..].split_at_checked(tag.first_partition).ok_or_else(cut)?;
         let mut bools = Bools::new(first);
         let header = self.lasting.read(&mut bools, tag.is_key);
         let partitions = partitions(rest, header.partitions).ok_or_else(cut)?;
         let (columns, rows) = (width.div_ceil(16) as usize, height.div_ceil(16) as usize);
-        let mut frame = Frame::new(columns, rows);
+        let mut frame = Vp8Frame::new(columns, rows);
         self.segments.resize(columns * rows, 0);
         frame.decode(
             (&tag, &header, &self.lasting),
@@ -74,14 +74,14 @@ impl Vp8 {
         Ok(tag.is_shown.then(|| yuv(&picture, (width as usize, height as usize))))
     }
 
-    fn update(&mut self, header: &Header, current: &Arc<Planes8>) {
+    fn update(&mut self, header: &Vp8Header, current: &Arc<Planes8>) {
         let [last, golden, alternate] =
             self.references.clone().unwrap_or_else(|| std::array::from_fn(|_| current.clone()));
-        let chosen = |update: Update, own: &Arc<Planes8>, other: &Arc<Planes8>| match update {
-            Update::Keep => own.clone(),
-            Update::Current => current.clone(),
-            Update::Last => last.clone(),
-            Update::Other => other.clone(),
+        let chosen = |update: ReferenceUpdate, own: &Arc<Planes8>, other: &Arc<Planes8>| match update {
+            ReferenceUpdate::Keep => own.clone(),
+            ReferenceUpdate::Current => current.clone(),
+            ReferenceUpdate::Last => last.clone(),
+            ReferenceUpdate::Other => other.clone(),
         };
         let new = [chosen(header.golden, &golden, &alternate), chosen(header.alternate, &alternate, &golden)];
         let [golden, alternate] = new;
@@ -104,32 +104,32 @@ fn partitions(rest: &[u8], count: usize) -> Option<Vec<&[u8]>> {
 }
 
 /// A frame that is being decoded.
-struct Frame {
+struct Vp8Frame {
     columns: usize,
     rows: usize,
     picture: Planes8,
     macroblocks: Vec<Macroblock>,
 }
 
-impl Frame {
+impl Vp8Frame {
     fn new(columns: usize, rows: usize) -> Self {
-        let plane = |side: usize| Samples::new(side * columns, side * rows);
+        let plane = |side: usize| Vp8Plane::new(side * columns, side * rows);
         let macroblocks = vec![Macroblock::OUTSIDE; columns * rows];
-        Frame { columns, rows, picture: [plane(16), plane(8), plane(8)], macroblocks }
+        Vp8Frame { columns, rows, picture: [plane(16), plane(8), plane(8)], macroblocks }
     }
 
     fn decode(
         &mut self,
-        (tag, header, lasting): (&Tag, &Header, &Lasting),
+        (tag, header, lasting): (&Tag, &Vp8Header, &PersistentState),
         bools: &mut Bools,
         partitions: Vec<&[u8]>,
         references: Option<&[Arc<Planes8>; 3]>,
         segments: &mut [u8],
     ) {
         let mut partitions: Vec<_> = partitions.into_iter().map(Bools::new).collect();
-        let mut above: Vec<Edge> = vec![[false; 9]; self.columns];
+        let mut above: Vec<EdgeCoefficients> = vec![[false; 9]; self.columns];
         for row in 0..self.rows {
-            let mut left: Edge = [false; 9];
+            let mut left: EdgeCoefficients = [false; 9];
             for (column, above) in above.iter_mut().enumerate() {
                 let place = row * self.columns + column;
                 let neighbour = |is_there: bool, back: usize| match is_there {
@@ -198,7 +198,7 @@ impl Frame {
         }
     }
 
-    fn filter(&mut self, lasting: &Lasting, is_key: bool) {
+    fn filter(&mut self, lasting: &PersistentState, is_key: bool) {
         let settings = &lasting.filter;
         if settings.level == 0 {
             return;
@@ -226,9 +226,9 @@ impl Frame {
 /// Reads the coefficients of a macroblock, which is skipped from then on if it has none.
 fn residual(
     bools: &mut Bools,
-    (header, lasting): (&Header, &Lasting),
+    (header, lasting): (&Vp8Header, &PersistentState),
     it: &mut Macroblock,
-    (above, left): (&mut Edge, &mut Edge),
+    (above, left): (&mut EdgeCoefficients, &mut EdgeCoefficients),
 ) -> Residual {
     if it.is_skipped {
         for edge in [above, left] {
@@ -246,24 +246,24 @@ fn residual(
 }
 
 impl Decode for Vp8 {
-    fn push(&mut self, packet: &[u8], ready: &mut Vec<Picture>) -> Result<()> {
+    fn push(&mut self, packet: &[u8], ready: &mut Vec<DecodedPicture>) -> Result<()> {
         let frame = self.frame(packet)?;
-        ready.extend(frame.map(Picture::Yuv));
+        ready.extend(frame.map(DecodedPicture::Yuv));
         Ok(())
     }
 
-    fn finish(&mut self, _: &mut Vec<Picture>) -> Result<()> {
+    fn finish(&mut self, _: &mut Vec<DecodedPicture>) -> Result<()> {
         Ok(())
     }
 
-    fn facts(&self) -> Facts {
-        Facts { depth: 8, ..Facts::default() }
+    fn facts(&self) -> StreamFacts {
+        StreamFacts { depth: 8, ..StreamFacts::default() }
     }
 }
 
 fn yuv(picture: &Planes8, size: (usize, usize)) -> Yuv {
-    let plane = |it: &Samples| Plane { samples: it.levels.clone(), stride: it.width };
+    let plane = |it: &Vp8Plane| SamplePlane { samples: it.levels.clone(), stride: it.width };
     let [luma, u, v] = picture;
-    let planes = Planes::Bytes([plane(luma), plane(u), plane(v)]);
+    let planes = PlaneSamples::Bytes([plane(luma), plane(u), plane(v)]);
     Yuv { size, origin: (0, 0), depth: 8, chroma: Chroma::Subsampled(1, 1), planes }
 }

@@ -1,7 +1,7 @@
 //! How each macroblock is predicted (RFC 6386, sections 10, 11, 16 and 17).
 
 use super::bools::Bools;
-use super::header::{Header, Lasting};
+use super::header::{PersistentState, Vp8Header};
 use super::numbers::{
     BLOCK_MODES, DIVISIONS, KEY_BLOCK_MODES, KEY_CHROMA_MODES, KEY_LUMA_MODES, MOTION_KINDS, PART_KINDS,
     VectorProbabilities,
@@ -16,7 +16,7 @@ pub(super) struct Vector {
 
 /// Prediction of a macroblock of luma or chroma from its edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) enum Mode {
+pub(super) enum PredictionMode {
     #[default]
     Mean,
     Vertical,
@@ -29,7 +29,7 @@ pub(super) enum Mode {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Luma {
     /// From the edges, as a whole.
-    Whole(Mode),
+    Whole(PredictionMode),
     /// From the edges, each block of 4 x 4 by its own mode.
     Blocks,
     /// From a reference, with one vector; whether it is stated to be zero.
@@ -42,7 +42,7 @@ pub(super) enum Luma {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Macroblock {
     pub luma: Luma,
-    pub chroma: Mode,
+    pub chroma: PredictionMode,
     /// Modes of the blocks, 0 to 9; those of a whole macroblock stand for its mode.
     pub block_modes: [u8; 16],
     /// Vectors of the blocks, zero where it is predicted from its own frame.
@@ -57,8 +57,8 @@ pub(super) struct Macroblock {
 impl Macroblock {
     /// What lies beyond the frame.
     pub(super) const OUTSIDE: Macroblock = Macroblock {
-        luma: Luma::Whole(Mode::Mean),
-        chroma: Mode::Mean,
+        luma: Luma::Whole(PredictionMode::Mean),
+        chroma: PredictionMode::Mean,
         block_modes: [0; 16],
         vectors: [Vector { x: 0, y: 0 }; 16],
         reference: 0,
@@ -104,7 +104,7 @@ impl Reach {
 /// Reads the macroblock after those that are its neighbours; `segment` is that of the frame before.
 pub(super) fn read(
     bools: &mut Bools,
-    (header, lasting, is_key): (&Header, &Lasting, bool),
+    (header, lasting, is_key): (&Vp8Header, &PersistentState, bool),
     neighbours: &Neighbours,
     reach: Reach,
     segment: u8,
@@ -125,12 +125,12 @@ pub(super) fn read(
         motion(bools, &mut it, (header, &modes.vectors), neighbours, reach);
     } else {
         it.luma = match modes.luma_modes {
-            [first, ..] if !bools.bool(first) => Luma::Whole(Mode::Mean),
+            [first, ..] if !bools.bool(first) => Luma::Whole(PredictionMode::Mean),
             [_, second, third, _] if !bools.bool(second) => {
-                Luma::Whole(if bools.bool(third) { Mode::Horizontal } else { Mode::Vertical })
+                Luma::Whole(if bools.bool(third) { PredictionMode::Horizontal } else { PredictionMode::Vertical })
             }
             [.., last] if bools.bool(last) => Luma::Blocks,
-            _ => Luma::Whole(Mode::Gradient),
+            _ => Luma::Whole(PredictionMode::Gradient),
         };
         if it.luma == Luma::Blocks {
             it.block_modes = std::array::from_fn(|_| block_mode(bools, &BLOCK_MODES));
@@ -152,10 +152,10 @@ fn key_modes(bools: &mut Bools, it: &mut Macroblock, neighbours: &Neighbours) {
         }
     } else {
         let mode = match bools.bool(second) {
-            false if bools.bool(upper) => Mode::Vertical,
-            false => Mode::Mean,
-            true if bools.bool(lower) => Mode::Gradient,
-            true => Mode::Horizontal,
+            false if bools.bool(upper) => PredictionMode::Vertical,
+            false => PredictionMode::Mean,
+            true if bools.bool(lower) => PredictionMode::Gradient,
+            true => PredictionMode::Horizontal,
         };
         it.luma = Luma::Whole(mode);
         // Mean, gradient, vertical, horizontal are the first modes of blocks.
@@ -164,12 +164,12 @@ fn key_modes(bools: &mut Bools, it: &mut Macroblock, neighbours: &Neighbours) {
     it.chroma = chroma_mode(bools, KEY_CHROMA_MODES);
 }
 
-fn chroma_mode(bools: &mut Bools, [first, second, third]: [u8; 3]) -> Mode {
+fn chroma_mode(bools: &mut Bools, [first, second, third]: [u8; 3]) -> PredictionMode {
     match () {
-        () if !bools.bool(first) => Mode::Mean,
-        () if !bools.bool(second) => Mode::Vertical,
-        () if !bools.bool(third) => Mode::Horizontal,
-        () => Mode::Gradient,
+        () if !bools.bool(first) => PredictionMode::Mean,
+        () if !bools.bool(second) => PredictionMode::Vertical,
+        () if !bools.bool(third) => PredictionMode::Horizontal,
+        () => PredictionMode::Gradient,
     }
 }
 
@@ -236,7 +236,7 @@ impl Votes {
 fn motion(
     bools: &mut Bools,
     it: &mut Macroblock,
-    (header, probabilities): (&Header, &VectorProbabilities),
+    (header, probabilities): (&Vp8Header, &VectorProbabilities),
     neighbours: &Neighbours,
     reach: Reach,
 ) {

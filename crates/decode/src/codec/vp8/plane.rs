@@ -2,15 +2,15 @@
 
 /// Samples in row order.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Samples {
+pub(super) struct Vp8Plane {
     pub width: usize,
     pub height: usize,
     pub levels: Vec<u8>,
 }
 
-impl Samples {
+impl Vp8Plane {
     pub(super) fn new(width: usize, height: usize) -> Self {
-        Samples { width, height, levels: vec![0; width * height] }
+        Vp8Plane { width, height, levels: vec![0; width * height] }
     }
 
     pub(super) fn at(&self, x: usize, y: usize) -> u8 {
@@ -43,4 +43,4 @@ impl Samples {
 }
 
 /// Luma and both chroma planes.
-pub(super) type Picture = [Samples; 3];
+pub(super) type Vp8Picture = [Vp8Plane; 3];

@@ -21,7 +21,7 @@ const CATEGORIES: [(i32, &[u8]); 6] = [
 pub(super) const BLOCKS: usize = 24;
 
 /// Whether blocks at an edge of a macroblock have coefficients: four of luma, two of each chroma, the second transform's.
-pub(super) type Edge = [bool; 9];
+pub(super) type EdgeCoefficients = [bool; 9];
 
 /// Differences to the prediction, block by block in row order.
 pub(super) struct Residual {
@@ -38,7 +38,7 @@ impl Residual {
         probabilities: &TokenProbabilities,
         steps: &Steps,
         has_second: bool,
-        (above, left): (&mut Edge, &mut Edge),
+        (above, left): (&mut EdgeCoefficients, &mut EdgeCoefficients),
     ) -> Self {
         let mut residual = Residual::EMPTY;
         let mut second = [0; 16];

@@ -5,9 +5,9 @@ use tch::Device;
 
 use super::scenario::Scenario;
 use super::{Experiment, PlannerKind, SearchMethod};
-use crate::baselines::whole_models::checkpoint::load_weights;
-use crate::baselines::whole_models::config::{self, WholeModel};
-use crate::baselines::whole_models::planet::Planet;
+use crate::baselines::end_to_end::checkpoint::load_weights;
+use crate::baselines::end_to_end::config::{self, EndToEndModel};
+use crate::baselines::end_to_end::planet::Planet;
 use crate::control::controller::Controller;
 use crate::control::cross_entropy::CrossEntropy;
 use crate::control::environment::Rules;
@@ -24,7 +24,7 @@ impl Experiment {
     pub(super) fn planet(&self, scenario: &Scenario) -> Result<Planet> {
         let run =
             self.run.as_ref().context("the planner latent needs the run folder of `paig train-baseline planet`")?;
-        let config = config::read(run)?.filter(|config| config.model == WholeModel::Planet);
+        let config = config::read(run)?.filter(|config| config.model == EndToEndModel::Planet);
         let config =
             config.with_context(|| format!("{} is not the run of `paig train-baseline planet`", run.display()))?;
         let upright = matches!(&scenario.rules.reward, Reward::Goal(goal) if goal.place == [0.0] && goal.swing == 0.0);

@@ -111,7 +111,7 @@ pub enum ExperimentEvent<'a> {
 
 /// Who watches an experiment and stops it, between two episodes.
 #[derive(Clone, Copy)]
-pub struct Watch<'a> {
+pub struct ExperimentWatch<'a> {
     pub observe: &'a dyn Fn(ExperimentEvent),
     pub stop: &'a dyn Fn() -> bool,
 }

@@ -5,10 +5,10 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 
 use super::scenario::Scenario;
-use super::{Experiment, ExperimentEvent, PlannerKind, Watch};
+use super::{Experiment, ExperimentEvent, ExperimentWatch, PlannerKind};
 use crate::control::episode::{Episode, play};
-use crate::control::figures::{self, Course};
-use crate::control::results::{Results, Row, mean_and_interval};
+use crate::control::figures::{self, EpisodeCourse};
+use crate::control::results::{ControlResults, PlannerRow, mean_and_interval};
 use crate::control::reward::Reward;
 use paig::Error;
 
@@ -25,7 +25,7 @@ pub struct Played {
     /// The return of each episode.
     pub returns: Vec<f64>,
     /// The first episode.
-    pub first: Course,
+    pub first: EpisodeCourse,
     /// Processor time.
     pub ms_per_decision: f64,
     /// Decisions without a sight or a plan.
@@ -39,7 +39,7 @@ impl Experiment {
     /// # Errors
     /// Settings that contradict each other or the task, a run that is missing or of another model, files that cannot be
     /// written.
-    pub fn run(&self, out: &Path, watch: Watch) -> Result<Option<Vec<Row>>, Error> {
+    pub fn run(&self, out: &Path, watch: ExperimentWatch) -> Result<Option<Vec<PlannerRow>>, Error> {
         let scenario = self.prepare(out)?;
         (watch.observe)(ExperimentEvent::Begins);
         self.rows(&scenario, out, watch).map_err(Error::of_work)
@@ -48,7 +48,7 @@ impl Experiment {
     fn prepare(&self, out: &Path) -> Result<Scenario> {
         ensure!(self.episodes > 0, "--episodes must be at least 1");
         let scenario = self.scenario()?;
-        Results::claim(out)?;
+        ControlResults::claim(out)?;
         // What fails should do so before the first episode.
         for kind in self.planners.iter().copied() {
             let model = kind.sees().then(|| self.model_of(kind, &scenario)).transpose()?;
@@ -57,7 +57,7 @@ impl Experiment {
         Ok(scenario)
     }
 
-    fn rows(&self, scenario: &Scenario, out: &Path, watch: Watch) -> Result<Option<Vec<Row>>> {
+    fn rows(&self, scenario: &Scenario, out: &Path, watch: ExperimentWatch) -> Result<Option<Vec<PlannerRow>>> {
         if let Reward::Goal(goal) = &scenario.rules.reward
             && let Some(frame) = scenario.world()?.show(&goal.place)
         {
@@ -74,7 +74,7 @@ impl Experiment {
 
     /// The planner that knows state and equation plays first: every row holds its return. It stands in the results only if
     /// it was asked for.
-    fn play_all(&self, scenario: &Scenario, out: &Path, watch: Watch) -> Result<Option<Vec<Played>>> {
+    fn play_all(&self, scenario: &Scenario, out: &Path, watch: ExperimentWatch) -> Result<Option<Vec<Played>>> {
         let Some(bound) = self.play(PlannerKind::TrueState, scenario, out, watch)? else { return Ok(None) };
         let upper_bound = bound.mean[0];
         (watch.observe)(ExperimentEvent::UpperBound(upper_bound));
@@ -95,7 +95,13 @@ impl Experiment {
     }
 
     /// Plays all episodes of one planner and writes the animation of the first; none where it was stopped.
-    fn play(&self, kind: PlannerKind, scenario: &Scenario, out: &Path, watch: Watch) -> Result<Option<Played>> {
+    fn play(
+        &self,
+        kind: PlannerKind,
+        scenario: &Scenario,
+        out: &Path,
+        watch: ExperimentWatch,
+    ) -> Result<Option<Played>> {
         let mut world = scenario.world()?;
         let model = kind.sees().then(|| self.model_of(kind, scenario)).transpose()?;
         let mut controller = self.controller(kind, scenario, model.as_ref())?;
@@ -129,7 +135,7 @@ impl Experiment {
             notes: notes
                 .flat_map(|(index, played)| played.notes.iter().map(move |note| format!("episode {index}, {note}")))
                 .collect(),
-            first: Course::of(&episodes[0]),
+            first: EpisodeCourse::of(&episodes[0]),
             returns,
         }))
     }

@@ -5,22 +5,22 @@ use std::path::Path;
 use super::play::Played;
 use super::scenario::Scenario;
 use super::{Experiment, PlannerKind, SearchMethod};
-use crate::baselines::whole_models::scores::WholeScores;
+use crate::baselines::end_to_end::scores::EndToEndScores;
 use crate::control::environment::Rules;
 use crate::control::pendulum::PendulumSettings;
-use crate::control::results::Row;
-use crate::control::reward::{Goal, Reward};
-use paig::runs::run::Run;
+use crate::control::results::PlannerRow;
+use crate::control::reward::{GoalPath, Reward};
+use paig::runs::run::StoredRun;
 
 impl Experiment {
-    pub(super) fn row(&self, scenario: &Scenario, played: &Played) -> Row {
+    pub(super) fn row(&self, scenario: &Scenario, played: &Played) -> PlannerRow {
         let run = self.run.as_ref().filter(|_| played.planner.has_run());
         let degrees = |angle: f64| if scenario.pendulum.is_some() { angle.to_degrees() } else { angle };
         let goal = match &scenario.rules.reward {
             Reward::Goal(goal) => Some(degrees(goal.place[0])),
             Reward::Gymnasium => None,
         };
-        Row {
+        PlannerRow {
             task: scenario.task.name.clone(),
             planner: played.name.into(),
             model: run.map(|run| run.display().to_string()),
@@ -45,7 +45,7 @@ impl Experiment {
         say(self.search == SearchMethod::PathIntegral, "path integrals".into());
         say(self.goal_image.is_some(), "goal by image".into());
         // The row's goal is the first coordinate.
-        if let Reward::Goal(Goal { place, .. }) = &scenario.rules.reward
+        if let Reward::Goal(GoalPath { place, .. }) = &scenario.rules.reward
             && let [_, y] = place[..]
         {
             say(true, format!("goal at y {y}"));
@@ -71,8 +71,8 @@ impl Experiment {
 
 /// Clips that a run was trained on, if it says so.
 fn training_clips(run: &Path) -> Option<usize> {
-    let whole = WholeScores::read(run).ok().flatten().map(|scores| scores.training_clips);
-    whole.or_else(|| Run::read(run).ok()?.data.map(|data| data.clips[0]))
+    let whole = EndToEndScores::read(run).ok().flatten().map(|scores| scores.training_clips);
+    whole.or_else(|| StoredRun::read(run).ok()?.data.map(|data| data.clips[0]))
 }
 
 #[cfg(test)]

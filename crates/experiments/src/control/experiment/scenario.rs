@@ -4,12 +4,12 @@ use anyhow::{Context, Result, bail, ensure};
 use tch::Device;
 
 use super::Experiment;
-use crate::baselines::whole_models::config;
+use crate::baselines::end_to_end::config;
 use crate::control::environment::{Environment, FrameFormat, Rules};
-use crate::control::faults::{Faults, Faulty};
-use crate::control::model::Model;
+use crate::control::faults::{Faults, FaultyCamera};
+use crate::control::model::PlanningModel;
 use crate::control::pendulum::{self, PendulumEnvironment, PendulumSettings};
-use crate::control::reward::{Goal, Reward};
+use crate::control::reward::{GoalPath, Reward};
 use crate::control::scene::SceneEnvironment;
 use crate::control::vision::Vision;
 use paig::network::cells::Coordinates;
@@ -37,10 +37,10 @@ impl Scenario {
             Some(pendulum) => Box::new(PendulumEnvironment::new(pendulum, rules)?),
             None => Box::new(SceneEnvironment::new(&self.task, rules)?),
         };
-        Ok(if self.faults == Faults::default() { world } else { Box::new(Faulty::new(world, self.faults)) })
+        Ok(if self.faults == Faults::default() { world } else { Box::new(FaultyCamera::new(world, self.faults)) })
     }
 
-    pub(super) fn true_model(&self) -> Result<Box<dyn Model>> {
+    pub(super) fn true_model(&self) -> Result<Box<dyn PlanningModel>> {
         match self.pendulum {
             Some(pendulum) => Ok(Box::new(pendulum.model())),
             None => SceneEnvironment::true_model(&self.task),
@@ -105,27 +105,27 @@ impl Experiment {
         }
     }
 
-    pub(super) fn goal_of_pendulum(&self) -> Result<Goal> {
+    pub(super) fn goal_of_pendulum(&self) -> Result<GoalPath> {
         if let Some(file) = &self.goal_image {
-            return Ok(Goal::angle(Vision::new(&self.loaded()?.1, pendulum::FORMAT)?.goal(file)?[0]));
+            return Ok(GoalPath::angle(Vision::new(&self.loaded()?.1, pendulum::FORMAT)?.goal(file)?[0]));
         }
         match self.goal[..] {
-            [] => Ok(Goal::angle(0.0)),
-            [degrees] if degrees.is_finite() => Ok(Goal::angle(degrees.to_radians())),
+            [] => Ok(GoalPath::angle(0.0)),
+            [degrees] if degrees.is_finite() => Ok(GoalPath::angle(degrees.to_radians())),
             _ => bail!("--goal of a pendulum is one number of degrees, not {:?}", self.goal),
         }
     }
 
-    pub(super) fn goal_in_plane(&self, task: &Task) -> Result<Goal> {
+    pub(super) fn goal_in_plane(&self, task: &Task) -> Result<GoalPath> {
         let side = task.system.side as f64;
         ensure!(task.system.cell.coordinates == Coordinates::Position, "task {}: there is no such world", task.name);
         if let Some(file) = &self.goal_image {
             let model = self.loaded()?.1;
             let seen = Vision::new(&model, format_of(task))?.goal(file)?;
-            return Ok(Goal::point([seen[0], seen[1]], side));
+            return Ok(GoalPath::point([seen[0], seen[1]], side));
         }
         match self.goal[..] {
-            [x, y] if x.is_finite() && y.is_finite() => Ok(Goal::point([x, y], side)),
+            [x, y] if x.is_finite() && y.is_finite() => Ok(GoalPath::point([x, y], side)),
             _ => bail!("--goal of task {} is x,y in pixels, not {:?}", task.name, self.goal),
         }
     }
@@ -135,7 +135,7 @@ impl Experiment {
         let run = self.run.as_ref().context("this needs a run folder, for the model that sees")?;
         ensure!(
             !matches!(config::read(run), Ok(Some(_))),
-            "{} is the run of a whole other model; that of `paig train-baseline planet` goes with --planner latent, without --goal-image",
+            "{} is the run of an end-to-end baseline; that of `paig train-baseline planet` goes with --planner latent, without --goal-image",
             run.display()
         );
         let (config, model) = load_model(run, SavedWeights::Last, Device::Cpu)?;
@@ -181,7 +181,7 @@ mod tests {
         // The usual scene is the paper's pendulum, to the bit.
         let usual = Experiment::default().scenario().unwrap();
         assert_eq!(usual.pendulum, Some(PendulumSettings::default()));
-        assert_eq!(usual.rules, Rules::pendulum(Goal::angle(0.0).swinging(0.0, 50.0)));
+        assert_eq!(usual.rules, Rules::pendulum(GoalPath::angle(0.0).swinging(0.0, 50.0)));
     }
 
     #[test]

@@ -2,10 +2,10 @@
 
 use anyhow::{Context, Result};
 use image::RgbImage;
-use paig_decode::{Frame, Video};
-use paig_resize::{Picture, Rectangle};
+use paig_decode::{Frame, VideoFile};
+use paig_resize::{RgbPicture, SourceRectangle};
 
-use super::Frames;
+use super::FrameReader;
 
 /// Part by which a pixel may be wider than high, or less wide, and count as square: the rounding of a converter's sides.
 const SQUARE: f64 = 1e-4;
@@ -21,21 +21,21 @@ pub(super) fn square((width, height): (u32, u32), aspect: f64) -> (u32, u32) {
 }
 
 /// A pass through a film from the first frame that is asked for on.
-pub(super) struct Film<'a> {
-    video: &'a Video,
+pub(super) struct FilmPass<'a> {
+    video: &'a VideoFile,
     /// Of the frames that are given.
     size: (u32, u32),
     ahead: Option<paig_decode::Frames>,
     at: Option<Frame>,
 }
 
-impl<'a> Film<'a> {
-    pub(super) fn new(video: &'a Video, size: (u32, u32)) -> Self {
-        Film { video, size, ahead: None, at: None }
+impl<'a> FilmPass<'a> {
+    pub(super) fn new(video: &'a VideoFile, size: (u32, u32)) -> Self {
+        FilmPass { video, size, ahead: None, at: None }
     }
 }
 
-impl Frames for Film<'_> {
+impl FrameReader for FilmPass<'_> {
     fn frame(&mut self, number: usize) -> Result<RgbImage> {
         if self.ahead.is_none() {
             self.ahead = Some(self.video.frames_from(number)?);
@@ -50,8 +50,8 @@ impl Frames for Film<'_> {
             return Ok(frame);
         }
         let (width, height) = frame.dimensions();
-        let whole = Rectangle { x: 0, y: 0, width, height };
-        let scaled = paig_resize::scaled(Picture { width, height, pixels: frame.as_raw() }, whole, self.size);
+        let whole = SourceRectangle { x: 0, y: 0, width, height };
+        let scaled = paig_resize::scaled(RgbPicture { width, height, pixels: frame.as_raw() }, whole, self.size);
         Ok(RgbImage::from_raw(self.size.0, self.size.1, scaled).expect("three bytes for each pixel"))
     }
 }

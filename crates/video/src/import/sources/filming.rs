@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 use paig_track::calibration::Lens;
 
-use super::Video;
+use super::SourceVideo;
 use crate::calibration::Calibration;
 
 /// Facts of the filming that a person knows.
@@ -19,12 +19,12 @@ pub struct Filming {
     pub fields: bool,
     /// Time from the first to the last row of a frame, seconds.
     pub readout: Option<f64>,
-    pub plane: Option<Rectangle>,
+    pub plane: Option<ReferenceRectangle>,
 }
 
 /// Rectangle of known size in the plane of the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rectangle {
+pub struct ReferenceRectangle {
     /// Bottom left, bottom right, top right and top left, pixels of the video from its top left corner.
     pub corners: [[f64; 2]; 4],
     /// Width and height, metres.
@@ -37,9 +37,9 @@ impl Filming {
     /// Opens a video: with the frames and times that it was filmed with, not yet rectified.
     ///
     /// # Errors
-    /// As [`Video::open`]; fields of an array.
-    pub fn open(&self, path: &Path) -> Result<Video> {
-        let video = Video::open(path)?;
+    /// As [`SourceVideo::open`]; fields of an array.
+    pub fn open(&self, path: &Path) -> Result<SourceVideo> {
+        let video = SourceVideo::open(path)?;
         let video = if self.fields { video.in_fields()? } else { video };
         Ok(match self.fps {
             Some(fps) => video.at_rate(fps),
@@ -51,8 +51,8 @@ impl Filming {
     ///
     /// # Errors
     /// Corners that are not those of a rectangle.
-    pub fn calibration(&self, video: &Video) -> Result<Option<Calibration>> {
-        let of = |Rectangle { corners, sides, distortion }: Rectangle| {
+    pub fn calibration(&self, video: &SourceVideo) -> Result<Option<Calibration>> {
+        let of = |ReferenceRectangle { corners, sides, distortion }: ReferenceRectangle| {
             let lens = distortion.map(|k| Lens::new(k, video.width as usize, video.height as usize));
             Calibration::new(corners, sides, lens)
         };

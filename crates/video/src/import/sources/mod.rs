@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use image::RgbImage;
-use paig_decode::{Decoder, Note};
-use paig_track::{Clock, Finding, TimeBase};
+use paig_decode::{Note, VideoDecoder};
+use paig_track::{Finding, StatedTime, TimeBase};
 
-use self::film::Film;
-pub use self::filming::{Filming, Rectangle};
+use self::film::FilmPass;
+pub use self::filming::{Filming, ReferenceRectangle};
 use self::rectified::{Rectified, Samples};
 use crate::calibration::Calibration;
 
@@ -25,7 +25,7 @@ pub use paig::tasks::video::{LARGEST_SIDE, MOST_FRAMES};
 
 /// A video and what is known of it before a frame is decoded.
 #[derive(Debug)]
-pub struct Video {
+pub struct SourceVideo {
     pub path: PathBuf,
     /// Of the upright frames, pixels.
     pub width: u32,
@@ -34,22 +34,22 @@ pub struct Video {
     /// Of each frame, in seconds, from 0 on and ascending; none where the source knows no times.
     pub times: Option<Vec<f64>>,
     /// What the file states about time.
-    pub clock: Clock,
+    pub clock: StatedTime,
     /// Remarks on the file, for people.
     pub remarks: Vec<String>,
-    source: Source,
+    source: OpenedSource,
     /// Where the pixels of rectified frames lie, if frames are rectified.
     samples: Option<Samples>,
 }
 
 #[derive(Debug)]
-enum Source {
-    Film(paig_decode::Video),
-    Array(npz::Film),
+enum OpenedSource {
+    Film(paig_decode::VideoFile),
+    Array(npz::FrameArray),
 }
 
 /// Decodes the frames of one video.
-pub trait Frames {
+pub trait FrameReader {
     /// The frame of this number, counted from 0 in display order. Numbers are asked for in ascending order; the same one
     /// may be asked for again.
     ///
@@ -59,14 +59,14 @@ pub trait Frames {
 }
 
 /// Size, length and times of a source.
-struct Facts {
+struct SourceFacts {
     size: (u32, u32),
     frames: usize,
-    clock: Clock,
+    clock: StatedTime,
     remarks: Vec<String>,
 }
 
-impl Video {
+impl SourceVideo {
     /// Reads what a video says of itself.
     ///
     /// # Errors
@@ -75,12 +75,12 @@ impl Video {
         let read = || {
             ensure!(path.exists(), "there is no such file or folder");
             let (source, facts) = source(path)?;
-            let Facts { size: (width, height), frames, clock, remarks } = facts;
+            let SourceFacts { size: (width, height), frames, clock, remarks } = facts;
             check_size(width, height)?;
             ensure!(frames > 0, "it has no frames");
             ensure!(frames <= MOST_FRAMES, "it has {frames} frames; at most {MOST_FRAMES} are read");
             let times = clock.times.clone();
-            Ok(Video { path: path.into(), width, height, frames, times, clock, remarks, source, samples: None })
+            Ok(SourceVideo { path: path.into(), width, height, frames, times, clock, remarks, source, samples: None })
         };
         read().with_context(|| format!("video {}", path.display()))
     }
@@ -89,10 +89,10 @@ impl Video {
     ///
     /// # Errors
     /// A file that cannot be opened any more.
-    pub fn decode(&self) -> Result<Box<dyn Frames + '_>> {
-        let frames: Box<dyn Frames + '_> = match &self.source {
-            Source::Film(film) => Box::new(Film::new(film, (self.width, self.height))),
-            Source::Array(film) => Box::new(film),
+    pub fn decode(&self) -> Result<Box<dyn FrameReader + '_>> {
+        let frames: Box<dyn FrameReader + '_> = match &self.source {
+            OpenedSource::Film(film) => Box::new(FilmPass::new(film, (self.width, self.height))),
+            OpenedSource::Array(film) => Box::new(film),
         };
         Ok(match &self.samples {
             Some(samples) => Box::new(Rectified { frames, samples }),
@@ -105,13 +105,13 @@ impl Video {
     /// # Errors
     /// An array, whose frames are whole.
     pub fn in_fields(self) -> Result<Self> {
-        let Source::Film(film) = self.source else {
+        let OpenedSource::Film(film) = self.source else {
             bail!("video {}: an array has whole frames, no fields", self.path.display())
         };
         let film = film.split_into_fields();
         let times = film.times().map(<[f64]>::to_vec);
-        let clock = Clock { times: times.clone(), ..self.clock };
-        Ok(Video { frames: film.info().frames, times, clock, source: Source::Film(film), ..self })
+        let clock = StatedTime { times: times.clone(), ..self.clock };
+        Ok(SourceVideo { frames: film.info().frames, times, clock, source: OpenedSource::Film(film), ..self })
     }
 
     /// The same with the times at which the frames were filmed, and remarks on what that changes: where the video plays slower
@@ -125,29 +125,29 @@ impl Video {
         };
         let lines = findings.iter().filter(concerns).map(Finding::line);
         let remarks = self.remarks.into_iter().chain(lines).collect();
-        Video { times, remarks, ..self }
+        SourceVideo { times, remarks, ..self }
     }
 
     /// The same with so many frames a second instead of the times that the file states.
     #[must_use]
     pub fn at_rate(self, fps: f64) -> Self {
         let times: Vec<f64> = (0..self.frames).map(|frame| frame as f64 / fps).collect();
-        let clock = Clock { times: Some(times.clone()), ..Clock::default() };
-        Video { times: Some(times), clock, ..self }
+        let clock = StatedTime { times: Some(times.clone()), ..StatedTime::default() };
+        SourceVideo { times: Some(times), clock, ..self }
     }
 
     /// The same with frames as a camera in front of the plane of the motion would film them.
     #[must_use]
     pub fn rectified(self, calibration: &Calibration) -> Self {
         let samples = Samples::of(calibration, (self.width, self.height));
-        Video { samples: Some(samples), ..self }
+        SourceVideo { samples: Some(samples), ..self }
     }
 
     /// Whether a new decoder goes to the first frame it is asked for at once, or nearly so; else it decodes all before it.
     fn is_entered_anywhere(&self) -> bool {
         match &self.source {
-            Source::Film(film) => film.info().decoder == Decoder::BuiltIn && film.info().container != "gif",
-            Source::Array(_) => true,
+            OpenedSource::Film(film) => film.info().decoder == VideoDecoder::BuiltIn && film.info().container != "gif",
+            OpenedSource::Array(_) => true,
         }
     }
 
@@ -162,15 +162,15 @@ impl Video {
 /// new decoder gets to the next one sooner.
 #[derive(Default)]
 pub struct Passes<'a> {
-    open: Option<(&'a Video, Box<dyn Frames + 'a>)>,
+    open: Option<(&'a SourceVideo, Box<dyn FrameReader + 'a>)>,
 }
 
 impl<'a> Passes<'a> {
     /// A decoder for the next part. Its frames come after all that the decoder before was asked for.
     ///
     /// # Errors
-    /// As [`Video::decode`].
-    pub fn of(&mut self, video: &'a Video) -> Result<&mut (dyn Frames + 'a)> {
+    /// As [`SourceVideo::decode`].
+    pub fn of(&mut self, video: &'a SourceVideo) -> Result<&mut (dyn FrameReader + 'a)> {
         let goes_on = !video.is_entered_anywhere();
         let open = match self.open.take().filter(|(open, _)| goes_on && std::ptr::eq(*open, video)) {
             Some(open) => open,
@@ -180,14 +180,14 @@ impl<'a> Passes<'a> {
     }
 }
 
-fn source(path: &Path) -> Result<(Source, Facts)> {
+fn source(path: &Path) -> Result<(OpenedSource, SourceFacts)> {
     let extension = path.extension().and_then(|it| it.to_str()).unwrap_or_default().to_lowercase();
     match extension.as_str() {
         _ if path.is_dir() => film(path),
         "npz" => {
-            let film = npz::Film::read(path)?;
+            let film = npz::FrameArray::read(path)?;
             let facts = film.facts();
-            Ok((Source::Array(film), facts))
+            Ok((OpenedSource::Array(film), facts))
         }
         "png" | "jpg" | "jpeg" => bail!("it is a single picture; give the folder of all"),
         "npy" => bail!("save the array with numpy.savez as .npz"),
@@ -196,8 +196,8 @@ fn source(path: &Path) -> Result<(Source, Facts)> {
 }
 
 /// A film, a gif or a folder of pictures.
-fn film(path: &Path) -> Result<(Source, Facts)> {
-    let film = paig_decode::Video::open(path)?;
+fn film(path: &Path) -> Result<(OpenedSource, SourceFacts)> {
+    let film = paig_decode::VideoFile::open(path)?;
     let info = film.info();
     let size = film::square(info.size, info.pixel_aspect);
     let mut remarks: Vec<String> = info.notes.iter().filter_map(remark).collect();
@@ -208,15 +208,15 @@ fn film(path: &Path) -> Result<(Source, Facts)> {
             info.pixel_aspect, size.0, size.1
         ));
     }
-    let clock = Clock {
+    let clock = StatedTime {
         times: film.times().map(<[f64]>::to_vec),
         claimed_rate: info.claimed_rate,
         capture_rate: info.capture_rate,
         // Times begin with the first frame, pieces with the presentation.
         pieces: info.segments.iter().map(|piece| (piece.shown_from - info.start, piece.rate)).collect(),
     };
-    let facts = Facts { size, frames: info.frames, clock, remarks };
-    Ok((Source::Film(film), facts))
+    let facts = SourceFacts { size, frames: info.frames, clock, remarks };
+    Ok((OpenedSource::Film(film), facts))
 }
 
 /// What a note means for a measurement; none where frames and times are as they were filmed.

@@ -5,9 +5,9 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use image::{Rgb, RgbImage};
 use ndarray::{Array4, Axis, Ix4};
-use paig_track::Clock;
+use paig_track::StatedTime;
 
-use super::{Facts, Frames, check_size};
+use super::{FrameReader, SourceFacts, check_size};
 use paig::datasets::npz::Archive;
 
 /// Most bytes of an array; it is read as a whole.
@@ -15,11 +15,11 @@ const MOST_BYTES: u64 = 1 << 31;
 
 /// The frames, `[frames, height, width, channels]`.
 #[derive(Debug)]
-pub(super) struct Film {
+pub(super) struct FrameArray {
     frames: Array4<u8>,
 }
 
-impl Film {
+impl FrameArray {
     /// Reads the only array of the file, or the one named `frames` or `video`.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let mut archive = Archive::open(path)?;
@@ -46,17 +46,17 @@ impl Film {
             "array {name:?} has {channels} channels in its last place; expected 1 or 3"
         );
         check_size(u32::try_from(width)?, u32::try_from(height)?)?;
-        Ok(Film { frames: array.into_dimensionality::<Ix4>()? })
+        Ok(FrameArray { frames: array.into_dimensionality::<Ix4>()? })
     }
 
     /// An array has no times.
-    pub(super) fn facts(&self) -> Facts {
+    pub(super) fn facts(&self) -> SourceFacts {
         let (frames, height, width, _) = self.frames.dim();
-        Facts { size: (width as u32, height as u32), frames, clock: Clock::default(), remarks: Vec::new() }
+        SourceFacts { size: (width as u32, height as u32), frames, clock: StatedTime::default(), remarks: Vec::new() }
     }
 }
 
-impl Frames for &Film {
+impl FrameReader for &FrameArray {
     fn frame(&mut self, number: usize) -> Result<RgbImage> {
         let frame = self.frames.index_axis(Axis(0), number);
         let (height, width, channels) = frame.dim();

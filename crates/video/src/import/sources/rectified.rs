@@ -3,12 +3,12 @@
 use anyhow::Result;
 use image::RgbImage;
 
-use super::Frames;
+use super::FrameReader;
 use crate::calibration::Calibration;
 
 /// Bilinear sample of a frame.
 #[derive(Debug, Clone, Copy)]
-struct Sample {
+struct BilinearSample {
     /// Pixel to the left and above.
     corner: usize,
     part: [f32; 2],
@@ -16,7 +16,7 @@ struct Sample {
 
 /// Where each pixel of a rectified frame lies in the filmed one; none of pixels beyond it.
 #[derive(Debug)]
-pub(super) struct Samples(Vec<Option<Sample>>);
+pub(super) struct Samples(Vec<Option<BilinearSample>>);
 
 impl Samples {
     pub(super) fn of(calibration: &Calibration, (width, height): (u32, u32)) -> Self {
@@ -25,7 +25,7 @@ impl Samples {
             let [x, y] = calibration.filmed(at);
             let inside = (0.0..f64::from(width - 1)).contains(&x) && (0.0..f64::from(height - 1)).contains(&y);
             let part = [x.fract() as f32, y.fract() as f32];
-            inside.then(|| Sample { corner: y as usize * width as usize + x as usize, part })
+            inside.then(|| BilinearSample { corner: y as usize * width as usize + x as usize, part })
         };
         Samples((0..width as usize * height as usize).map(sample).collect())
     }
@@ -33,18 +33,18 @@ impl Samples {
 
 /// A pass whose frames are rectified. Pixels beyond the filmed frame are black.
 pub(super) struct Rectified<'a> {
-    pub frames: Box<dyn Frames + 'a>,
+    pub frames: Box<dyn FrameReader + 'a>,
     pub samples: &'a Samples,
 }
 
-impl Frames for Rectified<'_> {
+impl FrameReader for Rectified<'_> {
     fn frame(&mut self, number: usize) -> Result<RgbImage> {
         let filmed = self.frames.frame(number)?;
         let (width, height) = filmed.dimensions();
         let (bytes, row) = (filmed.as_raw(), 3 * width as usize);
         let mut rectified = RgbImage::new(width, height);
         for (pixel, sample) in rectified.pixels_mut().zip(&self.samples.0) {
-            let Some(Sample { corner, part: [across, down] }) = sample else { continue };
+            let Some(BilinearSample { corner, part: [across, down] }) = sample else { continue };
             for channel in 0..3 {
                 let at = |offset: usize| f32::from(bytes[3 * corner + offset + channel]);
                 let above = at(0) + across * (at(3) - at(0));
@@ -63,7 +63,7 @@ mod tests {
     /// One frame that is brighter to the right.
     struct Ramp;
 
-    impl Frames for Ramp {
+    impl FrameReader for Ramp {
         fn frame(&mut self, _number: usize) -> Result<RgbImage> {
             Ok(RgbImage::from_fn(400, 400, |x, _| image::Rgb([(x / 2) as u8; 3])))
         }

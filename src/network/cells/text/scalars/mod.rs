@@ -11,14 +11,19 @@ use self::numbers::{Integration, Numbers};
 use super::equation::Equation;
 use crate::network::cells::parameter::PhysicalParameter;
 use crate::network::cells::state::Walls;
-use paig_kernels::gpu::roll_out::Listing;
+use paig_kernels::gpu::roll_out::SubstepListing;
 
-/// The list of a substep; `raw` are the parameters in the order in which their raw numbers will be given. None if there is no
+/// The list of a substep; `unconstrained` are the parameters in the order in which they will be given. None if there is no
 /// such list.
-pub fn listing(equation: &Equation, raw: &[PhysicalParameter], walls: Walls, dt: f64) -> Option<Listing> {
+pub fn listing(
+    equation: &Equation,
+    unconstrained: &[PhysicalParameter],
+    walls: Walls,
+    dt: f64,
+) -> Option<SubstepListing> {
     let mut lowering = Lowering { equation, parameters: Vec::new(), numbers: Numbers::default() };
     for parameter in &equation.parameters {
-        let value = match raw.iter().position(|raw| raw.name == parameter.name) {
+        let value = match unconstrained.iter().position(|unconstrained| unconstrained.name == parameter.name) {
             Some(place) => lowering.numbers.bounded(place, parameter.bounds),
             None => lowering.numbers.number(parameter.fixed?),
         };
@@ -28,7 +33,7 @@ pub fn listing(equation: &Equation, raw: &[PhysicalParameter], walls: Walls, dt:
     let barrier = equation.walls.as_ref().map(|standing| lowering.barrier(standing, walls));
     let integration = Integration {
         coordinates: lowering.coordinates(),
-        parameters: raw.len(),
+        parameters: unconstrained.len(),
         tells_time: equation.tells_time(),
         substeps: equation.table.substeps,
         dt,

@@ -7,26 +7,26 @@ use std::collections::HashMap;
 use std::ops::Neg;
 
 use crate::network::cells::parameter::Bounds;
-use paig_kernels::gpu::roll_out::{Barrier, HELD, Instruction, Listing, Operation, SINCE, STATE};
+use paig_kernels::gpu::roll_out::{BarrierSlots, HELD, Instruction, SINCE, STATE, ScalarOperation, SubstepListing};
 
 /// A single number: where it comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Source {
+pub enum ScalarSource {
     /// The bits of a number.
     Number(u32),
-    /// The raw number of a parameter.
+    /// An unconstrained parameter.
     Raw(usize),
     Held,
     Since,
     /// Of the positions, then of the velocities.
     State(usize),
     /// From numbers in these places, as many as the operation takes.
-    Computed(Operation, [usize; 3]),
+    Computed(ScalarOperation, [usize; 3]),
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Node {
-    source: Source,
+struct ScalarNode {
+    source: ScalarSource,
     /// Whether it changes with the state.
     moves: bool,
     /// Whether a gradient goes through it.
@@ -51,9 +51,9 @@ impl Neg for Signed {
 /// All numbers of a list that is being made.
 #[derive(Debug, Default)]
 pub struct Numbers {
-    nodes: Vec<Node>,
+    nodes: Vec<ScalarNode>,
     /// Of each number among the nodes.
-    places: HashMap<Source, usize>,
+    places: HashMap<ScalarSource, usize>,
 }
 
 /// What a list is told of the integration.
@@ -74,80 +74,81 @@ impl Numbers {
         self.nodes.len()
     }
 
-    pub fn put(&mut self, source: Source) -> Signed {
+    pub fn put(&mut self, source: ScalarSource) -> Signed {
         let Numbers { nodes, places } = self;
         let place = *places.entry(source).or_insert_with(|| {
-            let of_any = |what: fn(&Node) -> bool, operation: Operation, operands: [usize; 3]| {
+            let of_any = |what: fn(&ScalarNode) -> bool, operation: ScalarOperation, operands: [usize; 3]| {
                 operands[..operation.operands()].iter().any(|operand| what(&nodes[*operand]))
             };
             let (moves, learns) = match source {
-                Source::Number(_) => (false, false),
-                Source::Raw(_) => (false, true),
-                Source::Held | Source::Since => (true, false),
-                Source::State(_) => (true, true),
-                Source::Computed(operation, operands) => {
+                ScalarSource::Number(_) => (false, false),
+                ScalarSource::Raw(_) => (false, true),
+                ScalarSource::Held | ScalarSource::Since => (true, false),
+                ScalarSource::State(_) => (true, true),
+                ScalarSource::Computed(operation, operands) => {
                     (of_any(|node| node.moves, operation, operands), of_any(|node| node.learns, operation, operands))
                 }
             };
-            nodes.push(Node { source, moves, learns });
+            nodes.push(ScalarNode { source, moves, learns });
             nodes.len() - 1
         });
         Signed { place, negative: false }
     }
 
     pub fn number(&mut self, number: f64) -> Signed {
-        let size = self.put(Source::Number((number.abs() as f32).to_bits()));
+        let size = self.put(ScalarSource::Number((number.abs() as f32).to_bits()));
         if number < 0.0 { -size } else { size }
     }
 
-    pub fn computed<const N: usize>(&mut self, operation: Operation, operands: [usize; N]) -> Signed {
+    pub fn computed<const N: usize>(&mut self, operation: ScalarOperation, operands: [usize; N]) -> Signed {
         let mut all = [0; 3];
         all[..N].copy_from_slice(&operands);
-        self.put(Source::Computed(operation, all))
+        self.put(ScalarSource::Computed(operation, all))
     }
 
     /// The place of the number with its sign.
     pub(crate) fn with_sign(&mut self, x: Signed) -> usize {
-        if x.negative { self.computed(Operation::Negative, [x.place]).place } else { x.place }
+        if x.negative { self.computed(ScalarOperation::Negative, [x.place]).place } else { x.place }
     }
 
     pub fn plus(&mut self, a: Signed, b: Signed) -> Signed {
         let [first, last] = [a.place.min(b.place), a.place.max(b.place)];
         let sign_of_first = if a.place <= b.place { a.negative } else { b.negative };
-        let operation = if a.negative == b.negative { Operation::Plus } else { Operation::Minus };
+        let operation = if a.negative == b.negative { ScalarOperation::Plus } else { ScalarOperation::Minus };
         let sum = self.computed(operation, [first, last]);
         if sign_of_first { -sum } else { sum }
     }
 
     pub fn times(&mut self, a: Signed, b: Signed) -> Signed {
-        let product = self.computed(Operation::Times, [a.place.min(b.place), a.place.max(b.place)]);
+        let product = self.computed(ScalarOperation::Times, [a.place.min(b.place), a.place.max(b.place)]);
         Signed { negative: a.negative != b.negative, ..product }
     }
 
     pub fn over(&mut self, a: Signed, b: Signed) -> Signed {
-        let quotient = self.computed(Operation::Over, [a.place, b.place]);
+        let quotient = self.computed(ScalarOperation::Over, [a.place, b.place]);
         Signed { negative: a.negative != b.negative, ..quotient }
     }
 
     /// `a + b c`.
     pub(crate) fn plus_product(&mut self, a: Signed, b: Signed, c: Signed) -> Signed {
         let same = a.negative == (b.negative != c.negative);
-        let operation = if same { Operation::PlusProduct } else { Operation::MinusProduct };
+        let operation = if same { ScalarOperation::PlusProduct } else { ScalarOperation::MinusProduct };
         let sum = self.computed(operation, [a.place, b.place.min(c.place), b.place.max(c.place)]);
         Signed { negative: a.negative, ..sum }
     }
 
-    /// The value that the raw number of a parameter stands for.
+    /// The value that an unconstrained parameter stands for.
     pub fn bounded(&mut self, place: usize, bounds: Bounds) -> Signed {
-        let raw = self.put(Source::Raw(place));
+        let unconstrained = self.put(ScalarSource::Raw(place));
         match bounds {
-            Bounds::Above(0.0) => self.computed(Operation::Exp, [raw.place]),
+            Bounds::Above(0.0) => self.computed(ScalarOperation::Exp, [unconstrained.place]),
             Bounds::Above(low) => {
-                let (above, low) = (self.computed(Operation::Exp, [raw.place]), self.number(low));
+                let (above, low) = (self.computed(ScalarOperation::Exp, [unconstrained.place]), self.number(low));
                 self.plus(above, low)
             }
             Bounds::Between(low, high) => {
-                let (share, width) = (self.computed(Operation::Sigmoid, [raw.place]), self.number(high - low));
+                let (share, width) =
+                    (self.computed(ScalarOperation::Sigmoid, [unconstrained.place]), self.number(high - low));
                 let (above, low) = (self.times(share, width), self.number(low));
                 self.plus(above, low)
             }
@@ -161,28 +162,28 @@ impl Numbers {
     }
 
     /// Gives the numbers slots: those that something depends on. `moved` (without signs) and `barrier` are places here.
-    pub fn listing(&self, of: Integration, moved: &[Signed], barrier: Option<Barrier>) -> Listing {
+    pub fn listing(&self, of: Integration, moved: &[Signed], barrier: Option<BarrierSlots>) -> SubstepListing {
         let Integration { coordinates, parameters, tells_time, substeps, dt } = of;
-        let walls = barrier.map(|Barrier { near, far, left }| [near[0], near[1], far[0], far[1], left]);
+        let walls = barrier.map(|BarrierSlots { near, far, left }| [near[0], near[1], far[0], far[1], left]);
         let mut used = vec![false; self.nodes.len()];
         moved.iter().map(|number| number.place).chain(walls.into_iter().flatten()).for_each(|place| used[place] = true);
         for (place, node) in self.nodes.iter().enumerate().rev() {
-            if let (true, Source::Computed(operation, operands)) = (used[place], node.source) {
+            if let (true, ScalarSource::Computed(operation, operands)) = (used[place], node.source) {
                 operands[..operation.operands()].iter().for_each(|operand| used[*operand] = true);
             }
         }
-        let chosen = |which: fn(&Node) -> bool| -> Vec<usize> {
+        let chosen = |which: fn(&ScalarNode) -> bool| -> Vec<usize> {
             (0..used.len()).filter(|place| used[*place] && which(&self.nodes[*place])).collect()
         };
-        let computed = |node: &Node| matches!(node.source, Source::Computed(..));
-        let numbers = chosen(|node| matches!(node.source, Source::Number(_)));
+        let computed = |node: &ScalarNode| matches!(node.source, ScalarSource::Computed(..));
+        let numbers = chosen(|node| matches!(node.source, ScalarSource::Number(_)));
         let [still, moving] = [chosen(|node| !node.moves), chosen(|node| node.moves)]
             .map(|places| places.into_iter().filter(|place| computed(&self.nodes[*place])).collect::<Vec<_>>());
         let mut slots: Vec<usize> = self.nodes.iter().map(|node| given_slot(node.source, coordinates)).collect();
-        let first = Listing::first_parameter(coordinates) + parameters;
+        let first = SubstepListing::first_parameter(coordinates) + parameters;
         numbers.iter().chain(&still).chain(&moving).zip(first..).for_each(|(place, slot)| slots[*place] = slot);
         let instruction = |place: &usize| {
-            let Source::Computed(operation, operands) = self.nodes[*place].source else {
+            let ScalarSource::Computed(operation, operands) = self.nodes[*place].source else {
                 unreachable!("what is given is not computed")
             };
             let learns = [0, 1, 2].map(|i| i < operation.operands() && self.nodes[operands[i]].learns);
@@ -193,17 +194,17 @@ impl Numbers {
             }
         };
         let number = |place: &usize| match self.nodes[*place].source {
-            Source::Number(bits) => f32::from_bits(bits),
+            ScalarSource::Number(bits) => f32::from_bits(bits),
             _ => unreachable!("a number that stands in the list"),
         };
-        Listing {
+        SubstepListing {
             coordinates,
             parameters,
             numbers: numbers.iter().map(number).collect(),
             still: still.iter().map(instruction).collect(),
             moving: moving.iter().map(instruction).collect(),
             moved: moved.iter().map(|number| slots[number.place]).collect(),
-            barrier: barrier.map(|Barrier { near, far, left }| Barrier {
+            barrier: barrier.map(|BarrierSlots { near, far, left }| BarrierSlots {
                 near: near.map(|place| slots[place]),
                 far: far.map(|place| slots[place]),
                 left: slots[left],
@@ -216,11 +217,11 @@ impl Numbers {
 }
 
 /// The slot of what comes from outside the list; of the rest any.
-fn given_slot(source: Source, coordinates: usize) -> usize {
+fn given_slot(source: ScalarSource, coordinates: usize) -> usize {
     match source {
-        Source::Since => SINCE,
-        Source::State(place) => STATE + place,
-        Source::Raw(place) => Listing::first_parameter(coordinates) + place,
-        Source::Held | Source::Number(_) | Source::Computed(..) => HELD,
+        ScalarSource::Since => SINCE,
+        ScalarSource::State(place) => STATE + place,
+        ScalarSource::Raw(place) => SubstepListing::first_parameter(coordinates) + place,
+        ScalarSource::Held | ScalarSource::Number(_) | ScalarSource::Computed(..) => HELD,
     }
 }

@@ -1,4 +1,4 @@
-//! Which whole other model is trained, and how.
+//! Which end-to-end baseline is trained, and how.
 
 use std::path::{Path, PathBuf};
 
@@ -20,42 +20,42 @@ pub(super) const MODEL: &str = "model.toml";
 /// Which model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum WholeModel {
+pub enum EndToEndModel {
     VideoLstm,
     Ddpae,
     Planet,
 }
 
-impl WholeModel {
+impl EndToEndModel {
     /// A fresh model of a system.
     pub fn build(self, system: &System, kernels: Kernels, seed: u64, device: Device) -> Box<dyn FrameModel> {
         match self {
-            WholeModel::VideoLstm => Box::new(VideoLstm::new(system, kernels, seed, device)),
-            WholeModel::Ddpae => Box::new(Ddpae::new(system, seed, device)),
-            WholeModel::Planet => Box::new(Planet::new(system, seed, device)),
+            EndToEndModel::VideoLstm => Box::new(VideoLstm::new(system, kernels, seed, device)),
+            EndToEndModel::Ddpae => Box::new(Ddpae::new(system, seed, device)),
+            EndToEndModel::Planet => Box::new(Planet::new(system, seed, device)),
         }
     }
 
     /// Of the frames that it takes in, pixels: smaller ones leave nothing of themselves after its last layer.
     pub(super) fn least_side(self) -> usize {
         match self {
-            WholeModel::VideoLstm => 1,
-            WholeModel::Ddpae => ddpae::LEAST_SIDE,
-            WholeModel::Planet => planet::LEAST_SIDE,
+            EndToEndModel::VideoLstm => 1,
+            EndToEndModel::Ddpae => ddpae::LEAST_SIDE,
+            EndToEndModel::Planet => planet::LEAST_SIDE,
         }
     }
 
     /// Whether it learns what frames are worth.
     pub fn learns_rewards(self) -> bool {
-        self == WholeModel::Planet
+        self == EndToEndModel::Planet
     }
 }
 
 /// What decides the result of a training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct WholeConfig {
-    pub model: WholeModel,
+pub struct EndToEndConfig {
+    pub model: EndToEndModel,
     /// Name of the task or its file.
     pub task: String,
     pub data: PathBuf,
@@ -77,7 +77,7 @@ fn is_default(kernels: &Kernels) -> bool {
     *kernels == Kernels::default()
 }
 
-impl WholeConfig {
+impl EndToEndConfig {
     /// # Errors
     /// A number out of range.
     pub fn check(&self) -> Result<()> {
@@ -95,7 +95,7 @@ impl WholeConfig {
 ///
 /// # Errors
 /// A damaged file.
-pub fn read(folder: &Path) -> Result<Option<WholeConfig>> {
+pub fn read(folder: &Path) -> Result<Option<EndToEndConfig>> {
     let path = folder.join(MODEL);
     if !path.exists() {
         return Ok(None);

@@ -17,7 +17,7 @@ use tch::nn::VarStore;
 use tch::{Device, Kind, Tensor};
 
 use super::frame_model::{Batch, FrameModel};
-use super::gaussian::{Gaussian, Noise};
+use super::gaussian::{Gaussian, StandardNormal};
 use paig::network::System;
 use paig::network::blocks::{Activation, Conv2d, Dense, Layers, Mlp};
 use paig::network::cells::Actions;
@@ -180,7 +180,7 @@ impl Planet {
 
     /// Beliefs in the frames of clips (joined, `[batch, time, 110]`) and the divergence of what is seen from what was
     /// foretold, `[batch, time]`.
-    fn inferred(&self, frames: &Tensor, actions: &Actions, noise: &mut Noise<'_>) -> (Tensor, Tensor) {
+    fn inferred(&self, frames: &Tensor, actions: &Actions, noise: &mut StandardNormal<'_>) -> (Tensor, Tensor) {
         let (batch, time) = (frames.size()[0], frames.size()[1]);
         let seen = self.encoded(&frames.flatten(0, 1)).reshape([batch, time, -1]);
         let mut belief = self.start(batch);
@@ -216,7 +216,8 @@ impl FrameModel for Planet {
     fn loss(&self, batch: &Batch) -> Tensor {
         let (clips, time) = (batch.frames.size()[0], batch.frames.size()[1]);
         let count = (clips * time) as f64;
-        let (beliefs, divergence) = self.inferred(&batch.frames, &batch.actions, &mut Noise::of(batch.noise.as_ref()));
+        let (beliefs, divergence) =
+            self.inferred(&batch.frames, &batch.actions, &mut StandardNormal::of(batch.noise.as_ref()));
         let joined = beliefs.flatten(0, 1);
         let frames = (self.drawn(&joined) - batch.frames.flatten(0, 1)).square().sum(Kind::Float) * (0.5 / count);
         let mut loss = frames + divergence.clamp_min(FREE_NATS).mean(Kind::Float);

@@ -1,19 +1,19 @@
-//! A whole other model in the training loop that trains the physics: its one phase, and the loss that it descends.
+//! An end-to-end baseline in the training loop that trains the physics: its one phase, and the loss that it descends.
 
 use anyhow::Result;
 use tch::{Device, Tensor};
 
-use super::config::WholeConfig;
-use super::data::WholeData;
+use super::config::EndToEndConfig;
+use super::data::EndToEndData;
 use super::frame_model::{self, Batch, FrameModel, prediction_error};
 use super::gaussian::normal_numbers;
 use paig::datasets::iterators::{Clips, ShuffledBatches};
 use paig::network::System;
 use paig::network::physics_models::losses::MeanLosses;
-use paig::runs::weights::Named;
+use paig::runs::weights::NamedTensors;
 use paig::training::objective::{Objective, StepLoss, Validated};
 use paig::training::schedule::{LrSchedule, Timetable};
-use paig::training::trained::Trained;
+use paig::training::trained::Trainable;
 use paig_kernels::Kernels;
 
 /// The name of the phase.
@@ -30,10 +30,10 @@ pub(super) struct Trainee<'a> {
     pub kernels: Kernels,
 }
 
-impl Trained for Trainee<'_> {
+impl Trainable for Trainee<'_> {
     type Group = ();
 
-    fn named_variables(&self) -> Named {
+    fn named_variables(&self) -> NamedTensors {
         frame_model::named_variables(self.model)
     }
 
@@ -56,8 +56,8 @@ impl Trained for Trainee<'_> {
 
 /// The state of the phase between steps.
 pub(super) struct Descent<'a> {
-    config: &'a WholeConfig,
-    data: WholeData<'a>,
+    config: &'a EndToEndConfig,
+    data: EndToEndData<'a>,
     batches: ShuffledBatches,
     timetable: Timetable,
     /// The batch of the step at hand.
@@ -67,7 +67,7 @@ pub(super) struct Descent<'a> {
 impl<'a> Descent<'a> {
     /// # Errors
     /// No training clips.
-    pub(super) fn new(config: &'a WholeConfig, data: WholeData<'a>) -> Result<Self> {
+    pub(super) fn new(config: &'a EndToEndConfig, data: EndToEndData<'a>) -> Result<Self> {
         let schedule = LrSchedule {
             validate_every: config.checkpoint_every,
             anneal_at: ANNEAL_AT,

@@ -1,4 +1,4 @@
-//! The clips that a whole other model is trained, validated and scored on.
+//! The clips that an end-to-end baseline is trained, validated and scored on.
 
 use tch::Tensor;
 
@@ -7,7 +7,7 @@ use paig::datasets::iterators::Clips;
 
 /// The clips of a run.
 #[derive(Debug, Clone, Copy)]
-pub struct WholeData<'a> {
+pub struct EndToEndData<'a> {
     pub train: &'a Clips,
     /// What their frames are worth, `[clips, time]`, for a model that learns it.
     pub rewards: Option<&'a Tensor>,
@@ -17,7 +17,7 @@ pub struct WholeData<'a> {
     pub checksums: &'a str,
 }
 
-impl WholeData<'_> {
+impl EndToEndData<'_> {
     /// The chosen training clips, with random numbers where the model takes them.
     pub(super) fn batch(&self, chosen: &[i64], noise: Option<Tensor>) -> Batch {
         let device = self.train.device();

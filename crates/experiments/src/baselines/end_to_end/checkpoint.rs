@@ -60,7 +60,7 @@ pub(super) fn ensure_current(folder: &Path) -> Result<()> {
 mod tests {
     use tch::Device;
 
-    use super::super::config::WholeModel;
+    use super::super::config::EndToEndModel;
     use super::*;
     use paig::network::System;
     use paig::tasks;
@@ -71,7 +71,7 @@ mod tests {
     fn the_best_weights_of_earlier_versions_are_read() {
         let folder = tempfile::tempdir().unwrap();
         let system = System { side: 16, ..tasks::builtin("spring_color").unwrap().system };
-        let build = |seed: u64| WholeModel::VideoLstm.build(&system, Kernels::Own, seed, Device::Cpu);
+        let build = |seed: u64| EndToEndModel::VideoLstm.build(&system, Kernels::Own, seed, Device::Cpu);
         let [last, best, read] = [1, 2, 3].map(build);
         let mut saved = named_variables(last.as_ref());
         for (name, slot) in named_variables(last.as_ref()) {

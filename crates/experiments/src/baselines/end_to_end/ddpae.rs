@@ -11,7 +11,7 @@ use tch::nn::VarStore;
 use tch::{Device, Kind, Tensor};
 
 use super::frame_model::{Batch, FrameModel};
-use super::gaussian::{Gaussian, Noise};
+use super::gaussian::{Gaussian, StandardNormal};
 use paig::datasets::iterators::Clips;
 use paig::network::System;
 use paig::network::blocks::{Activation, Conv2d, Dense, Layers, Mlp};
@@ -51,8 +51,8 @@ pub struct Ddpae {
     input_steps: i64,
     side: i64,
     channels: i64,
-    image_encoder: Encoder,
-    content_encoder: Encoder,
+    image_encoder: PoolingEncoder,
+    content_encoder: PoolingEncoder,
     /// Takes in image latents, and the memory of the component before.
     pose_memory: LstmCell,
     /// Goes on from it, and takes in its own poses.
@@ -70,12 +70,12 @@ pub struct Ddpae {
 
 /// Convolutions with poolings, then one dense layer.
 #[derive(Debug)]
-struct Encoder {
+struct PoolingEncoder {
     convolutions: Vec<Conv2d>,
     output: Dense,
 }
 
-impl Encoder {
+impl PoolingEncoder {
     fn new(layers: &mut Layers, channels: usize, side: usize, outputs: usize) -> Self {
         let mut inputs = channels;
         let convolutions = CHANNELS.map(|outputs| {
@@ -84,7 +84,7 @@ impl Encoder {
             layer
         });
         let left = CHANNELS.iter().fold(side, |side, _| side / 2);
-        Encoder {
+        PoolingEncoder {
             convolutions: convolutions.into(),
             output: layers.dense(inputs * left * left, outputs, Activation::Relu),
         }
@@ -116,8 +116,8 @@ impl Ddpae {
         let variables = VarStore::new(device);
         let scope = |name: &str| Layers::new(variables.root() / name);
         let (side, window) = (system.side, system.side / 2);
-        let image_encoder = Encoder::new(&mut scope("image_encoder"), system.channels, side, IMAGE);
-        let content_encoder = Encoder::new(&mut scope("content_encoder"), system.channels, window, IMAGE);
+        let image_encoder = PoolingEncoder::new(&mut scope("image_encoder"), system.channels, side, IMAGE);
+        let content_encoder = PoolingEncoder::new(&mut scope("content_encoder"), system.channels, window, IMAGE);
         let mut pose = scope("pose");
         let pose_memory = LstmCell::new(&mut pose, IMAGE + HIDDEN, HIDDEN);
         let future_memory = LstmCell::new(&mut pose, POSE + HIDDEN, HIDDEN);
@@ -153,7 +153,7 @@ impl Ddpae {
     }
 
     /// Goes through the components one after the other.
-    fn infer(&self, input: &Tensor, future: usize, noise: &mut Noise<'_>) -> Inferred {
+    fn infer(&self, input: &Tensor, future: usize, noise: &mut StandardNormal<'_>) -> Inferred {
         let (batch, seen) = (input.size()[0], input.size()[1]);
         let images = self.image_encoder.forward(&input.flatten(0, 1)).reshape([batch, seen, -1]);
         let none = Tensor::zeros([batch, HIDDEN as i64], (Kind::Float, input.device()));
@@ -176,7 +176,7 @@ impl Ddpae {
         images: &Tensor,
         future: usize,
         before: &[Tensor],
-        noise: &mut Noise<'_>,
+        noise: &mut StandardNormal<'_>,
     ) -> (Vec<Tensor>, Vec<Tensor>, Tensor) {
         let seen = images.size()[1] as usize;
         let [mut h, mut c] = self.pose_memory.start(&images.select(1, 0));
@@ -205,7 +205,7 @@ impl Ddpae {
     }
 
     /// The content `[batch, 128]` of what lies in a component's windows.
-    fn content(&self, input: &Tensor, poses: &[Tensor], noise: &mut Noise<'_>) -> (Tensor, Tensor) {
+    fn content(&self, input: &Tensor, poses: &[Tensor], noise: &mut StandardNormal<'_>) -> (Tensor, Tensor) {
         let mut memory: Option<[Tensor; 2]> = None;
         for (frame, pose) in poses.iter().enumerate() {
             let seen = moved(&input.select(1, frame as i64), &window(pose), self.side / 2);
@@ -275,7 +275,7 @@ impl FrameModel for Ddpae {
     /// The negative evidence lower bound of whole clips, per frame.
     fn loss(&self, batch: &Batch) -> Tensor {
         let clips = &batch.frames;
-        let mut noise = Noise::of(batch.noise.as_ref());
+        let mut noise = StandardNormal::of(batch.noise.as_ref());
         let (batch, time) = (clips.size()[0], clips.size()[1]);
         let input = clips.narrow(1, 0, self.input_steps);
         let Inferred { frames, divergence } = self.infer(&input, (time - self.input_steps) as usize, &mut noise);
@@ -288,7 +288,7 @@ impl FrameModel for Ddpae {
     }
 
     fn predict(&self, input: &Tensor, _actions: &Actions, frames: usize) -> Tensor {
-        let inferred = self.infer(input, frames, &mut Noise::none());
+        let inferred = self.infer(input, frames, &mut StandardNormal::none());
         inferred.frames.narrow(1, input.size()[1], frames as i64)
     }
 }

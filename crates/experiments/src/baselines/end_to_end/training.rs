@@ -1,4 +1,4 @@
-//! Training of a whole other model, by the loop and in the files of any other run.
+//! Training of an end-to-end baseline, by the loop and in the files of any other run.
 //!
 //! The folder of such a run holds `model.toml` (what is trained), `metrics.jsonl`, `log.txt`, `checkpoints/`, and at the end
 //! `scores.json` and `outputs.npz`, of the weights of the best validation.
@@ -9,24 +9,24 @@ use anyhow::{Context, Result, ensure};
 use tch::Tensor;
 
 use super::checkpoint;
-use super::config::{self, MODEL, WholeConfig};
+use super::config::{self, EndToEndConfig, MODEL};
 use super::descent::{Descent, PHASE, Trainee};
 use super::frame_model::{self, FrameModel};
-use super::scores::{self, SCORES, WholeScores};
+use super::scores::{self, EndToEndScores, SCORES};
 use paig::network::System;
 use paig::runs::checkpoint::{LearnedFrom, Store};
 use paig::runs::folder::RunFolder;
-use paig::runs::metrics::{Kind, Record};
+use paig::runs::metrics::{Record, RecordKind};
 use paig::support::atomic;
-use paig::training::base::{Intervals, Outcome, Session, Validation};
+use paig::training::base::{Intervals, Session, TrainingOutcome, Validation};
 use paig::training::objective::Objective;
-use paig::training::observer::{Event, Observer};
+use paig::training::observer::{TrainingEvent, TrainingObserver};
 use paig::training::optimizers::OptimizerKind;
 use paig::training::recorder::Recorder;
 use paig::viz;
 use paig_kernels::own_stream;
 
-pub use super::data::WholeData;
+pub use super::data::EndToEndData;
 
 /// Clips on which a model is validated, at most.
 const VALIDATION_CLIPS: usize = 100;
@@ -37,19 +37,19 @@ const VALIDATION_CLIPS: usize = 100;
 /// # Errors
 /// A folder that holds another run or one on other clips, a damaged checkpoint, a loss that is not a number, a full disk.
 pub fn train(
-    config: &WholeConfig,
+    config: &EndToEndConfig,
     system: &System,
-    data: WholeData,
+    data: EndToEndData,
     folder: &Path,
     stop: &dyn Fn() -> bool,
     tell: &mut dyn FnMut(&Record),
-) -> Result<Outcome> {
+) -> Result<TrainingOutcome> {
     config.check()?;
     let least = config.model.least_side();
     ensure!(system.side >= least, "frames of {} pixels: this model needs frames of {least} or more", system.side);
     let run = open(config, folder)?;
-    if WholeScores::read(folder)?.is_some() {
-        return Ok(Outcome::Finished);
+    if EndToEndScores::read(folder)?.is_some() {
+        return Ok(TrainingOutcome::Finished);
     }
     let device = data.train.device();
     own_stream(device)?;
@@ -71,22 +71,22 @@ pub fn train(
     if session.state.step == 0 {
         model.begin(data.train);
     }
-    if session.train_phase(PHASE, &mut descent, OptimizerKind::Adam, 0.0)? == Outcome::Interrupted {
-        return Ok(Outcome::Interrupted);
+    if session.train_phase(PHASE, &mut descent, OptimizerKind::Adam, 0.0)? == TrainingOutcome::Interrupted {
+        return Ok(TrainingOutcome::Interrupted);
     }
     let (step, error) = session.best_validation(descent.timetable());
-    let best = scores::Validation { step, error };
+    let best = scores::ValidationScore { step, error };
     write_results(config, model.as_ref(), system, data, (session.elapsed(), best), folder)?;
-    Ok(Outcome::Finished)
+    Ok(TrainingOutcome::Finished)
 }
 
 /// Passes validations on.
 struct Validations<'a>(&'a mut dyn FnMut(&Record));
 
-impl<M> Observer<M> for Validations<'_> {
-    fn observe(&mut self, event: &Event<M>) -> Result<()> {
-        if let Event::Recorded { record, .. } = event
-            && record.kind == Kind::Valid
+impl<M> TrainingObserver<M> for Validations<'_> {
+    fn observe(&mut self, event: &TrainingEvent<M>) -> Result<()> {
+        if let TrainingEvent::Recorded { record, .. } = event
+            && record.kind == RecordKind::Valid
         {
             (self.0)(record);
         }
@@ -95,7 +95,7 @@ impl<M> Observer<M> for Validations<'_> {
 }
 
 /// Takes a folder for this run, or finds it there; for this program alone while the folder is open.
-fn open(config: &WholeConfig, folder: &Path) -> Result<RunFolder> {
+fn open(config: &EndToEndConfig, folder: &Path) -> Result<RunFolder> {
     let text = toml::to_string_pretty(config)?;
     let run = RunFolder::enter(folder)?;
     match config::read(folder)? {
@@ -109,11 +109,11 @@ fn open(config: &WholeConfig, folder: &Path) -> Result<RunFolder> {
 }
 
 fn write_results(
-    config: &WholeConfig,
+    config: &EndToEndConfig,
     model: &dyn FrameModel,
     system: &System,
-    data: WholeData,
-    (seconds, best): (f64, scores::Validation),
+    data: EndToEndData,
+    (seconds, best): (f64, scores::ValidationScore),
     folder: &Path,
 ) -> Result<()> {
     let (mut input, mut output) = (Vec::new(), Vec::new());
@@ -124,7 +124,7 @@ fn write_results(
         Ok(())
     })?;
     viz::write_predictions(&folder.join("outputs.npz"), &Tensor::cat(&input, 0), &Tensor::cat(&output, 0))?;
-    let scores = WholeScores {
+    let scores = EndToEndScores {
         config: config.clone(),
         weights: frame_model::weights(model),
         training_clips: data.train.len(),
@@ -140,7 +140,7 @@ mod tests {
     use ndarray::{Array5, s};
     use tch::Device;
 
-    use super::super::config::WholeModel;
+    use super::super::config::EndToEndModel;
     use super::super::frame_model::prediction_error;
     use super::*;
     use paig::datasets::iterators::Clips;
@@ -154,8 +154,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let plain = tasks::builtin("spring_color").unwrap().system;
         let system = System { side: 16, pred_steps: 3, ..plain };
-        let config = WholeConfig {
-            model: WholeModel::VideoLstm,
+        let config = EndToEndConfig {
+            model: EndToEndModel::VideoLstm,
             task: "spring_color".into(),
             data: "noise".into(),
             seed: 4,
@@ -171,26 +171,26 @@ mod tests {
         let mut darkened = bright.clone();
         darkened.slice_mut(s![.., system.input_steps as isize.., .., .., ..]).fill(0);
         let [train_clips, clips] = [bright, darkened].map(|pixels| Clips::new(&pixels, None, Device::Cpu));
-        let data = WholeData { train: &train_clips, rewards: None, valid: &clips, test: &clips, checksums: "those" };
+        let data = EndToEndData { train: &train_clips, rewards: None, valid: &clips, test: &clips, checksums: "those" };
         let train = |name: &str, stop: bool| {
             let mut errors = Vec::new();
             let tell = &mut |record: &Record| errors.push(record.score.unwrap());
             let outcome = train(&config, &system, data, &folder.path().join(name), &|| stop, tell).unwrap();
-            assert_eq!(outcome == Outcome::Interrupted, stop);
+            assert_eq!(outcome == TrainingOutcome::Interrupted, stop);
             errors
         };
         let errors = train("whole", false);
         // Stopped after each of its first steps.
         (0..5).for_each(|_| _ = train("cut", true));
         // With other clips it does not go on.
-        let other = WholeData { checksums: "others", ..data };
+        let other = EndToEndData { checksums: "others", ..data };
         let cut = folder.path().join("cut");
         let refused = super::train(&config, &system, other, &cut, &|| false, &mut |_| ()).unwrap_err();
         let refused = format!("{refused:#}");
         assert!(refused.contains("the clips are not those"), "{refused}");
         train("cut", false);
-        let [best, of_cut] =
-            ["whole", "cut"].map(|name| WholeScores::read(&folder.path().join(name)).unwrap().unwrap().best.unwrap());
+        let [best, of_cut] = ["whole", "cut"]
+            .map(|name| EndToEndScores::read(&folder.path().join(name)).unwrap().unwrap().best.unwrap());
         assert_eq!((best.step, best.error.to_bits()), (of_cut.step, of_cut.error.to_bits()));
         // The first validation, before the first step, counts as any other.
         let least = errors.iter().copied().fold(f64::INFINITY, f64::min);

@@ -25,7 +25,7 @@ const LAYERS: usize = 2;
 /// Side of a kernel.
 const KERNEL: usize = 3;
 
-type Memory = Vec<[Tensor; 2]>;
+type LstmMemory = Vec<[Tensor; 2]>;
 
 /// Encoder, forecaster and read-out.
 #[derive(Debug)]
@@ -74,9 +74,9 @@ impl VideoLstm {
         }
     }
 
-    fn step(&self, cells: &[PreparedConvLstm], frame: &Tensor, memory: &Memory) -> Memory {
+    fn step(&self, cells: &[PreparedConvLstm], frame: &Tensor, memory: &LstmMemory) -> LstmMemory {
         let mut x = frame.pixel_unshuffle(self.patch);
-        let mut after = Memory::new();
+        let mut after = LstmMemory::new();
         for (cell, before) in cells.iter().zip(memory) {
             after.push(cell.step(&x, before));
             x = after[after.len() - 1][0].shallow_clone();
@@ -84,9 +84,9 @@ impl VideoLstm {
         after
     }
 
-    fn encoded(&self, input: &Tensor) -> Memory {
+    fn encoded(&self, input: &Tensor) -> LstmMemory {
         let like = input.select(1, 0).pixel_unshuffle(self.patch);
-        let mut memory: Memory = self.encoder.iter().map(|cell| cell.start(&like)).collect();
+        let mut memory: LstmMemory = self.encoder.iter().map(|cell| cell.start(&like)).collect();
         let encoder = prepared(&self.encoder);
         for frame in 0..input.size()[1] {
             memory = self.step(&encoder, &input.select(1, frame), &memory);

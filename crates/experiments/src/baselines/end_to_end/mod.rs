@@ -1,4 +1,4 @@
-//! Whole other models: they see frames and know neither the equation nor the encoder and decoder of this program.
+//! End-to-end baselines: they see frames and know neither the equation nor the encoder and decoder of this program.
 //!
 //! Paper: section 4. [`frame_model`] is what they have in common; VideoLSTM and DDPAE are the paper's, the small PlaNet is for
 //! control. [`training`] trains each in a folder of its own.

@@ -9,14 +9,14 @@ use super::files::Split;
 
 /// What there is to see in the clips of a split.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Shown {
+pub(super) struct SplitContent {
     brightest: u8,
     moves: bool,
 }
 
-impl Shown {
+impl SplitContent {
     pub(super) fn by(clips: &Array5<u8>) -> Self {
-        let mut shown = Shown::default();
+        let mut shown = SplitContent::default();
         let frame_bytes = clips.dim().2 * clips.dim().3 * clips.dim().4;
         let all = clips.as_slice().expect("row-major");
         all.chunks_exact((clips.dim().1 * frame_bytes).max(1)).for_each(|clip| shown.add(clip, frame_bytes));
@@ -32,7 +32,7 @@ impl Shown {
     /// # Errors
     /// Frames that are (all but) black, as those saved from 0..1 are, or clips in which nothing ever moves.
     pub(super) fn check(self, split: Split, path: &Path) -> Result<()> {
-        let (name, Shown { brightest, moves }) = (split.name(), self);
+        let (name, SplitContent { brightest, moves }) = (split.name(), self);
         ensure!(
             brightest > 1,
             "array \"{name}_x\" of {path:?}: no pixel is brighter than {brightest} of 255; multiply frames in 0..1 by 255 \

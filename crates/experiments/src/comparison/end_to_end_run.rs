@@ -1,4 +1,4 @@
-//! The training of a whole other model from its files.
+//! The training of an end-to-end baseline from its files.
 
 use std::path::Path;
 
@@ -11,18 +11,18 @@ use paig::datasets::states::States;
 use paig::network::cells::Coordinates;
 use paig::runs::metrics::Record;
 use paig::tasks::{self, Task};
-use paig::training::base::Outcome;
+use paig::training::base::TrainingOutcome;
 use tch::{Device, Tensor};
 
-use crate::baselines::whole_models::config::WholeConfig;
-use crate::baselines::whole_models::training::{self, WholeData};
-use crate::control::reward::{Goal, Reward};
+use crate::baselines::end_to_end::config::EndToEndConfig;
+use crate::baselines::end_to_end::training::{self, EndToEndData};
+use crate::control::reward::{GoalPath, Reward};
 use crate::control::state::ControlState;
 
 /// A training that has its data.
 #[derive(Debug)]
-pub struct WholeRun {
-    config: WholeConfig,
+pub struct EndToEndRun {
+    config: EndToEndConfig,
     task: Task,
     train: Clips,
     valid: Clips,
@@ -32,16 +32,16 @@ pub struct WholeRun {
     checksums: String,
 }
 
-impl WholeRun {
+impl EndToEndRun {
     /// Reads the data.
     ///
     /// # Errors
     /// A config or data that do not fit the task, that are missing, or that show nothing that moves.
-    pub fn prepare(config: &WholeConfig, device: Device) -> Result<Self, Error> {
+    pub fn prepare(config: &EndToEndConfig, device: Device) -> Result<Self, Error> {
         Ok(Self::prepared(config, device)?)
     }
 
-    fn prepared(config: &WholeConfig, device: Device) -> Result<Self> {
+    fn prepared(config: &EndToEndConfig, device: Device) -> Result<Self> {
         config.check()?;
         let task = tasks::find(&config.task)?;
         let train_file = config.data.join(&task.train_file);
@@ -52,7 +52,7 @@ impl WholeRun {
         let test = scored.clips(Split::Test, device);
         let rewards = config.model.learns_rewards().then(|| rewards(&task, &train_file, &learned)).transpose()?;
         let checksums = learned.learned_from();
-        Ok(WholeRun { config: config.clone(), task, train, valid, test, rewards, checksums })
+        Ok(EndToEndRun { config: config.clone(), task, train, valid, test, rewards, checksums })
     }
 
     /// Trains, and scores on the test clips; `observe` sees each validation.
@@ -64,9 +64,9 @@ impl WholeRun {
         folder: &Path,
         stop: &dyn Fn() -> bool,
         observe: &mut dyn FnMut(&Record),
-    ) -> Result<Outcome, Error> {
-        let WholeRun { config, task, train, valid, test, rewards, checksums } = self;
-        let data = WholeData { train, rewards: rewards.as_ref(), valid, test, checksums };
+    ) -> Result<TrainingOutcome, Error> {
+        let EndToEndRun { config, task, train, valid, test, rewards, checksums } = self;
+        let data = EndToEndData { train, rewards: rewards.as_ref(), valid, test, checksums };
         training::train(config, &task.system, data, folder, stop, observe).map_err(Error::of_work)
     }
 }
@@ -85,7 +85,7 @@ fn rewards(task: &Task, file: &Path, dataset: &Dataset) -> Result<Tensor> {
         let beside = States::path_beside(file);
         format!("{} is missing: the model is told what each frame is worth, by the true angle", beside.display())
     })?;
-    let upright = Reward::Goal(Goal::angle(0.0));
+    let upright = Reward::Goal(GoalPath::angle(0.0));
     let worth = |angle: &f32| {
         let state = ControlState::turning(f64::from(*angle), 0.0);
         upright.of(0, &state, 0.0, &state) as f32

@@ -8,15 +8,15 @@ use paig::datasets::film::FilmFile;
 use paig::datasets::iterators::Clips;
 use paig::network::cells::Coordinates;
 use paig::network::physics_models::{PhysicsNet, naming};
-use paig::training::identify::seen::Seen;
-use paig::training::objects::motion::Motion;
+use paig::training::identify::encoded_positions::EncodedPositions;
+use paig::training::objects::motion::MotionDetector;
 
 /// Frames that the network sees at a time.
 const FRAMES_AT_ONCE: usize = 200;
 
 /// Both measures of one video.
 #[derive(Debug)]
-pub struct Sight {
+pub struct ComparedPositions {
     /// By the encoder (without what it is always beside the centroids) and by the centroids.
     pub encoded: Positions,
     pub centroids: Positions,
@@ -26,12 +26,12 @@ pub struct Sight {
 ///
 /// # Errors
 /// A video that is shorter than a clip.
-pub fn look(model: &PhysicsNet, train: &Clips, film: &FilmFile, video: usize, seed: u64) -> Result<Sight> {
+pub fn look(model: &PhysicsNet, train: &Clips, film: &FilmFile, video: usize, seed: u64) -> Result<ComparedPositions> {
     let _guard = tch::no_grad_guard();
     let (frames, length) = (film.videos[video].dim().0, train.time());
     let clips = film.clips(video, length, model.variables.device())?;
-    let motion = Motion::measure(train, seed);
-    let seen = Seen::of(model, &clips, &motion, clips.len(), (FRAMES_AT_ONCE / length).max(1));
+    let motion = MotionDetector::measure(train, seed);
+    let seen = EncodedPositions::of(model, &clips, &motion, clips.len(), (FRAMES_AT_ONCE / length).max(1));
     let whole = |clips: &Tensor| {
         // The last clip shares frames with the one before.
         let flat = clips.flatten(0, 1);
@@ -49,7 +49,7 @@ pub fn look(model: &PhysicsNet, train: &Clips, film: &FilmFile, video: usize, se
         }
         None => (encoded, centroids),
     };
-    Ok(Sight { encoded: positions(model, &encoded), centroids: positions(model, &centroids) })
+    Ok(ComparedPositions { encoded: positions(model, &encoded), centroids: positions(model, &centroids) })
 }
 
 /// Of `[1, frames, 2 * objects]`, in the model's unit.

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
-use super::config::WholeConfig;
+use super::config::EndToEndConfig;
 use paig::runs::scores::Scores;
 use paig::support::storage;
 
@@ -14,25 +14,25 @@ pub(super) const SCORES: &str = "scores.json";
 
 /// What a finished run scores on its test file.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct WholeScores {
-    pub config: WholeConfig,
+pub struct EndToEndScores {
+    pub config: EndToEndConfig,
     pub weights: usize,
     pub training_clips: usize,
     pub seconds: f64,
     /// The validation whose weights are scored; none in files of before, which score those of the last step.
     #[serde(default)]
-    pub best: Option<Validation>,
+    pub best: Option<ValidationScore>,
     pub scores: Scores,
 }
 
 /// One validation: after which step, and the error on all frames after the input.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct Validation {
+pub struct ValidationScore {
     pub step: u64,
     pub error: f64,
 }
 
-impl WholeScores {
+impl EndToEndScores {
     /// Of the run in a folder; none if it has not finished.
     ///
     /// # Errors

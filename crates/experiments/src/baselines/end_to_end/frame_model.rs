@@ -1,4 +1,4 @@
-//! Whole other models: what they have in common, and what they are scored by.
+//! End-to-end baselines: what they have in common, and what they are scored by.
 
 use anyhow::Result;
 use tch::nn::VarStore;

@@ -9,7 +9,7 @@ use crate::datasets::iterators::Clips;
 use crate::network::cells::{Actions, Coordinates};
 use crate::network::physics_models::PhysicsNet;
 use crate::network::system::System;
-use crate::training::objects::motion::Motion;
+use crate::training::objects::motion::MotionDetector;
 
 /// An object whose mask holds less of what moves than this, in saturated pixels, has no centroid: the encoder's position
 /// without its offset stands for it.
@@ -20,7 +20,7 @@ const MOST: f64 = 0.5;
 
 /// Positions in pixels, in the encoder's order of objects: `[clips, time, 2 * objects]`.
 #[derive(Debug)]
-pub struct Seen {
+pub struct EncodedPositions {
     /// The encoder's, aligned with the picture, without the offsets.
     pub encoded: Tensor,
     pub centroids: Tensor,
@@ -37,9 +37,9 @@ pub struct Seen {
     pub actions: Actions,
 }
 
-impl Seen {
+impl EncodedPositions {
     /// The objects of the first `count` clips, seen `batch` clips at a time.
-    pub fn of(model: &PhysicsNet, clips: &Clips, motion: &Motion, count: usize, batch: usize) -> Self {
+    pub fn of(model: &PhysicsNet, clips: &Clips, motion: &MotionDetector, count: usize, batch: usize) -> Self {
         let _guard = tch::no_grad_guard();
         let time = clips.time() as i64;
         let chosen: Vec<i64> = (0..clips.len().min(count) as i64).collect();
@@ -67,7 +67,7 @@ impl Seen {
             two_measures(coordinates, &on_cpu(&encoded), &on_cpu(&centroids), &on_cpu(&present));
         let mean = |parts: &[Tensor]| on_cpu(parts).mean_dim([0i64].as_slice(), false, Kind::Double);
         let numbers = |x: Tensor| -> Vec<f64> { x.try_into().expect("numbers") };
-        Seen {
+        EncodedPositions {
             encoded,
             centroids,
             offsets: numbers(offsets),

@@ -43,19 +43,19 @@ pub fn normal_numbers(seed: u64, step: u64, count: usize) -> Tensor {
 
 /// Standard normal numbers, taken one after the other; or none, and what is drawn is the mean.
 #[derive(Debug)]
-pub struct Noise<'a> {
+pub struct StandardNormal<'a> {
     numbers: Option<&'a Tensor>,
     taken: i64,
 }
 
-impl<'a> Noise<'a> {
+impl<'a> StandardNormal<'a> {
     /// Of these numbers, `[count]`.
     pub fn of(numbers: Option<&'a Tensor>) -> Self {
-        Noise { numbers, taken: 0 }
+        StandardNormal { numbers, taken: 0 }
     }
 
     pub fn none() -> Self {
-        Noise::of(None)
+        StandardNormal::of(None)
     }
 
     /// As many as a tensor has, in its shape.

@@ -16,6 +16,9 @@ pub struct TrueMotion {
     pub positions: Vec<Vec<[f64; 2]>>,
     /// True values in pixels and seconds; the first is the one that the video is made for.
     pub truth: Vec<(&'static str, f64)>,
+    /// The same where the objects are numbered the other way round; empty where that makes no difference. A measurement numbers them
+    /// as it finds them.
+    pub renumbered: Vec<f64>,
 }
 
 /// A kind of motion.
@@ -70,7 +73,7 @@ fn throw(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let top = random.random_range(80.0..HEIGHT as f64 - 80.0 - height);
     let at = |t: f64| [x + way * t / time, top + g * (t - rise).powi(2) / 2.0];
     let positions = (0..clock.frames).map(|frame| at(frame as f64 / clock.rate)).collect();
-    TrueMotion { positions: vec![positions], truth: vec![("g", g)] }
+    TrueMotion { positions: vec![positions], truth: vec![("g", g)], renumbered: Vec::new() }
 }
 
 /// A fall through a medium, with a resistance that takes a good part of the speed within the picture.
@@ -95,7 +98,7 @@ fn drag(random: &mut ChaCha8Rng, clock: &SampleTimes, quadratic: bool) -> TrueMo
         }
         g *= fall / fallen;
     }
-    TrueMotion { positions, truth: vec![("g", g), ("c", c)] }
+    TrueMotion { positions, truth: vec![("g", g), ("c", c)], renumbered: Vec::new() }
 }
 
 fn linear_drag(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
@@ -126,7 +129,7 @@ fn pendulum(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let middle = WIDTH as f64 / 2.0 + random.random_range(-150.0..150.0);
     let place = |angle: &[f64; 2]| [middle + string * angle[0].sin(), bottom - string * (1.0 - angle[0].cos())];
     let positions = vec![angles.iter().map(place).collect()];
-    TrueMotion { positions, truth: vec![("l", 9.80665 / (rate * rate)), ("c", damping)] }
+    TrueMotion { positions, truth: vec![("l", 9.80665 / (rate * rate)), ("c", damping)], renumbered: Vec::new() }
 }
 
 fn mass_on_a_spring(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
@@ -137,7 +140,7 @@ fn mass_on_a_spring(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion 
     let start = (vec![[rest[0], rest[1] + amplitude]], vec![[0.0; 2]]);
     let pull = |x: &[[f64; 2]], v: &[[f64; 2]]| vec![[0, 1].map(|i| -k * (x[0][i] - rest[i]) - c * v[0][i])];
     let positions = integrate(clock, start, pull, |_| ());
-    TrueMotion { positions, truth: vec![("k", k), ("c", c)] }
+    TrueMotion { positions, truth: vec![("k", k), ("c", c)], renumbered: Vec::new() }
 }
 
 /// A block that comes to rest just after the video.
@@ -151,7 +154,7 @@ fn sliding_block(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let positions = (0..clock.frames).map(|frame| path(frame as f64 / clock.rate));
     let turned: (f64, f64) = (f64::cos(slope), f64::sin(slope));
     let positions = positions.map(|s| [x + s * turned.0, y + s * turned.1]).collect();
-    TrueMotion { positions: vec![positions], truth: vec![("f", f)] }
+    TrueMotion { positions: vec![positions], truth: vec![("f", f)], renumbered: Vec::new() }
 }
 
 fn bounce(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
@@ -178,7 +181,7 @@ fn bounce(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
             }
         },
     );
-    TrueMotion { positions, truth: vec![("g", g), ("e", e)] }
+    TrueMotion { positions, truth: vec![("g", g), ("e", e)], renumbered: Vec::new() }
 }
 
 /// Circles that drift across.
@@ -193,7 +196,7 @@ fn charge(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     );
     let pull = |_: &[[f64; 2]], v: &[[f64; 2]]| vec![[push[0] - b * v[0][1], push[1] + b * v[0][0]]];
     let positions = integrate(clock, start, pull, |_| ());
-    TrueMotion { positions, truth: vec![("b", b), ("ex", push[0]), ("ey", push[1])] }
+    TrueMotion { positions, truth: vec![("b", b), ("ex", push[0]), ("ey", push[1])], renumbered: Vec::new() }
 }
 
 /// Two balls that swing against each other and turn about their centre of mass.
@@ -225,11 +228,13 @@ fn joined(random: &mut ChaCha8Rng, clock: &SampleTimes, m: f64) -> (Vec<Vec<[f64
 
 fn spring(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let (positions, k, l) = joined(random, clock, 1.0);
-    TrueMotion { positions, truth: vec![("k", k), ("l", l)] }
+    TrueMotion { positions, truth: vec![("k", k), ("l", l)], renumbered: Vec::new() }
 }
 
 fn unequal_masses(random: &mut ChaCha8Rng, clock: &SampleTimes) -> TrueMotion {
     let m = random.random_range(1.5..3.0);
     let (positions, k, l) = joined(random, clock, m);
-    TrueMotion { positions, truth: vec![("k", k), ("l", l), ("m", m)] }
+    // Over the other mass.
+    let renumbered = vec![k / m, l, 1.0 / m];
+    TrueMotion { positions, truth: vec![("k", k), ("l", l), ("m", m)], renumbered }
 }

@@ -9,7 +9,7 @@ use paig_video::measure::results::{Measurement, Outcome};
 use serde::Serialize;
 
 use super::VideoPlan;
-use super::kinds::{KINDS, MotionKind};
+use super::kinds::{KINDS, MotionKind, TrueMotion};
 
 /// Errors up to which a quantity counts as right, and beyond which one that is `found` counts as false.
 const RIGHT: f64 = 0.01;
@@ -113,7 +113,14 @@ pub fn rows(
             reason: reason.clone(),
         }
     };
-    made.motion.truth.iter().enumerate().map(row).collect()
+    let TrueMotion { truth, renumbered, .. } = &made.motion;
+    let off = |truths: &[(&'static str, f64)]| -> f64 {
+        let values = truths.iter().filter_map(|(name, truth)| Some(measurement?.quantity(name)?.value / truth));
+        values.map(|ratio| ratio.abs().ln().abs()).sum()
+    };
+    let other: Vec<_> = truth.iter().zip(renumbered).map(|((name, _), value)| (*name, *value)).collect();
+    let truth = if !other.is_empty() && off(&other) < off(truth) { &other } else { truth };
+    truth.iter().enumerate().map(row).collect()
 }
 
 /// Writes results.json and report.md.

@@ -110,13 +110,20 @@ pub fn bootstrap(
     let count = problem.learned.len();
     let drawn = |unknown: usize| changes.iter().map(|change| change[unknown].powi(2)).sum::<f64>() / DRAWS as f64;
     let shown = of_unknowns(&problem, fitted, &jacobian, &equations);
-    let by_itself = (0..count).filter(|unknown| shown[problem.learned[*unknown]] == Identifiability::ByItself);
-    let narrow = by_itself.map(|unknown| expected[unknown] / drawn(unknown)).filter(|ratio| ratio.is_finite());
-    let widened = quantile * narrow.fold(1.0, f64::max).sqrt();
+    let by_itself = |unknown: usize| unknown < count && shown[problem.learned[unknown]] == Identifiability::ByItself;
+    let ratio = |unknown: usize| expected[unknown] / drawn(unknown);
+    let ratios = (0..count).filter(|unknown| by_itself(*unknown)).map(ratio).filter(|ratio| ratio.is_finite());
+    // An initial state, or a parameter that shows only with others, is widened as much as any.
+    let largest = ratios.fold(1.0, f64::max);
+    let widened = |unknown: usize| {
+        let own = if by_itself(unknown) { ratio(unknown).clamp(1.0, largest) } else { largest };
+        quantile * own.sqrt()
+    };
     let by_parts = jackknife(&jacobian, &stacked(&bounded), share);
     let of_parts = StudentsT::new(0.0, 1.0, (PARTS - 1) as f64)?.inverse_cdf(0.975) / NORMAL_QUANTILE;
     let widened = DVector::from_fn(jacobian.ncols(), |unknown, _| {
         let ratio = by_parts.as_ref().map_or(0.0, |variances| variances[unknown] / drawn(unknown));
+        let widened = widened(unknown);
         if ratio > NO_CHANCE { widened.max(of_parts * ratio.sqrt()) } else { widened }
     });
     let draws = changes.into_iter().map(|change| {

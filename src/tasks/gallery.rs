@@ -21,9 +21,12 @@ macro_rules! entries {
 
 /// All of them, by name.
 pub const GALLERY: &[GalleryEntry] = entries![
+    "balls_in_a_bowl",
     "bounce_on_a_floor",
+    "cart_on_a_spring",
     "charge_in_a_field",
     "charges",
+    "colliding_pendulums",
     "constant_acceleration",
     "damped_pendulum",
     "double_pendulum",

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// The folders of the sources of each library with more than one, in the order of their imports. `lib.rs` sees all of them.
 const LAYERS: [(&str, &[&str]); 3] = [
     ("src", &["support", "network", "tasks", "datasets", "generators", "runs", "evaluation", "training", "viz", "run"]),
-    ("crates/video/src", &["calibration", "import", "track", "measure", "batch", "run"]),
+    ("crates/video/src", &["calibration", "import", "reference_track", "track", "measure", "batch", "run"]),
     ("crates/experiments/src", &["sweep", "stress", "baselines", "control", "comparison"]),
 ];
 /// Libraries that never print, and programs' code, which does.

@@ -6,6 +6,7 @@ mod random;
 mod alignment;
 mod cells;
 mod coarse;
+mod contacts;
 mod driven_model;
 mod dynamics;
 mod equation_text;

@@ -26,6 +26,7 @@ mod goldens;
 mod import;
 mod invocations;
 mod learning;
+mod manual;
 mod measure;
 mod outputs;
 mod own_task;

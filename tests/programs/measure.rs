@@ -252,6 +252,35 @@ fn a_throw_is_measured_without_a_training() {
     for file in ["measurement.html", "overlay.gif", "positions.csv", "measurement-positions.png"] {
         assert!(folder.path().join("measured").join(file).exists(), "{file}");
     }
+    beside_another_track(folder.path(), truth);
+}
+
+/// The true path in metres, y up, at 200 px to a metre, with a time stamp instead of frame numbers: alignment and g are found.
+fn beside_another_track(folder: &Path, g: f64) {
+    let row = |frame: u32| {
+        let time = f64::from(frame - 5);
+        let (x, y) = (14.3 + 5.0 * time, 86.2 - 6.4 * time + 0.25 * time * time);
+        format!("{};{};{}\n", f64::from(frame) / 30.0, x / 200.0, (110.0 - y) / 200.0).replace('.', ",")
+    };
+    let table: String = std::iter::once("t (s);x (m);y (m)\n".to_string()).chain((5..31).map(row)).collect();
+    fs::write(folder.join("other.csv"), table).unwrap();
+    run(folder, "compare-track", &["measured", "other.csv", "--json", "comparison.json"]);
+    let comparison: serde_json::Value =
+        serde_json::from_slice(&fs::read(folder.join("comparison.json")).unwrap()).unwrap();
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    let alignment = &comparison["alignment"];
+    assert!((number(&alignment["pixels_per_unit"]) / 200.0 - 1.0).abs() < 0.01, "{alignment}");
+    assert!(alignment["y_up"] == true && alignment["shift"] == 0, "{alignment}");
+    // The tracker is exact to a tenth of a pixel, beside a constant offset that the alignment takes.
+    assert!(number(&comparison["points"][0]["median"]) < 0.2, "{comparison}");
+    let by_other = &comparison["quantities"][0];
+    assert_eq!(by_other["name"], "g");
+    assert!((number(&by_other["by_other_track"]["value"]) / g - 1.0).abs() < 0.02, "{by_other}");
+    assert!((number(&by_other["in_other_unit"]) / (g / 200.0) - 1.0).abs() < 0.02, "{by_other}");
+    fs::write(folder.join("wrong.csv"), "a,b\n1,2\n").unwrap();
+    let refused = paig("compare-track").current_dir(folder).args(["measured", "wrong.csv"]).output().unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(refused.status.code() == Some(2) && said.contains("no column of frames or times"), "{said}");
 }
 
 #[test]

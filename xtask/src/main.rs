@@ -12,6 +12,7 @@ mod recordings;
 mod resources;
 mod seeds;
 mod synthetic_video;
+mod tables;
 mod torture;
 mod torture_report;
 mod trajectory;
@@ -32,6 +33,7 @@ enum Tool {
     Seeds(seeds::SeedsArguments),
     EquationChoice(equation_choice::EquationChoiceArguments),
     SyntheticVideo(synthetic_video::SyntheticVideoArguments),
+    Tables(tables::TablesArguments),
 }
 
 fn main() -> Result<()> {
@@ -45,5 +47,6 @@ fn main() -> Result<()> {
         Tool::Seeds(arguments) => seeds::run(&arguments),
         Tool::EquationChoice(arguments) => equation_choice::run(&arguments),
         Tool::SyntheticVideo(arguments) => synthetic_video::run(&arguments),
+        Tool::Tables(arguments) => tables::run(&arguments),
     }
 }

@@ -7,7 +7,7 @@ use clap::Command;
 /// Purposes, and the commands of each.
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Learn", &["demo", "train", "generate", "evaluate", "predict", "convert"]),
-    ("Your own video", &["studio", "track", "import", "measure", "measurements", "batch"]),
+    ("Your own video", &["studio", "track", "import", "measure", "measurements", "batch", "compare-track"]),
     ("Many runs", &["sweep", "report", "stress", "baselines", "train-baseline"]),
     ("Control", &["control"]),
     ("This build", &["compare", "bench", "completions"]),

@@ -1,13 +1,13 @@
 //! Video files to upright frames with their own presentation time stamps.
 //!
 //! ```no_run
-//! let video = paig_decode::Video::open("pendulum.mp4".as_ref())?;
+//! let video = paig_decode::VideoFile::open("pendulum.mp4".as_ref())?;
 //! println!("{} frames of {:?}, {}", video.info().frames, video.info().size, video.info().codec);
 //! for frame in video.frames()? {
 //!     let frame = frame?;
 //!     println!("frame {} at {:?} s: {:?}", frame.number(), frame.seconds(), frame.rgb().get_pixel(0, 0));
 //! }
-//! # Ok::<(), paig_decode::Error>(())
+//! # Ok::<(), paig_decode::DecodeError>(())
 //! ```
 //!
 //! H.264, HEVC, VP9, AV1 and Motion JPEG in mp4, mov, Matroska, WebM and AVI, gifs and folders of pictures are decoded by this

@@ -49,6 +49,8 @@ pub const EQUATIONS: &[EquationInfo] = equations![
         "A block that slides on a table and is slowed by a constant force. Finds f.";
     "constant_acceleration", 1, "Constant acceleration", "a = (aₓ, a_y)",
         "A constant force in any direction: a cart on a slope.";
+    "cart_on_a_spring", 1, "Cart thrown back by a spring", "a = a₀ − k max(x − x₀, 0)",
+        "A cart on a slope along x that a spring at its end throws back. Finds the acceleration and the spring's k over the mass.";
     "lossy_bounce", 1, "Bounce between walls", "a = g, v → −e v at each wall",
         "A ball that loses speed at every edge of the crop. Finds g and e.";
     "charge_in_a_field", 1, "Charge in two fields", "a = E + B v⊥",
@@ -60,6 +62,10 @@ pub const EQUATIONS: &[EquationInfo] = equations![
     "double_pendulum", 2, "Double pendulum", "two coupled pendulums",
         "Two weights, one hanging from the other. Finds g and the pivot.";
     "unequal_masses", 2, "Two unequal masses on a spring", "a₁ = −F, a₂ = F/m", "Finds the ratio of the masses, too.";
+    "balls_in_a_bowl", 2, "Balls that collide", "a = −k (p − p₀), collisions with restitution e",
+        "Two balls in a flat bowl that collide. Finds e and the ratio of the masses.";
+    "colliding_pendulums", 2, "Pendulums that collide", "θ″ = −(g/l) sin θ − c θ′, collisions with restitution e",
+        "Two balls on strings of one length that strike each other. Finds the length, the pivots and e.";
     "spring_chain", 3, "Chain of springs", "a₁ = −F₁, a₂ = F₁ − F₂, a₃ = F₂", "Three balls in a row, joined by two springs.";
     "gravity", 3, "Bodies that attract each other", "aᵢ = Σ m rᵢⱼ / |rᵢⱼ|³", "Three equal bodies under their own gravity.";
     "gravity_masses", 3, "Bodies of unequal mass", "aᵢ = Σ mⱼ rᵢⱼ / |rᵢⱼ|³", "The same, and finds the masses.";

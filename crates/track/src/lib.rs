@@ -21,15 +21,15 @@
 //! change slowly, such as those of changing light; parameters fitted to a track need a block bootstrap.
 //!
 //! ```
-//! use paig_track::{Clip, Options, synthetic::{Mover, Scene}, track};
+//! use paig_track::{Clip, TrackingOptions, synthetic::{Mover, Scene}, track};
 //!
 //! let positions: Vec<[f64; 2]> = (0..20).map(|i| [40.0 + 8.0 * f64::from(i), 120.0]).collect();
 //! let frames = Scene::of(Mover::at(positions)).render();
-//! let tracking = track(&Clip::new(frames)?, &Options::default())?;
+//! let tracking = track(&Clip::new(frames)?, &TrackingOptions::default())?;
 //! let ball = &tracking.tracks[0];
 //! let step = |i: usize| ball.points[i].measurement.map(|m| m.position[0]);
 //! assert!((step(15).unwrap() - step(5).unwrap() - 80.0).abs() < 0.3);
-//! # Ok::<(), paig_track::Error>(())
+//! # Ok::<(), paig_track::TrackError>(())
 //! ```
 #![forbid(unsafe_code)]
 

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use image::imageops::thumbnail;
-use paig::support::atomic;
 use paig::support::significant::significant;
+use paig::support::{atomic, storage};
 use paig_report::{cell, html};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::import::sources::SourceVideo;
 use crate::measure::results::{Measurement, Quantity};
@@ -75,6 +75,31 @@ pub fn write(folder: &Path, entries: &[BatchEntry]) -> Result<()> {
     atomic::write_file(&folder.join(CSV), |file| Ok(file.write_all(csv(&rows).as_bytes())?))?;
     let page = html::render("Measured videos", &page(folder, entries, &rows)?, folder)?;
     atomic::write_file(&folder.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
+}
+
+/// Entries of the batch in a folder; none of a folder that is no batch's.
+///
+/// # Errors
+/// A damaged batch.json.
+pub fn read(folder: &Path) -> Result<Option<Vec<BatchEntry>>> {
+    #[derive(Deserialize)]
+    struct EntryRecord {
+        name: String,
+        video: PathBuf,
+        reason: String,
+    }
+    let path = folder.join(JSON);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let text = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let rows: Vec<EntryRecord> =
+        serde_json::from_slice(&text).with_context(|| format!("{} is damaged", path.display()))?;
+    let entry = |EntryRecord { name, video, reason }| {
+        let ending = Measurement::read(&folder.join(&name)).map_err(|_| reason);
+        BatchEntry { name, video, ending }
+    };
+    Ok(Some(rows.into_iter().map(entry).collect()))
 }
 
 impl BatchEntry {

@@ -8,5 +8,6 @@ pub mod batch;
 pub mod calibration;
 pub mod import;
 pub mod measure;
+pub mod reference_track;
 pub mod run;
 pub mod track;

@@ -1,4 +1,4 @@
-//! What a wall does to a ball that a force moves, once for single numbers and for tensors.
+//! Impact of a ball that a force moves on a wall, once for single numbers and for tensors.
 
 use num_traits::Float;
 use tch::Tensor;
@@ -8,7 +8,13 @@ pub(super) trait Impact: Sized {
     /// Whether something is so, for each number.
     type Mask;
 
+    fn copy(&self) -> Self;
+    fn zero_like(&self) -> Self;
+    fn one_like(&self) -> Self;
+    fn plus(&self, other: &Self) -> Self;
     fn minus(&self, other: &Self) -> Self;
+    fn negative(&self) -> Self;
+    fn root(&self) -> Self;
     fn times(&self, other: &Self) -> Self;
     fn over(&self, other: &Self) -> Self;
     fn between(&self, least: &Self, most: &Self) -> Self;
@@ -17,6 +23,13 @@ pub(super) trait Impact: Sized {
     /// Not beyond one of the two.
     fn is_within(&self, least: &Self, most: &Self) -> Self::Mask;
     fn is_zero(&self) -> Self::Mask;
+    fn is_negative(&self) -> Self::Mask;
+    fn is_positive(&self) -> Self::Mask;
+    fn both(one: Self::Mask, other: Self::Mask) -> Self::Mask;
+    fn not(mask: Self::Mask) -> Self::Mask;
+    fn copy_mask(mask: &Self::Mask) -> Self::Mask;
+    /// 0 where the mask is not set.
+    fn zero_unless(&self, mask: &Self::Mask) -> Self;
     /// 1 where the mask is set.
     fn one_where(&self, mask: &Self::Mask) -> Self;
     /// `other` where the mask is not set.
@@ -54,6 +67,30 @@ pub(super) fn turned_back<I: Impact>(
 impl Impact for Tensor {
     type Mask = Tensor;
 
+    fn copy(&self) -> Tensor {
+        self.shallow_clone()
+    }
+
+    fn zero_like(&self) -> Tensor {
+        self.zeros_like()
+    }
+
+    fn one_like(&self) -> Tensor {
+        self.ones_like()
+    }
+
+    fn plus(&self, other: &Tensor) -> Tensor {
+        self + other
+    }
+
+    fn negative(&self) -> Tensor {
+        -self
+    }
+
+    fn root(&self) -> Tensor {
+        self.sqrt()
+    }
+
     fn minus(&self, other: &Tensor) -> Tensor {
         self - other
     }
@@ -82,6 +119,30 @@ impl Impact for Tensor {
         self.eq(0.0)
     }
 
+    fn is_negative(&self) -> Tensor {
+        self.lt(0.0)
+    }
+
+    fn is_positive(&self) -> Tensor {
+        self.gt(0.0)
+    }
+
+    fn both(one: Tensor, other: Tensor) -> Tensor {
+        one.logical_and(&other)
+    }
+
+    fn not(mask: Tensor) -> Tensor {
+        mask.logical_not()
+    }
+
+    fn copy_mask(mask: &Tensor) -> Tensor {
+        mask.shallow_clone()
+    }
+
+    fn zero_unless(&self, mask: &Tensor) -> Tensor {
+        self.where_self(mask, &self.zeros_like())
+    }
+
     fn one_where(&self, mask: &Tensor) -> Tensor {
         self.ones_like().where_self(mask, self)
     }
@@ -97,6 +158,30 @@ pub(super) struct Single<F>(pub F);
 
 impl<F: Float> Impact for Single<F> {
     type Mask = bool;
+
+    fn copy(&self) -> Self {
+        *self
+    }
+
+    fn zero_like(&self) -> Self {
+        Single(F::zero())
+    }
+
+    fn one_like(&self) -> Self {
+        Single(F::one())
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Single(self.0 + other.0)
+    }
+
+    fn negative(&self) -> Self {
+        Single(-self.0)
+    }
+
+    fn root(&self) -> Self {
+        Single(self.0.sqrt())
+    }
 
     fn minus(&self, other: &Self) -> Self {
         Single(self.0 - other.0)
@@ -124,6 +209,30 @@ impl<F: Float> Impact for Single<F> {
 
     fn is_zero(&self) -> bool {
         self.0.is_zero()
+    }
+
+    fn is_negative(&self) -> bool {
+        self.0 < F::zero()
+    }
+
+    fn is_positive(&self) -> bool {
+        self.0 > F::zero()
+    }
+
+    fn both(one: bool, other: bool) -> bool {
+        one && other
+    }
+
+    fn not(mask: bool) -> bool {
+        !mask
+    }
+
+    fn copy_mask(mask: &bool) -> bool {
+        *mask
+    }
+
+    fn zero_unless(&self, mask: &bool) -> Self {
+        if *mask { *self } else { Single(F::zero()) }
     }
 
     fn one_where(&self, mask: &bool) -> Self {

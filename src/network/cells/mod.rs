@@ -12,6 +12,7 @@ mod actions;
 mod bouncing;
 mod built_in;
 mod cell;
+mod contact;
 mod damped_spring;
 mod equations;
 mod falling;

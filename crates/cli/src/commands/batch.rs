@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, FromArgMatches};
 use paig::runs::names::DONE;
 use paig::support::{atomic, device, storage};
@@ -23,14 +23,14 @@ const COMMAND: &str = "command.json";
 
 /// Measures many videos, each as `paig measure` does, and puts the results into one table: batch.csv, batch.json and batch.html.
 ///
-/// Videos are those of a folder, or those of a list in TOML: a table `[[video]]` for each with `file` and options of
-/// `paig measure` by their names (equation = "falling", frames = "30..62", y-up = true); `[measure]` holds what they share. A
-/// video that fails stops no other one; the exit code is 1 then. Given again, the same command measures only what is not
-/// measured yet.
+/// Videos are those of a folder, or those of a list in TOML: a table `[[video]]` for each with `file`, optionally `name`, and
+/// options of `paig measure` by their names (equation = "falling", frames = "30..62", y-up = true); `[measure]` holds the
+/// shared options. A video that fails stops no other one; the exit code is 1 then. Given again, the same command measures only
+/// the videos without a result.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  paig batch clips --jobs 2 -- --equation falling --scale 12,40,12,300,0.5 --y-up\n  \
-                  paig batch clips.toml --out results"
+                  paig batch clips.toml --out results\n  paig batch reports/real/videos.toml --videos downloads --out real"
 )]
 pub struct BatchArguments {
     /// A folder with videos, or a list of them (.toml)
@@ -39,6 +39,9 @@ pub struct BatchArguments {
     /// Folder for the table and for each video's results
     #[arg(long, value_name = "DIR", default_value = "batch")]
     out: PathBuf,
+    /// Folder from which the files of a list count [default: the list's folder]
+    #[arg(long, value_name = "DIR")]
+    videos: Option<PathBuf>,
     /// Videos at a time
     #[arg(long, default_value_t = 1)]
     jobs: usize,
@@ -54,6 +57,14 @@ struct BatchList {
     #[serde(default)]
     measure: toml::Table,
     video: Vec<toml::Table>,
+}
+
+/// A video of a list.
+#[derive(Debug, PartialEq)]
+struct ListedVideo {
+    name: Option<String>,
+    video: PathBuf,
+    options: Vec<OsString>,
 }
 
 /// One video.
@@ -85,17 +96,20 @@ fn jobs(arguments: &BatchArguments) -> Result<Vec<BatchJob>> {
     let threads = (device::cores() / arguments.jobs).max(1).to_string();
     let shared = [OsString::from("--threads"), threads.into()].into_iter().chain(arguments.options.iter().cloned());
     let shared: Vec<OsString> = shared.collect();
-    let videos: Vec<(PathBuf, Vec<OsString>)> = if arguments.source.is_dir() {
-        videos_of(&arguments.source)?.into_iter().map(|video| (video, Vec::new())).collect()
+    let videos: Vec<ListedVideo> = if arguments.source.is_dir() {
+        ensure!(arguments.videos.is_none(), "--videos belongs to a list; {} is a folder", arguments.source.display());
+        let alone = |video| ListedVideo { name: None, video, options: Vec::new() };
+        videos_of(&arguments.source)?.into_iter().map(alone).collect()
     } else {
-        listed(&arguments.source)?
+        listed(&arguments.source, arguments.videos.as_deref())?
     };
     let mut names = BTreeSet::new();
-    let job = |(video, own): (PathBuf, Vec<OsString>)| {
+    let job = |ListedVideo { name, video, options }: ListedVideo| {
         let words = [OsString::from("measure"), video.clone().into()].into_iter().chain(shared.iter().cloned());
-        let words: Vec<OsString> = words.chain(own).collect();
+        let words: Vec<OsString> = words.chain(options).collect();
         check(&words).with_context(|| format!("video {}", video.display()))?;
-        let stem = video.file_stem().unwrap_or(video.as_os_str()).to_string_lossy().into_owned();
+        let stem = || video.file_stem().unwrap_or(video.as_os_str()).to_string_lossy().into_owned();
+        let stem = name.unwrap_or_else(stem);
         let numbered = (2..).map(|number| format!("{stem}-{number}"));
         let name = std::iter::once(stem.clone()).chain(numbered).find(|name| names.insert(name.clone()));
         let name = name.context("no name is left")?;
@@ -104,22 +118,32 @@ fn jobs(arguments: &BatchArguments) -> Result<Vec<BatchJob>> {
     videos.into_iter().map(job).collect()
 }
 
-/// Videos of a list with their options. Files count from the list's folder.
-fn listed(path: &Path) -> Result<Vec<(PathBuf, Vec<OsString>)>> {
+/// Videos of a list with their options. Files count from `videos`, or the list's folder.
+fn listed(path: &Path, videos: Option<&Path>) -> Result<Vec<ListedVideo>> {
     let read = || Ok::<BatchList, anyhow::Error>(toml::from_str(&storage::read_to_string(path)?)?);
     let BatchList { measure, video } = read().with_context(|| format!("list {}", path.display()))?;
     ensure!(!video.is_empty(), "list {}: expected a table [[video]] for each video, found none", path.display());
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = videos.or(path.parent()).unwrap_or(Path::new("."));
     let of = |mut own: toml::Table| {
         let file = own.remove("file").and_then(|file| file.as_str().map(String::from));
         let file = file.with_context(|| format!("list {}: a [[video]] lacks file = \"NAME\"", path.display()))?;
+        let name = match own.remove("name") {
+            Some(toml::Value::String(name)) if is_file_name(&name) => Some(name),
+            Some(name) => bail!("list {}, {file}: name = {name}: expected a name for a folder", path.display()),
+            None => None,
+        };
         let mut options = measure.clone();
         options.extend(own);
         let words = options.iter().map(|(key, value)| words(key, value)).collect::<Result<Vec<_>>>();
         let words = words.with_context(|| format!("list {}, {file}", path.display()))?;
-        Ok((folder.join(file), words.concat()))
+        Ok(ListedVideo { name, video: folder.join(file), options: words.concat() })
     };
     video.into_iter().map(of).collect()
+}
+
+/// Whether a text is one normal part of a path.
+fn is_file_name(text: &str) -> bool {
+    Path::new(text).file_name().is_some_and(|name| name == text)
 }
 
 /// An option as words: a switch, or a value for each of several.
@@ -129,7 +153,7 @@ fn words(key: &str, value: &toml::Value) -> Result<Vec<OsString>> {
         toml::Value::String(text) => Ok(text.clone()),
         toml::Value::Integer(number) => Ok(number.to_string()),
         toml::Value::Float(number) => Ok(number.to_string()),
-        other => anyhow::bail!("{key}: expected a text, a number, true, false or a list of these, found {other}"),
+        other => bail!("{key}: expected a text, a number, true, false or a list of these, found {other}"),
     };
     Ok(match value {
         toml::Value::Boolean(true) => vec![name.into()],
@@ -205,13 +229,21 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let list = folder.path().join("list.toml");
         let text = "[measure]\nequation = \"falling\"\ny-up = true\n[[video]]\nfile = \"a.mp4\"\nfps = 120\n\
-                    [[video]]\nfile = \"b.mp4\"\nequation = \"spring\"\nignore = [\"0,0,9,9\", \"1,1,5,5\"]\n";
+                    [[video]]\nfile = \"b.mp4\"\nname = \"second\"\nequation = \"spring\"\nignore = [\"0,0,9,9\", \"1,1,5,5\"]\n";
         std::fs::write(&list, text).unwrap();
-        let listed = listed(&list).unwrap();
-        assert_eq!(listed[0].0, folder.path().join("a.mp4"));
-        assert_eq!(listed[0].1, ["--equation", "falling", "--fps", "120", "--y-up"]);
+        let one = ["--equation", "falling", "--fps", "120", "--y-up"].map(OsString::from).to_vec();
         let two = ["--equation", "spring", "--ignore", "0,0,9,9", "--ignore", "1,1,5,5", "--y-up"];
-        assert_eq!(listed[1].1, two);
+        let two = two.map(OsString::from).to_vec();
+        let videos = |folder: &Path| {
+            let one = ListedVideo { name: None, video: folder.join("a.mp4"), options: one.clone() };
+            vec![one, ListedVideo { name: Some("second".into()), video: folder.join("b.mp4"), options: two.clone() }]
+        };
+        assert_eq!(listed(&list, None).unwrap(), videos(folder.path()));
+        let other = Path::new("downloads");
+        assert_eq!(listed(&list, Some(other)).unwrap(), videos(other));
+        std::fs::write(&list, "[[video]]\nfile = \"a.mp4\"\nname = \"../b\"\n").unwrap();
+        let error = format!("{:#}", listed(&list, None).unwrap_err());
+        assert!(error.contains("../b") && error.contains("expected a name for a folder"), "{error}");
     }
 
     #[test]

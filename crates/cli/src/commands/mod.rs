@@ -3,6 +3,7 @@
 mod baselines;
 mod batch;
 mod camera_options;
+mod compare_track;
 mod completions;
 mod control;
 mod convert;
@@ -42,6 +43,7 @@ pub enum Command {
     Measure(Box<measure::MeasureArguments>),
     Measurements(measurements::MeasurementsArguments),
     Batch(batch::BatchArguments),
+    CompareTrack(compare_track::CompareTrackArguments),
     Track(track::TrackArguments),
     Studio(studio::StudioArguments),
     Sweep(sweep::SweepArguments),
@@ -71,6 +73,7 @@ impl Command {
             Command::Measure(arguments) => measure::run(&arguments).map(done),
             Command::Measurements(arguments) => measurements::run(&arguments).map(done),
             Command::Batch(arguments) => batch::run(arguments),
+            Command::CompareTrack(arguments) => compare_track::run(&arguments).map(done),
             Command::Track(arguments) => track::run(&arguments).map(done),
             Command::Studio(arguments) => studio::run(&arguments).map(done),
             Command::Sweep(arguments) => sweep::run(arguments),

@@ -1,5 +1,5 @@
-//! Files of the program Tracker: `.trk` (XML) and `.trz` (a zip with one in it). Of these only the scale, the axes and the
-//! time between two frames are read.
+//! Files of the program Tracker: `.trk` (XML) and `.trz` (a zip with one in it). The scale, the axes, the time between two
+//! frames are read here; point masses by [`crate::reference_track`].
 
 use std::io::Read;
 use std::path::Path;
@@ -40,9 +40,7 @@ impl TrackerFile {
     /// # Errors
     /// As for [`Self::read`].
     pub fn parse(text: &str) -> Result<Self> {
-        // Tracker writes a document type into some files; entities are not expanded beyond the parser's limit.
-        let options = ParsingOptions { allow_dtd: true, ..ParsingOptions::default() };
-        let document = Document::parse_with_options(text, options).context("not readable XML")?;
+        let document = document(text)?;
         let axes = property(document.root(), "coords").context("it has no coordinate system")?;
         let frames = property(axes, "framedata").context("its coordinate system is empty")?;
         let number = |name: &str| number(frames, name)?.with_context(|| format!("its coordinate system has no {name}"));
@@ -62,18 +60,24 @@ impl TrackerFile {
     }
 }
 
+/// The XML as a tree. Tracker writes a document type into some files; entities are not expanded beyond the parser's limit.
+pub(crate) fn document(text: &str) -> Result<Document<'_>> {
+    let options = ParsingOptions { allow_dtd: true, ..ParsingOptions::default() };
+    Document::parse_with_options(text, options).context("not readable XML")
+}
+
 /// The first property of that name below a node.
-fn property<'a>(node: Node<'a, 'a>, name: &str) -> Option<Node<'a, 'a>> {
+pub(crate) fn property<'a>(node: Node<'a, 'a>, name: &str) -> Option<Node<'a, 'a>> {
     node.descendants().find(|it| it.has_tag_name("property") && it.attribute("name") == Some(name))
 }
 
-fn number(node: Node, name: &str) -> Result<Option<f64>> {
+pub(crate) fn number(node: Node, name: &str) -> Result<Option<f64>> {
     let Some(text) = property(node, name).and_then(|node| node.text()) else { return Ok(None) };
     let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
     Ok(Some(number.with_context(|| format!("{name} = {text:?}: not a number"))?))
 }
 
-fn text(path: &Path) -> Result<String> {
+pub(crate) fn text(path: &Path) -> Result<String> {
     let file = storage::open(path)?;
     let mut text = String::new();
     if path.extension().is_some_and(|extension| extension == "trz") {

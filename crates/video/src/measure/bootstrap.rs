@@ -100,7 +100,8 @@ pub fn bootstrap(
     let seen = |it: &&Observations| it.positions[..it.trained * coordinates].iter().filter(|x| !x.is_nan()).count();
     let seen: usize = problem.tracks.iter().map(seen).sum();
     let errors = Errors::likely(&jacobian, &bounded);
-    let free = (seen as f64 / errors.frames_in_one() - jacobian.ncols() as f64).max(LEAST_FREE);
+    let independent: f64 = errors.frames_in_one().map(|frames| seen as f64 / coordinates as f64 / frames).sum();
+    let free = (independent - jacobian.ncols() as f64).max(LEAST_FREE);
     let quantile = StudentsT::new(0.0, 1.0, free)?.inverse_cdf(0.975) / NORMAL_QUANTILE;
     let expected = errors.variances(&jacobian, &inverse);
     let mut random = named_generator(seed, "block bootstrap");

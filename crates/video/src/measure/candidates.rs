@@ -69,6 +69,7 @@ pub(super) fn for_frames(file: &EquationFile, side: usize, interval: f64) -> Equ
     if let WallTable::At(sides) = &mut table.walls {
         sides.scale(per_pixel);
     }
+    table.contacts.iter_mut().for_each(|contacts| contacts.scale(per_pixel));
     for parameter in table.parameters.values_mut() {
         let Some([length, time]) = parameter.unit else {
             if let (Some(low), Some(high)) = (&mut parameter.low, &mut parameter.high) {

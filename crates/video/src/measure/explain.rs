@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail};
 
 use super::dynamics::Dynamics;
-use super::fit::{Fitted, Observations, Start, fit};
+use super::fit::{Fitted, Observations, Start, fit, refit};
 
 /// A fit and what it predicts.
 #[derive(Debug, Clone)]
@@ -56,12 +56,31 @@ pub fn explain(dynamics: &Dynamics, tracks: &[Observations], starts: &[Start]) -
             None => bail!("a fit needs a start"),
         }
     };
+    rolled_out(dynamics, tracks, fitted, (&start.learned, start.piece))
+}
+
+/// The same equation fitted to slightly other positions, from where a fit led to. `piece` is that of a [`Start`].
+///
+/// # Errors
+/// An equation that leads to infinity.
+pub fn explain_again(before: &Explained, tracks: &[Observations], piece: usize) -> Result<Explained> {
+    let fitted = refit(&before.dynamics, tracks, &before.learned, &before.fitted)?;
+    rolled_out(&before.dynamics, tracks, fitted, (&before.learned, piece))
+}
+
+/// A fit with its roll-outs and errors.
+fn rolled_out(
+    dynamics: &Dynamics,
+    tracks: &[Observations],
+    fitted: Fitted,
+    (learned, piece): (&[bool], usize),
+) -> Result<Explained> {
     let coordinates = dynamics.coordinates();
     let mut found = fitted.states.iter();
     let rolled_out = |track: &Observations| -> Result<Vec<f64>> {
         let state = match track.teaches {
             true => found.next().expect("a state of each video that teaches").clone(),
-            false => begin(dynamics, track, &fitted.unconstrained, start.piece)?,
+            false => begin(dynamics, track, &fitted.unconstrained, piece)?,
         };
         Ok(dynamics.roll_out(&fitted.unconstrained, &state, &track.times))
     };
@@ -78,7 +97,7 @@ pub fn explain(dynamics: &Dynamics, tracks: &[Observations], starts: &[Start]) -
     };
     let positions: Vec<_> = tracks.iter().zip(&states).map(at_frames).collect();
     let errors = RollOutErrors::of(tracks, &positions, dynamics);
-    Ok(Explained { dynamics: dynamics.clone(), learned: start.learned.clone(), fitted, states, errors })
+    Ok(Explained { dynamics: dynamics.clone(), learned: learned.to_vec(), fitted, states, errors })
 }
 
 /// The state in which a video that teaches nothing begins, the unconstrained parameters as they are.

@@ -20,7 +20,7 @@ const NOTHING_MISSING: &str = "# The equation lacks none of the terms that were 
 /// The files of a measurement. The numbers come last: they show whose the others are.
 pub(super) const FILES: FileSet = FileSet {
     name: "a measurement",
-    files: &["positions.csv", "overlay.gif", page::POSITIONS, page::PAGE, EXTENDED, MEASUREMENT],
+    files: &[positions_file::FILE, "overlay.gif", page::POSITIONS, page::PAGE, EXTENDED, MEASUREMENT],
     recognizes: Measurement::is_in,
 };
 
@@ -48,7 +48,7 @@ impl Finished {
         let (measurement, scene, explained) = (&self.measurement, &self.scene, &self.explained);
         let measured = MeasuredSubject { measurement, scene, pixels, explained, pictures };
         FILES.replace(out, |out| {
-            positions_file::write(&out.join("positions.csv"), &measured)?;
+            positions_file::write(&out.join(positions_file::FILE), &measured)?;
             overlay::write(&out.join("overlay.gif"), &measured)?;
             page::write(out, &measured)?;
             atomic::write_file(&out.join(EXTENDED), |file| {

@@ -162,29 +162,27 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Observations], start: &Start) -> Resul
             huber = HUBER * problem.usual_weighted(&unknowns, &coordinate_weights);
         }
     }
-    let residuals = unknowns.pieces.iter().map(|piece| {
-        let weights = problem.weights(piece, &coordinate_weights);
-        problem
-            .residual(piece, &unknowns.unconstrained)
-            .iter()
-            .zip(weights.iter())
-            .map(|(x, weight)| -x * weight)
-            .collect()
-    });
-    let residuals: Vec<Vec<f64>> = residuals.collect();
-    ensure!(
-        residuals.iter().flatten().all(|x| x.is_finite()),
-        "the equation leads to infinity; are its bounds and starts right?"
-    );
-    Ok(Fitted {
-        usual_residual: problem.usual(&unknowns),
-        coordinate_weights,
-        piecewise_residual: piecewise,
-        states: unknowns.pieces.iter().map(|piece| piece.state.clone()).collect(),
-        unconstrained: unknowns.unconstrained,
-        residuals,
-        huber,
-    })
+    problem.fitted(Grown { unknowns, huber, coordinate_weights, piecewise })
+}
+
+/// Fits an equation to slightly other positions, from where a fit of it led to: each video is one piece from the beginning.
+///
+/// # Errors
+/// An equation that leads to infinity.
+pub fn refit(dynamics: &Dynamics, tracks: &[Observations], learned: &[bool], before: &Fitted) -> Result<Fitted> {
+    let problem = Problem::new(dynamics, tracks, learned);
+    let states = problem.tracks.iter().enumerate().zip(&before.states);
+    let pieces =
+        states.map(|((track, it), state)| FitSegment { track, first: 0, frames: it.trained, state: state.clone() });
+    let mut unknowns = Unknowns { unconstrained: before.unconstrained.clone(), pieces: pieces.collect() };
+    let (mut huber, mut coordinate_weights) = (before.huber, before.coordinate_weights.clone());
+    for _ in 0..2 {
+        let goal = Goal { huber, coordinate_weights: &coordinate_weights, held: 0.0, start: &before.unconstrained };
+        problem.minimise(&mut unknowns, &goal, CONVERGED);
+        coordinate_weights = problem.coordinate_weights(&unknowns);
+        huber = HUBER * problem.usual_weighted(&unknowns, &coordinate_weights);
+    }
+    problem.fitted(Grown { unknowns, huber, coordinate_weights, piecewise: before.piecewise_residual })
 }
 
 /// Every how many-th frame of a track is enough to lead to the whole of it.
@@ -193,7 +191,7 @@ fn stride(track: &Observations) -> usize {
 }
 
 /// Some frames of the part that is learned from, evenly over it.
-fn thinned(track: &Observations) -> Observations {
+pub(super) fn thinned(track: &Observations) -> Observations {
     let stride = stride(track);
     if stride == 1 {
         return track.clone();
@@ -222,6 +220,32 @@ struct Grown {
 }
 
 impl<'a> Problem<'a> {
+    /// The fit with its residuals.
+    fn fitted(&self, Grown { unknowns, huber, coordinate_weights, piecewise }: Grown) -> Result<Fitted> {
+        let residuals = unknowns.pieces.iter().map(|piece| {
+            let weights = self.weights(piece, &coordinate_weights);
+            self.residual(piece, &unknowns.unconstrained)
+                .iter()
+                .zip(weights.iter())
+                .map(|(x, weight)| -x * weight)
+                .collect()
+        });
+        let residuals: Vec<Vec<f64>> = residuals.collect();
+        ensure!(
+            residuals.iter().flatten().all(|x| x.is_finite()),
+            "the equation leads to infinity; are its bounds and starts right?"
+        );
+        Ok(Fitted {
+            usual_residual: self.usual(&unknowns),
+            coordinate_weights,
+            piecewise_residual: piecewise,
+            states: unknowns.pieces.iter().map(|piece| piece.state.clone()).collect(),
+            unconstrained: unknowns.unconstrained,
+            residuals,
+            huber,
+        })
+    }
+
     /// Fits pieces of a growing number of frames until each is a whole track.
     fn grown(&self, start: &Start, piece: usize) -> Grown {
         let longest = self.tracks.iter().map(|track| track.trained).max().unwrap_or(0);

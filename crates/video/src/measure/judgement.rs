@@ -4,6 +4,8 @@
 //! parts of it), the prediction of what was held out, agreement of the observations, and the width of each interval. The drawing
 //! of a model decides nothing.
 
+use paig::support::significant::significant;
+
 use super::results::{HeldOut, Judgement, MissingTerm, Outcome, Quantity, Residuals};
 
 /// Share of the frames in which the objects must be seen, and below which nothing is found.
@@ -26,6 +28,10 @@ const NOTICEABLE: f64 = 2.0;
 /// Half the width of an interval over the value, up to which a value is known, and beyond which nothing is.
 const NARROW: f64 = 0.15;
 const WIDE: f64 = 0.5;
+/// End of an interval, as a share of the other end, that counts as 0: parameters that are positive never reach it.
+const ALMOST_ZERO: f64 = 0.01;
+/// Share of the residual that a missing term must take to count against a value.
+const TAKES: f64 = 0.2;
 /// By how many intervals' half-widths, and by which part of the value, two observations, or two equations, may differ.
 const AGREE: f64 = 3.0;
 const NEARLY_EQUAL: f64 = 0.03;
@@ -46,6 +52,8 @@ pub struct Evidence<'a> {
     /// Noise of the observed positions from their high differences, in the same unit.
     pub noise: f64,
     pub missing: Option<&'a MissingTerm>,
+    /// Whether the fit to the other observation counts against a value.
+    pub checked: bool,
 }
 
 /// Judges a measurement; sets the outcome of each of its quantities.
@@ -53,7 +61,7 @@ pub fn judge(evidence: &Evidence, quantities: &mut [Quantity]) -> Judgement {
     let mut against: Vec<(Outcome, String)> = evidence.against();
     let of_all = against.iter().map(|(outcome, _)| *outcome).max().unwrap_or(Outcome::Found);
     for quantity in quantities.iter_mut() {
-        let (own, reason) = of_quantity(quantity, evidence.missing);
+        let (own, reason) = of_quantity(quantity, evidence);
         quantity.outcome = Some(of_all.max(own));
         against.extend(reason.map(|reason| (own, reason)));
     }
@@ -136,7 +144,7 @@ impl Evidence<'_> {
 }
 
 /// The outcome of one quantity by itself, and why it is not found.
-fn of_quantity(quantity: &Quantity, missing: Option<&MissingTerm>) -> (Outcome, Option<String>) {
+fn of_quantity(quantity: &Quantity, evidence: &Evidence) -> (Outcome, Option<String>) {
     let name = quantity.name.replace('_', " ");
     let Some((low, high)) = quantity.low.zip(quantity.high) else {
         return (Outcome::NotFound, Some(format!("{name} has no interval: the motion does not determine it")));
@@ -145,13 +153,21 @@ fn of_quantity(quantity: &Quantity, missing: Option<&MissingTerm>) -> (Outcome, 
     let relative = half / quantity.value.abs().max(f64::MIN_POSITIVE);
     if relative > NARROW {
         let outcome = if relative > WIDE { Outcome::NotFound } else { Outcome::Doubtful };
-        return (outcome, Some(format!("{name} is known to {:.0} % only", 100.0 * relative)));
+        let reason = if low <= ALMOST_ZERO * high && high >= ALMOST_ZERO * low {
+            let [low, high] = [low, high].map(|end| significant(end, 3));
+            format!("{name} cannot be told from 0: it lies between {low} and {high}")
+        } else {
+            format!("{name} is known to {:.0} % only", 100.0 * relative)
+        };
+        return (outcome, Some(reason));
     }
     let differs = |other: f64| {
         let apart = (other - quantity.value).abs();
         apart > AGREE * half && apart > NEARLY_EQUAL * quantity.value.abs()
     };
-    if let Some((missing, factor)) = missing.and_then(|it| Some((it, it.factors.get(&quantity.name)?)))
+    let explains = |missing: &&MissingTerm| missing.residual[1] < (1.0 - TAKES) * missing.residual[0];
+    if let Some((missing, factor)) =
+        evidence.missing.filter(explains).and_then(|it| Some((it, it.factors.get(&quantity.name)?)))
         && differs(factor * quantity.value)
     {
         return (
@@ -162,7 +178,7 @@ fn of_quantity(quantity: &Quantity, missing: Option<&MissingTerm>) -> (Outcome, 
             )),
         );
     }
-    if let Some(other) = quantity.by_tracker.filter(|other| differs(*other)) {
+    if let Some(other) = quantity.by_tracker.filter(|other| evidence.checked && differs(*other)) {
         let percent = 100.0 * (other - quantity.value).abs() / quantity.value.abs();
         return (Outcome::Doubtful, Some(format!("{name} differs by {percent:.0} % from the other observation's")));
     }

@@ -79,7 +79,7 @@ struct Extended {
 }
 
 enum ModelExtension {
-    Term(&'static ExtraTerm, EquationTable),
+    Term(&'static ExtraTerm, Box<EquationTable>),
     View(ViewDistortion, Vec<f64>),
 }
 
@@ -109,7 +109,7 @@ pub(super) fn missing_term(
     let frames_in_one = frames_in_one_of_best(all);
     let criterion = |it: &Explained| it.criteria(frames_in_one).bic;
     let of_term = |(term, (table, explained)): (&'static ExtraTerm, (EquationTable, Explained))| Extended {
-        what: ModelExtension::Term(term, table),
+        what: ModelExtension::Term(term, Box::new(table)),
         criterion: criterion(&explained),
         held_out: explained.errors.held_out,
         learned: explained.errors.learned,

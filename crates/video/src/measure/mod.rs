@@ -9,6 +9,7 @@ mod attempts;
 pub mod bootstrap;
 mod candidates;
 pub mod clock;
+pub mod compare_track;
 pub mod compared_positions;
 pub mod coverage;
 pub mod dynamics;
@@ -124,6 +125,8 @@ struct Subject {
     pictures: Vec<pictures::PictureSource>,
     /// Parameters of a run.
     known: Vec<KnownParameter>,
+    /// Diameters of the objects, pixels of the video; empty where they are not known.
+    diameters: Vec<f64>,
     notes: Vec<String>,
     /// What speaks against every number.
     doubts: Vec<String>,
@@ -197,6 +200,7 @@ fn measured_run(folder: &Path, request: &MeasureRequest, out: &Path, device: Dev
         may_be_cut: false,
         pictures,
         known: learned.known(),
+        diameters: Vec::new(),
         notes,
         doubts: Vec::new(),
         takes: Vec::new(),
@@ -271,6 +275,24 @@ fn cut_to_free_motion(
     Ok(Some(note))
 }
 
+/// Share of the frames that an equation with walls must explain: impacts are no reason to leave frames out.
+const EXPLAINED_WITH_WALLS: f64 = 0.5;
+
+impl RecordedSystem {
+    /// Doubt about an equation with walls that explains less than half of the only recording in `before`.
+    fn left_out(&self, cell: &Arc<CellKind>, before: &RecordedSystem) -> Result<Option<String>> {
+        let frames =
+            |scene: &RecordedSystem| scene.recordings.iter().map(|recording| recording.times.len()).sum::<usize>();
+        let (taken, all) = (frames(self), frames(before));
+        let few = (taken as f64) < EXPLAINED_WITH_WALLS * all as f64;
+        Ok((few && self.dynamics(cell)?.has_walls()).then(|| {
+            format!(
+                "the equation explains {taken} of {all} frames, though it has walls: the motion has another cause, too"
+            )
+        }))
+    }
+}
+
 /// Which of `all` frames are taken, by their numbers in the video.
 fn note_of_part(numbers: &[u64], part: &Range<usize>, all: usize) -> String {
     let number = |place: usize| numbers.get(place).copied().unwrap_or(place as u64);
@@ -283,13 +305,15 @@ fn note_of_part(numbers: &[u64], part: &Range<usize>, all: usize) -> String {
     )
 }
 
-/// An observation whose fit leaves more than so many times what the quoted one does checks nothing.
+/// An observation whose fit leaves more than so many times the residual of the quoted one checks nothing.
 const WORSE: f64 = 2.0;
 
-/// What the fit to another observation says.
+/// Fit to another observation.
 struct CrossCheck {
     judged: Explained,
     quantities: Vec<Quantity>,
+    /// Whether its residuals are small enough to count against the quoted values.
+    counts: bool,
 }
 
 impl Subject {
@@ -298,13 +322,10 @@ impl Subject {
         let judged = scene.go_on(explained, &tracks)?;
         let tracks = recording::whole(&tracks);
         let whole = scene.go_on(&judged, &tracks)?;
-        ensure!(
-            whole.fitted.usual_residual <= WORSE * explained.fitted.usual_residual,
-            "they are too noisy to be held against the others"
-        );
+        let counts = whole.fitted.usual_residual <= WORSE * explained.fitted.usual_residual;
         let uncertainty = bootstrap(&whole.dynamics, &tracks, &whole.learned, &whole.fitted, self.seed)?;
         let quantities = scene.quantities(&tracks, &whole, &uncertainty);
-        Ok(CrossCheck { judged, quantities })
+        Ok(CrossCheck { judged, quantities, counts })
     }
 
     /// Measured by the equation that explains it best, beside those it was chosen from.
@@ -350,6 +371,8 @@ impl Subject {
             notes.push(note);
             fits = scene.fits(&main.cell, &observations[..count], known);
         }
+        let mut doubts = self.doubts.clone();
+        doubts.extend(scene.left_out(&main.cell, &self.scene)?);
         let Fits { observation, tracks, judged, whole_tracks, whole } = fits?;
         let uncertainty = bootstrap(&whole.dynamics, &whole_tracks, &whole.learned, &whole.fitted, self.seed)?;
         let other = observations.get(1).filter(|_| self.first_counts).map(|other| {
@@ -357,6 +380,10 @@ impl Subject {
             fit.with_context(|| format!("fit to {}", other.by))
         });
         let other = other.and_then(|fit| fit.map_err(|error| notes.push(format!("{error:#}"))).ok());
+        let checked = other.as_ref().is_some_and(|other| other.counts);
+        if other.is_some() && !checked {
+            notes.push(format!("the cross-check ({}) is too noisy to count against the values", observations[1].by));
+        }
         notes.extend(scene.notes(&whole_tracks, &whole, &uncertainty));
         let steady = constant_velocity(&tracks, judged.dynamics.coordinates());
         let held_out = scene.held_out(&tracks, &judged, &steady, other.as_ref().map(|other| &other.judged));
@@ -375,7 +402,8 @@ impl Subject {
         let missing = missing_term(&scene, &tracks, &judged, self.seed);
         let evidence = Evidence {
             missing: missing.as_ref(),
-            doubts: &self.doubts,
+            checked,
+            doubts: &doubts,
             seen: motion.seen,
             chance: motion.chance,
             held_out: &held_out,
@@ -398,6 +426,8 @@ impl Subject {
             residuals,
             alternatives: Vec::new(),
             missing,
+            scene: Some(scene.record_of(&main.cell)),
+            diameters: self.diameters.clone(),
             notes,
             verdict: Some(verdict),
             training_seconds: self.training_seconds,

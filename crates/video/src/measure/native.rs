@@ -203,7 +203,7 @@ fn offset(points: &[Point]) -> [f64; 2] {
 }
 
 /// Pixels of a frame in the equation's coordinates: the same, or angles about the frame's middle, 0 up, positive clockwise.
-fn coordinates(pixels: &[f64], system: &System) -> Vec<f64> {
+pub(super) fn coordinates(pixels: &[f64], system: &System) -> Vec<f64> {
     if system.cell.coordinates == Coordinates::Position {
         return pixels.to_vec();
     }

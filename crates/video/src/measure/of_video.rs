@@ -98,6 +98,11 @@ struct TrackedTake {
     first_seconds: f64,
 }
 
+/// Frames of the pieces with which a fit to recordings begins, the shortest of which has so many frames to learn from.
+pub(super) fn piece_of(shortest: usize) -> usize {
+    (shortest / PIECE_SHARE).clamp(PIECES.start, PIECES.end)
+}
+
 impl VideoRequest {
     /// The equation, or what stands for it until one is chosen, and the number of objects.
     fn system(&self) -> Result<(EquationFile, usize)> {
@@ -206,6 +211,7 @@ impl VideoRequest {
         let tracked = || takes.chunk_by(|a, b| Rc::ptr_eq(&a.tracked, &b.tracked)).map(|of_one| &of_one[0]);
         let doubts = tracked().flat_map(|take| take.tracked.doubts.iter().cloned()).collect();
         let notes = tracked().flat_map(|take| take.video.remarks.iter().chain(&take.tracked.notes).cloned());
+        let diameters = takes[0].tracked.tracks.iter().map(|track| track.diameter).collect();
         let notes = doubtful.into_iter().chain(notes).chain(proposed).collect();
         let subject = Subject {
             task: names.join(", "),
@@ -214,6 +220,7 @@ impl VideoRequest {
             first_counts: true,
             may_be_cut: true,
             known: Vec::new(),
+            diameters,
             notes,
             doubts,
             takes: Vec::new(),
@@ -225,7 +232,7 @@ impl VideoRequest {
                 system,
                 scale,
                 may_drift: false,
-                piece: (shortest / PIECE_SHARE).clamp(PIECES.start, PIECES.end),
+                piece: piece_of(shortest),
                 recordings,
             },
         };

@@ -12,6 +12,9 @@ use paig::support::atomic;
 use paig::support::significant::six_digits;
 use paig::support::statistics::upper_median;
 
+/// The file's name.
+pub(super) const FILE: &str = "positions.csv";
+
 /// Where the equation has what is seen of an object in one frame: pixels of a frame, and those per unit of `dt`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PredictedPoint {

@@ -1,12 +1,15 @@
 //! What is measured: one motion or several of the same kind, each filmed once.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use paig::network::System;
-use paig::network::cells::Coordinates;
+use paig::network::cells::{CellKind, Coordinates};
+use paig::network::system::SystemTable;
 use paig::tasks::video::Video;
 
 use super::fit::Observations;
+use super::results::SceneRecord;
 use super::scale::Scale;
 
 /// Videos of one system and what is known of them before anything is fitted.
@@ -79,6 +82,12 @@ impl Positions {
 }
 
 impl RecordedSystem {
+    /// Geometry, scale and an equation, for a file.
+    pub(super) fn record_of(&self, cell: &Arc<CellKind>) -> SceneRecord {
+        let system = System { cell: cell.clone(), ..self.system.clone() };
+        SceneRecord { system: SystemTable::from(&system), video: Video { sources: Vec::new(), ..self.record.clone() } }
+    }
+
     /// From the unit of a coordinate to pixels of the video, or radians.
     pub fn per_coordinate(&self) -> (f64, &'static str) {
         match self.system.cell.coordinates {

@@ -7,8 +7,10 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use paig::network::system::SystemTable;
 use paig::support::output::has_keys;
 use paig::support::{atomic, storage};
+use paig::tasks::video::Video;
 
 /// File of an equation with the term that it lacks.
 pub const EXTENDED: &str = "extended-equation.toml";
@@ -42,12 +44,26 @@ pub struct Measurement {
     pub missing: Option<MissingTerm>,
     /// What a person should know.
     pub notes: Vec<String>,
+    /// Geometry, scale and equation; none in files of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<SceneRecord>,
+    /// Diameters of the objects, pixels of the video, where they were tracked.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub diameters: Vec<f64>,
     /// Whether the numbers can be quoted; none in files of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Judgement>,
     /// Of the run, and of the measurement.
     pub training_seconds: Option<f64>,
     pub seconds: f64,
+}
+
+/// What a fit to other positions of the same video needs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneRecord {
+    pub system: SystemTable,
+    /// Without the places of its files.
+    pub video: Video,
 }
 
 /// A parameter, or what the motion shows.

@@ -120,7 +120,7 @@ struct Matching<'a> {
     samples: Vec<StateSample>,
     /// Places of the parameters that are learned.
     learned: Vec<usize>,
-    /// Raw numbers of parameters that are walls, where the tracks turn.
+    /// Raw numbers of parameters that are walls, where the tracks turn, or the distance of a contact, where objects come closest.
     walls: Vec<(usize, f64)>,
     /// What an acceleration usually is.
     usual: f64,
@@ -138,7 +138,7 @@ impl<'a> Matching<'a> {
         let samples = samples(tracks, coordinates)?;
         let sizes = samples.iter().flat_map(|sample| sample.acceleration.iter().map(|a| a.abs()));
         let usual = upper_median(sizes).filter(|usual| *usual > 0.0)?;
-        let walls = walls(dynamics, turning);
+        let walls = walls(dynamics, turning).into_iter().chain(contact(dynamics, tracks)).collect();
         let learned = (0..learned.len()).filter(|place| learned[*place]).collect();
         Some(Matching { dynamics, samples, learned, walls, usual })
     }
@@ -313,6 +313,26 @@ fn walls(dynamics: &Dynamics, tracks: &[Observations]) -> Vec<(usize, f64)> {
             unconstrained.is_finite().then_some((place, unconstrained))
         })
         .collect()
+}
+
+/// The raw number of the parameter that is the distance of a contact: the least one between two objects.
+fn contact(dynamics: &Dynamics, tracks: &[Observations]) -> Option<(usize, f64)> {
+    let cell = &dynamics.system.cell;
+    let Build::Text(equation) = &cell.build else { return None };
+    let TableNumber::Parameter(name) = &equation.table().contacts.as_ref()?.distance else { return None };
+    let place = cell.parameters.iter().position(|parameter| parameter.name == name.as_str())?;
+    let objects = dynamics.system.objects;
+    let of_frame = |frame: &[f64]| {
+        let pairs = (0..objects).flat_map(|one| (one + 1..objects).map(move |two| (one, two)));
+        let apart = |(one, two): (usize, usize)| {
+            (frame[2 * two] - frame[2 * one]).hypot(frame[2 * two + 1] - frame[2 * one + 1])
+        };
+        pairs.map(apart).fold(f64::INFINITY, f64::min)
+    };
+    let teaching = tracks.iter().filter(|track| track.teaches);
+    let frames = teaching.flat_map(|track| track.positions.chunks(dynamics.coordinates()));
+    let unconstrained = cell.parameters[place].bounds.unconstrained(frames.map(of_frame).fold(f64::INFINITY, f64::min));
+    unconstrained.is_finite().then_some((place, unconstrained))
 }
 
 #[cfg(test)]

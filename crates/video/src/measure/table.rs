@@ -10,20 +10,50 @@ use super::results::{Measurement, Outcome};
 use paig::support::output::{FileKind, has_keys};
 use paig::support::{atomic, storage};
 
-/// What is known, by the video's name without its ending and the quantity.
-pub type References = BTreeMap<String, BTreeMap<String, f64>>;
+/// References by the video's name (that of a batch, or its file's without the ending) and the quantity.
+pub type References = BTreeMap<String, BTreeMap<String, Reference>>;
+
+/// Value that a quantity is held against.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Reference {
+    Value(f64),
+    /// With its source.
+    Sourced {
+        value: f64,
+        from: String,
+    },
+}
+
+impl Reference {
+    fn value(&self) -> f64 {
+        match self {
+            Reference::Value(value) | Reference::Sourced { value, .. } => *value,
+        }
+    }
+
+    fn source(&self) -> Option<String> {
+        match self {
+            Reference::Value(_) => None,
+            Reference::Sourced { from, .. } => Some(from.clone()),
+        }
+    }
+}
 
 /// One quantity of one video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct QuantityRow {
     pub clip: String,
+    /// Empty for a video without a measurement.
     pub quantity: String,
-    pub value: f64,
+    pub value: Option<f64>,
     /// 95 % interval; none of what has none.
     pub low: Option<f64>,
     pub high: Option<f64>,
     pub unit: String,
     pub reference: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference_from: Option<String>,
     /// Whether the value can be quoted; none of what is no parameter.
     #[serde(default)]
     pub verdict: Option<Outcome>,
@@ -39,11 +69,40 @@ pub struct QuantityRow {
     pub frames: usize,
     /// Root mean square distances in the held-out part, pixels of the video (or radians): of the fitted equation and of the
     /// two baselines.
-    pub heldout_error: f64,
-    pub heldout_error_constant_velocity: f64,
+    pub heldout_error: Option<f64>,
+    pub heldout_error_constant_velocity: Option<f64>,
     pub heldout_error_tracker_fit: Option<f64>,
     /// Of training and measurement.
-    pub seconds: f64,
+    pub seconds: Option<f64>,
+    /// Reasons of a verdict that is not `found`, or of a failure.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub reason: String,
+}
+
+impl QuantityRow {
+    /// QuantityRow of a video that could not be measured.
+    pub fn failed(clip: &str, reason: &str) -> Self {
+        QuantityRow {
+            clip: clip.into(),
+            quantity: String::new(),
+            value: None,
+            low: None,
+            high: None,
+            unit: String::new(),
+            reference: None,
+            reference_from: None,
+            verdict: None,
+            tracker_value: None,
+            tracker_low: None,
+            tracker_high: None,
+            frames: 0,
+            heldout_error: None,
+            heldout_error_constant_velocity: None,
+            heldout_error_tracker_fit: None,
+            seconds: None,
+            reason: reason.into(),
+        }
+    }
 }
 
 /// # Errors
@@ -53,36 +112,36 @@ pub fn read_references(path: &Path) -> Result<References> {
     read().with_context(|| format!("references {}", path.display()))
 }
 
-/// The rows of one measurement: its quantities, the prediction, and by how much other equations are
-/// worse.
-pub fn rows(measurement: &Measurement, references: &References) -> Vec<QuantityRow> {
+/// Rows of one measurement: its quantities, the prediction, and the criteria of other equations relative to its own. `name` is
+/// that of a batch; by default the video's.
+pub fn rows(measurement: &Measurement, name: Option<&str>, references: &References) -> Vec<QuantityRow> {
     let video = measurement.videos.first().map_or("", String::as_str);
-    let clip = clip_name(video).to_string();
+    let clip = name.unwrap_or_else(|| clip_name(video));
     let held_out = &measurement.held_out;
-    let row = |quantity: &str, value: f64, unit: &str| QuantityRow {
-        clip: clip.clone(),
-        quantity: quantity.into(),
-        value,
-        low: None,
-        high: None,
-        unit: unit.into(),
-        reference: references.get(&clip).and_then(|known| known.get(quantity)).copied(),
-        verdict: None,
-        tracker_value: None,
-        tracker_low: None,
-        tracker_high: None,
-        frames: measurement.frames,
-        heldout_error: held_out.error,
-        heldout_error_constant_velocity: held_out.constant_velocity,
-        heldout_error_tracker_fit: held_out.tracker_fit,
-        seconds: measurement.training_seconds.unwrap_or_default() + measurement.seconds,
+    let row = |quantity: &str, value: f64, unit: &str| {
+        let reference = references.get(clip).and_then(|known| known.get(quantity));
+        QuantityRow {
+            quantity: quantity.into(),
+            value: Some(value),
+            unit: unit.into(),
+            reference: reference.map(Reference::value),
+            reference_from: reference.and_then(Reference::source),
+            frames: measurement.frames,
+            heldout_error: Some(held_out.error),
+            heldout_error_constant_velocity: Some(held_out.constant_velocity),
+            heldout_error_tracker_fit: held_out.tracker_fit,
+            seconds: Some(measurement.training_seconds.unwrap_or_default() + measurement.seconds),
+            ..QuantityRow::failed(clip, "")
+        }
     };
+    let reasons = measurement.verdict.as_ref().map_or(String::new(), |verdict| verdict.reasons.join("; "));
     let mut rows = Vec::new();
     for it in &measurement.quantities {
         rows.push(QuantityRow {
             low: it.low,
             high: it.high,
             verdict: it.outcome,
+            reason: if it.outcome == Some(Outcome::Found) { String::new() } else { reasons.clone() },
             tracker_value: it.by_tracker,
             tracker_low: it.tracker_low,
             tracker_high: it.tracker_high,

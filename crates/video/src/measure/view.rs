@@ -3,8 +3,8 @@
 
 use paig::network::cells::Coordinates;
 
-use super::explain::{Explained, explain};
-use super::fit::{Observations, Start};
+use super::explain::{Explained, explain_again};
+use super::fit::{Observations, thinned};
 use super::recording::RecordedSystem;
 
 /// First step of a coefficient, its largest size, and rounds of the search.
@@ -63,20 +63,22 @@ impl ViewDistortion {
         }
     }
 
-    /// The coefficients with which an equation leaves least; none where it cannot be fitted.
+    /// The coefficients with which an equation leaves least; none where it cannot be fitted. They are found on as many frames as
+    /// lead to the whole track.
     pub fn fitted(self, scene: &RecordedSystem, tracks: &[Observations], judged: &Explained) -> Option<Corrected> {
         if judged.dynamics.system.cell.coordinates != Coordinates::Position {
             return None;
         }
         let frame = PictureExtent::of(scene);
-        let mut best = self.at(&vec![0.0; self.coefficients().len()], &frame, (scene, tracks), judged)?;
+        let few: Vec<Observations> = tracks.iter().map(thinned).collect();
+        let mut best = self.at(&vec![0.0; self.coefficients().len()], &frame, (scene, &few), judged)?;
         let mut step = STEP;
         for _ in 0..ROUNDS {
             for place in 0..best.coefficients.len() {
                 let beside = |by: f64| {
                     let mut coefficients = best.coefficients.clone();
                     coefficients[place] = (coefficients[place] + by).clamp(-LARGEST, LARGEST);
-                    self.at(&coefficients, &frame, (scene, tracks), &best.explained)
+                    self.at(&coefficients, &frame, (scene, &few), &best.explained)
                 };
                 let (below, above) = (beside(-step)?, beside(step)?);
                 let [low, middle, high] = [&below, &best, &above].map(Corrected::cost);
@@ -92,7 +94,7 @@ impl ViewDistortion {
             }
             step *= 0.5;
         }
-        Some(best)
+        self.at(&best.coefficients, &frame, (scene, tracks), &best.explained)
     }
 
     fn at(
@@ -104,12 +106,7 @@ impl ViewDistortion {
     ) -> Option<Corrected> {
         let corrected: Vec<Observations> = tracks.iter().map(|track| self.track(track, coefficients, frame)).collect();
         let magnification = extent(&corrected) / extent(tracks);
-        let start = Start {
-            unconstrained: before.fitted.unconstrained.clone(),
-            learned: before.learned.clone(),
-            piece: scene.piece,
-        };
-        let explained = explain(&before.dynamics, &corrected, &[start]).ok()?;
+        let explained = explain_again(before, &corrected, scene.piece).ok()?;
         let coefficients = coefficients.to_vec();
         Some(Corrected { view: self, coefficients, explained, magnification })
     }

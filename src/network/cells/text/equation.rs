@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
 use super::compile::Compiler;
+use super::contacts::TextContacts;
 use super::evaluate::CompiledEquation;
 use super::parameters::{Parameters, check_name};
 use super::parse::{Expression, parse};
@@ -26,6 +27,7 @@ pub struct Equation {
     of_each: Vec<usize>,
     pub(super) program: CompiledEquation,
     pub(super) walls: Option<TextWalls>,
+    pub(super) contacts: Option<TextContacts>,
     /// Whether the parameters are computed in every substep instead of once for a roll-out. Their gradients then round as those
     /// of the original, which does so.
     pub(super) renews_parameters: bool,
@@ -72,7 +74,10 @@ impl Equation {
         let objects = self.program.objects;
         let unlike = |first: &usize| (1..objects).any(|object| held[first + object] != held[*first]);
         objects > 1
-            && (self.program.accelerations.len() > 1 || self.program.names_objects() || self.of_each.iter().any(unlike))
+            && (self.program.accelerations.len() > 1
+                || self.program.names_objects()
+                || self.contacts.as_ref().is_some_and(|contacts| !contacts.masses.is_empty())
+                || self.of_each.iter().any(unlike))
     }
 
     /// Of the parameters that each object has, the first object's places.
@@ -100,9 +105,11 @@ impl Equation {
         self.program.acts() || self.program.tells_time()
     }
 
-    /// Whether steps back in time are steps forward of another sign: no clock, no wall that takes speed.
+    /// Whether steps back in time are steps forward of another sign: no clock, no wall or contact that takes speed.
     pub(crate) fn is_reversible(&self) -> bool {
-        !self.tells_time() && self.walls.as_ref().is_none_or(|walls| walls.restitution.is_none())
+        !self.tells_time()
+            && self.walls.as_ref().is_none_or(|walls| walls.restitution.is_none())
+            && self.contacts.as_ref().is_none_or(|contacts| contacts.restitution.is_none())
     }
 
     /// The equation of a table, for so many objects.
@@ -154,6 +161,7 @@ impl Equation {
             accelerations.push(place.with_context(whose)?);
         }
         let walls = TextWalls::of(table, &parameters, &mut compiler.used)?;
+        let contacts = TextContacts::of(table, objects, &parameters, &mut compiler.used)?;
         if let Some(unused) = compiler.used.iter().position(|used| !used) {
             let name = &parameters.all[unused].name;
             bail!("parameters: no acceleration names {name}; use it, or take it out");
@@ -173,6 +181,7 @@ impl Equation {
             of_each,
             program,
             walls,
+            contacts,
             renews_parameters: false,
             plain: PlainForms::NONE,
         })

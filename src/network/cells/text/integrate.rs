@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use tch::Tensor;
 
+use super::contacts::Contacts;
 use super::equation::Equation;
 use super::evaluate::{Constants, Instant};
 use super::plain::PlainText;
@@ -29,6 +30,7 @@ struct TextRollOut<'a> {
     cell: &'a TextCell,
     constants: Constants,
     barrier: Option<Barrier>,
+    contacts: Option<Contacts<Tensor>>,
 }
 
 /// The walls with the parameters as they are now.
@@ -74,7 +76,9 @@ impl TextCell {
             }),
             left: walls.left_tensor(&parameters, options),
         };
-        TextRollOut { cell: self, constants, barrier: self.equation.walls.as_ref().map(barrier) }
+        let contacts = self.equation.contacts.as_ref();
+        let contacts = contacts.map(|it| it.tensors(self.equation.program.objects, &parameters, options));
+        TextRollOut { cell: self, constants, barrier: self.equation.walls.as_ref().map(barrier), contacts }
     }
 }
 
@@ -147,9 +151,21 @@ impl TextRollOut<'_> {
             });
             let before = [&pos, &vel].map(Tensor::shallow_clone);
             let after = table.integrator.step(&mut accelerated, [pos, vel], h);
+            let after = self.collided(&before, after, h);
             [pos, vel] = self.turned_back(before, after, h);
         }
         State { pos, vel }
+    }
+
+    /// The state after the objects that touched have recoiled.
+    fn collided(&self, before: &[Tensor; 2], after: [Tensor; 2], h: f64) -> [Tensor; 2] {
+        let Some(contacts) = &self.contacts else { return after };
+        let columns = |state: &Tensor| state.unbind(1);
+        let before = before.each_ref().map(columns);
+        let [mut pos, mut vel] = after.each_ref().map(columns);
+        let before = before.each_ref().map(Vec::as_slice);
+        contacts.after(before, [&mut pos, &mut vel], h, |like, number| like.full_like(number));
+        [Tensor::stack(&pos, 1), Tensor::stack(&vel, 1)]
     }
 
     /// The state after the walls have turned back what has passed them, each with what is left of its speed.

@@ -12,6 +12,7 @@ mod arithmetic;
 mod columns;
 mod compile;
 mod complaint;
+mod contacts;
 mod equation;
 mod evaluate;
 mod graph;
@@ -23,11 +24,12 @@ mod plain;
 mod scalars;
 mod table;
 mod units;
+mod value;
 mod walls;
 
 pub use equation::{Equation, PlainForms};
 pub use plain::{Ensemble, SingleEquation};
-pub use table::{Accelerations, EquationTable, ParameterTable, Sides, TableNumber, WallTable};
+pub use table::{Accelerations, ContactTable, EquationTable, ParameterTable, Sides, TableNumber, WallTable};
 
 pub(super) use integrate::TextCell;
 pub(super) use scalars::listing;

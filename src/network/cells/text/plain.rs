@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::columns::{Columns, Moment, Number};
+use super::contacts::Contacts;
 use super::equation::Equation;
 use super::walls::{LEAST_RESTITUTION, TextWalls};
 use crate::network::cells::impact::{Single, turned_back};
@@ -22,7 +23,9 @@ pub(super) struct PlainText<F> {
     walls: Option<Vec<([[F; 2]; 2], F)>>,
     /// Rows for what is computed on the way.
     spare: Vec<Vec<F>>,
-    /// Positions and velocities where a substep begins, for the walls.
+    /// Contacts, for all states or for each; none without.
+    contacts: Option<Vec<Contacts<Single<F>>>>,
+    /// Positions and velocities where a substep begins, for walls and contacts.
     before: [Vec<F>; 2],
 }
 
@@ -35,16 +38,27 @@ impl<F: Number> PlainText<F> {
     /// Of each parameter one value for all states, or one for each.
     fn of_each(equation: &Arc<Equation>, parameters: Vec<Vec<F>>, walls: Walls) -> Self {
         let width = parameters.iter().map(Vec::len).max().unwrap_or(1);
+        let value = |state: usize, place: usize| {
+            let values = &parameters[place];
+            values[state.min(values.len() - 1)].to_f64().unwrap_or(f64::NAN)
+        };
         let of_state = |standing: &TextWalls, state: usize| {
-            let value = |place: usize| {
-                let values = &parameters[place];
-                values[state.min(values.len() - 1)].to_f64().unwrap_or(f64::NAN)
-            };
+            let value = |place: usize| value(state, place);
             (standing.places(walls, value).map(|axes| axes.map(F::of)), F::of(standing.left(value)))
         };
         let walls = equation.walls.as_ref().map(|standing| (0..width).map(|state| of_state(standing, state)).collect());
+        let contacts = equation.contacts.as_ref().map(|contacts| {
+            (0..width).map(|state| contacts.numbers(equation.objects(), |place| value(state, place))).collect()
+        });
         let columns = Columns::new(&equation.program, equation.table.state.per_object(), parameters);
-        PlainText { equation: equation.clone(), columns, walls, spare: Vec::new(), before: Default::default() }
+        PlainText {
+            equation: equation.clone(),
+            columns,
+            walls,
+            contacts,
+            spare: Vec::new(),
+            before: Default::default(),
+        }
     }
 
     /// All states a time `dt` later, one frame. `held` is what the dataset holds for the frame, `[batch]`.
@@ -56,11 +70,11 @@ impl<F: Number> PlainText<F> {
         }
     }
 
-    /// All states a time `h` later, in one step between the walls; `at` is what is held for a frame, and the time since then.
+    /// All states a time `h` later, in one step between walls and contacts; `at` is what is held for a frame, and the time since then.
     fn substep(&mut self, pos: &mut [F], vel: &mut [F], at: (&[F], F), h: F) {
         let batch = at.0.len();
         self.columns.make_room(batch);
-        if self.walls.is_none() {
+        if self.walls.is_none() && self.contacts.is_none() {
             return self.integrate(pos, vel, at, h);
         }
         for (before, now) in self.before.iter_mut().zip([&*pos, &*vel]) {
@@ -68,7 +82,28 @@ impl<F: Number> PlainText<F> {
             before.extend_from_slice(now);
         }
         self.integrate(pos, vel, at, h);
+        self.collide(pos, vel, h, batch);
         self.turn_back(pos, vel, h, batch);
+    }
+
+    /// Lets objects recoil that touched in a time `h`.
+    fn collide(&self, pos: &mut [F], vel: &mut [F], h: F, batch: usize) {
+        let Some(contacts) = &self.contacts else { return };
+        let h = h.to_f64().unwrap_or(f64::NAN);
+        let of_state = |values: &[F], state: usize| -> Vec<Single<F>> {
+            values.iter().skip(state).step_by(batch).map(|number| Single(*number)).collect()
+        };
+        for state in 0..batch {
+            let before = self.before.each_ref().map(|values| of_state(values, state));
+            let [mut own_pos, mut own_vel] = [&*pos, &*vel].map(|values| of_state(values, state));
+            let contacts = &contacts[state.min(contacts.len() - 1)];
+            let before = before.each_ref().map(Vec::as_slice);
+            contacts.after(before, [&mut own_pos, &mut own_vel], h, |_, number| Single(F::of(number)));
+            for (values, own) in [(&mut *pos, own_pos), (&mut *vel, own_vel)] {
+                let own = own.into_iter().map(|number| number.0);
+                values.iter_mut().skip(state).step_by(batch).zip(own).for_each(|(value, number)| *value = number);
+            }
+        }
     }
 
     /// `begin` is the time since the frame.

@@ -31,6 +31,9 @@ pub struct EquationTable {
     /// What is left of the speed towards a wall; 1 if nothing is said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub restitution: Option<TableNumber>,
+    /// Discs that collide; none pass through each other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contacts: Option<Box<ContactTable>>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, ParameterTable>,
 }
@@ -57,6 +60,29 @@ pub enum Accelerations {
 pub enum TableNumber {
     Number(f64),
     Parameter(String),
+}
+
+/// Collisions between the objects, which are taken as smooth discs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContactTable {
+    /// Distance of two centres when the discs touch, pixels: the sum of the radii.
+    pub distance: TableNumber,
+    /// Share of the closing speed that is left; 1 if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub restitution: Option<TableNumber>,
+    /// Mass of each object, in any unit; equal ones if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub masses: Option<Vec<TableNumber>>,
+}
+
+impl ContactTable {
+    /// Multiplies the distance if it is given as a number.
+    pub fn scale(&mut self, factor: f64) {
+        if let TableNumber::Number(distance) = &mut self.distance {
+            *distance *= factor;
+        }
+    }
 }
 
 /// Where walls stand.

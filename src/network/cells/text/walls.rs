@@ -1,47 +1,24 @@
 //! Which walls turn the objects back, where they stand, and what they leave of a speed.
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use tch::{Kind, Tensor};
 
 use super::parameters::Parameters;
 use super::table::{EquationTable, TableNumber, WallTable};
 use super::units::Unit;
+use super::value::EquationNumber;
 use crate::network::cells::state::{Coordinates, Walls};
 
 /// The least restitution that is taken back when time runs backwards: a ball that lost all its speed has no past.
 pub(super) const LEAST_RESTITUTION: f64 = 0.1;
 
-/// A number that the table gives, or a parameter by its place.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum WallNumber {
-    Number(f64),
-    Parameter(usize),
-}
-
 /// The walls of an equation.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TextWalls {
     /// Left and top, right and bottom, where the table says; the frame's edges where it does not.
-    pub(super) stand: Option<[[Option<WallNumber>; 2]; 2]>,
+    pub(super) stand: Option<[[Option<EquationNumber>; 2]; 2]>,
     /// What is left of the speed towards a wall; none for all of it.
-    pub(super) restitution: Option<WallNumber>,
-}
-
-impl WallNumber {
-    fn among(self, parameters: impl Fn(usize) -> f64) -> f64 {
-        match self {
-            WallNumber::Number(number) => number,
-            WallNumber::Parameter(place) => parameters(place),
-        }
-    }
-
-    /// A scalar, differentiable by the parameter.
-    fn tensor(self, parameters: &[Tensor], options: (Kind, tch::Device)) -> Tensor {
-        match self {
-            WallNumber::Number(number) => Tensor::full([0_i64; 0], number, options),
-            WallNumber::Parameter(place) => parameters[place].shallow_clone(),
-        }
-    }
+    pub(super) restitution: Option<EquationNumber>,
 }
 
 impl TextWalls {
@@ -56,16 +33,8 @@ impl TextWalls {
             !(table.walls != WallTable::default() && angle),
             "walls: there are walls for positions, not for angles"
         );
-        let mut value = |given: &TableNumber, key: &str, unit: Unit, what: &str| match given {
-            TableNumber::Number(number) => Ok(WallNumber::Number(*number)),
-            TableNumber::Parameter(name) => {
-                let place = parameters.place(name);
-                let place = place.with_context(|| format!("{key} = {name:?}: there is no such parameter"))?;
-                let its = parameters.all[place].unit;
-                ensure!(its == Unit::Any || its == unit, "{key} = {name:?}: has the unit {its}, but is {what}");
-                used[place] = true;
-                anyhow::Ok(WallNumber::Parameter(place))
-            }
+        let mut value = |given: &TableNumber, key: &str, unit: Unit, what: &str| {
+            EquationNumber::read(given, (key, unit, what), parameters, used)
         };
         let stand = match &table.walls {
             WallTable::AtTheEdges(false) => {
@@ -83,10 +52,11 @@ impl TextWalls {
                 let far = [side(&sides.right, "walls.right")?, side(&sides.bottom, "walls.bottom")?];
                 let given = near.iter().chain(&far).flatten();
                 ensure!(given.clone().count() > 0, "walls: none of left, right, top and bottom is given");
-                let finite = |value: &WallNumber| !matches!(value, WallNumber::Number(number) if !number.is_finite());
+                let finite =
+                    |value: &EquationNumber| !matches!(value, EquationNumber::Number(number) if !number.is_finite());
                 ensure!(given.clone().all(finite), "walls: a wall stands at a finite number of pixels");
                 for (near, far) in near.iter().zip(&far) {
-                    if let (Some(WallNumber::Number(near)), Some(WallNumber::Number(far))) = (near, far) {
+                    if let (Some(EquationNumber::Number(near)), Some(EquationNumber::Number(far))) = (near, far) {
                         ensure!(near < far, "walls: {near} and {far} leave no room between them");
                     }
                 }
@@ -95,24 +65,7 @@ impl TextWalls {
         };
         let restitution = match &table.restitution {
             None | Some(TableNumber::Number(1.0)) => None,
-            Some(given) => {
-                let value = value(given, "restitution", Unit::Of([0.0, 0.0]), "a plain number")?;
-                match value {
-                    WallNumber::Number(number) => {
-                        ensure!((0.0..=1.0).contains(&number), "restitution = {number}: must be 0 to 1");
-                    }
-                    WallNumber::Parameter(place) => {
-                        let parameter = &parameters.all[place];
-                        let [least, most] = parameter.range();
-                        ensure!(
-                            least >= 0.0 && most <= 1.0,
-                            "restitution = {0:?}: must be 0 to 1; say low = 0 and high = 1 of {0}",
-                            parameter.name
-                        );
-                    }
-                }
-                Some(value)
-            }
+            Some(given) => Some(EquationNumber::restitution(given, "restitution", parameters, used)?),
         };
         Ok(Some(TextWalls { stand, restitution }))
     }
@@ -125,16 +78,17 @@ impl TextWalls {
     /// Near and far walls, of x and of y each; infinitely far where there is none. `edges` are those of the frame.
     pub(super) fn places(&self, edges: Walls, parameters: impl Fn(usize) -> f64) -> [[f64; 2]; 2] {
         let Some([near, far]) = self.stand else { return [[edges.near; 2], [edges.far; 2]] };
-        let place = |value: Option<WallNumber>, none: f64| value.map_or(none, |value| value.among(&parameters));
+        let place = |value: Option<EquationNumber>, none: f64| value.map_or(none, |value| value.among(&parameters));
         [near.map(|value| place(value, f64::NEG_INFINITY)), far.map(|value| place(value, f64::INFINITY))]
     }
 
     /// The same as tensors `[2]`, differentiable by the parameters.
     pub(super) fn tensors(&self, edges: Walls, parameters: &[Tensor], options: (Kind, tch::Device)) -> [Tensor; 2] {
         let Some([near, far]) = self.stand else { return edges.tensors(options) };
-        let place =
-            |value: Option<WallNumber>, none| value.unwrap_or(WallNumber::Number(none)).tensor(parameters, options);
-        let both = |[x, y]: [Option<WallNumber>; 2], none| Tensor::stack(&[place(x, none), place(y, none)], 0);
+        let place = |value: Option<EquationNumber>, none| {
+            value.unwrap_or(EquationNumber::Number(none)).tensor(parameters, options)
+        };
+        let both = |[x, y]: [Option<EquationNumber>; 2], none| Tensor::stack(&[place(x, none), place(y, none)], 0);
         [both(near, f64::NEG_INFINITY), both(far, f64::INFINITY)]
     }
 

@@ -3,7 +3,8 @@
 use super::super::equation::Equation;
 use super::super::graph::{self, ExternalInput};
 use super::super::operation::{Binary, Unary};
-use super::super::walls::{TextWalls, WallNumber};
+use super::super::value::EquationNumber;
+use super::super::walls::TextWalls;
 use super::numbers::{Numbers, ScalarSource, Signed};
 use crate::network::cells::integrator::Integrand;
 use crate::network::cells::state::Walls;
@@ -207,21 +208,21 @@ impl Lowering<'_> {
 
     /// Places of the numbers of walls; `edges` are those of the frame.
     pub(crate) fn barrier(&mut self, standing: &TextWalls, edges: Walls) -> BarrierSlots {
-        let mut place = |value: WallNumber| {
+        let mut place = |value: EquationNumber| {
             let value = match value {
-                WallNumber::Number(number) => self.numbers.number(number),
-                WallNumber::Parameter(place) => self.parameters[place],
+                EquationNumber::Number(number) => self.numbers.number(number),
+                EquationNumber::Parameter(place) => self.parameters[place],
             };
             self.numbers.with_sign(value)
         };
-        let mut both = |values: [Option<WallNumber>; 2], none: f64| {
-            values.map(|value| place(value.unwrap_or(WallNumber::Number(none))))
+        let mut both = |values: [Option<EquationNumber>; 2], none: f64| {
+            values.map(|value| place(value.unwrap_or(EquationNumber::Number(none))))
         };
         let [near, far] = match standing.stand {
             Some([near, far]) => [both(near, f64::NEG_INFINITY), both(far, f64::INFINITY)],
             None => [both([None; 2], edges.near), both([None; 2], edges.far)],
         };
-        let left = place(standing.restitution.unwrap_or(WallNumber::Number(1.0)));
+        let left = place(standing.restitution.unwrap_or(EquationNumber::Number(1.0)));
         BarrierSlots { near, far, left }
     }
 }

@@ -1,7 +1,7 @@
 // The whole way in a real browser: a generated film, learning, a damaged file, a large one, two pages, a phone, the keyboard
 // alone, a server that is killed.
 //
-// With PICTURES=FOLDER the pictures of docs/studio.md are made there.
+// With PICTURES=FOLDER the pictures of docs/studio.md are made there: an absolute path, such as that of docs/studio.
 
 import assert from "node:assert/strict";
 import { open as openFile, mkdtemp, readFile, readdir, rm, stat, writeFile } from "node:fs/promises";
@@ -37,7 +37,7 @@ after(async () => {
 });
 
 async function picture(name, of = page) {
-  if (process.env.PICTURES) await draw(of, path.join(process.env.PICTURES, `studio-${name}.webp`), PICTURE_BYTES);
+  if (process.env.PICTURES) await draw(of, path.join(process.env.PICTURES, `${name}.webp`), PICTURE_BYTES);
 }
 
 /// Neither serious findings of axe-core nor faults of the page.

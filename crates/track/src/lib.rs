@@ -21,10 +21,10 @@
 //! change slowly, such as those of changing light; parameters fitted to a track need a block bootstrap.
 //!
 //! ```
-//! use paig_track::{Clip, TrackingOptions, synthetic::{Mover, Scene}, track};
+//! use paig_track::{Clip, TrackingOptions, synthetic::{MovingEllipse, SyntheticScene}, track};
 //!
 //! let positions: Vec<[f64; 2]> = (0..20).map(|i| [40.0 + 8.0 * f64::from(i), 120.0]).collect();
-//! let frames = Scene::of(Mover::at(positions)).render();
+//! let frames = SyntheticScene::of(MovingEllipse::at(positions)).render();
 //! let tracking = track(&Clip::new(frames)?, &TrackingOptions::default())?;
 //! let ball = &tracking.tracks[0];
 //! let step = |i: usize| ball.points[i].measurement.map(|m| m.position[0]);

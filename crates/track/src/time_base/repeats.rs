@@ -93,16 +93,21 @@ fn retimed(base: &mut TimeBase, changes: &[Change], repeated: &[usize], (repeats
     }
     // The phase of the new pictures is unknown to a frame; only their distances matter.
     let mut tick = times[first];
+    let mut before = tick;
     for (frame, time) in times.iter_mut().enumerate().take(end).skip(first + 1) {
-        // Where the object rests, repetitions do not show: stay close to the stamps.
         let stamp = *time;
-        if repeated.binary_search(&frame).is_err() {
+        if repeated.binary_search(&frame).is_ok() {
+            // It has no position: any time between those of its neighbours will do.
+            before += 0.5 * (tick + new - before);
+        } else {
             tick += new;
+            // Where the object rests, repetitions do not show: stay close to the stamps, but never go back.
+            if (tick - stamp).abs() > 1.01 * new {
+                tick = stamp.max(before + 0.5 * new);
+            }
+            before = tick;
         }
-        if (tick - stamp).abs() > 1.01 * new {
-            tick = stamp;
-        }
-        *time = tick;
+        *time = before;
     }
     Some(1.0 / new)
 }
@@ -149,8 +154,29 @@ mod tests {
             panic!("{:?}", base.findings)
         };
         assert!((rate - 24.0).abs() < 1e-9 && base.stale.len() >= 11);
+        assert!(base.times.iter().flatten().is_sorted_by(|a, b| a < b), "{:?}", base.times);
         // New pictures follow each other after 1/24 s.
         assert!((base.time(5) - base.time(3) - 1.0 / 24.0).abs() < 1e-9, "{:?}", base.times);
+    }
+
+    /// Pictures repeat while the object moves and seem new while it rests, so that the even clock runs ahead of the stamps.
+    #[test]
+    fn times_ascend_where_repetitions_do_not_show() {
+        let top = |f: usize| {
+            if (f / 60) % 2 == 1 {
+                0.2
+            } else if f % 5 == 4 {
+                0.1
+            } else {
+                30.0
+            }
+        };
+        let changes: Vec<_> = (0..240).map(|f| change(f, top(f), 0.9)).collect();
+        let clock = StatedTime { times: Some((0..240).map(|f| f as f64 / 30.0).collect()), ..StatedTime::default() };
+        let mut base = TimeBase::new(&clock, None);
+        base.look(&changes);
+        assert!(base.findings.iter().any(|it| matches!(it, Finding::RepeatedRegularly { .. })), "{:?}", base.findings);
+        assert!(base.times.iter().flatten().is_sorted_by(|a, b| a < b), "{:?}", base.times);
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 import { spawn } from "node:child_process";
 import { existsSync } from "node:fs";
+import { readFile, writeFile } from "node:fs/promises";
+import http from "node:http";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
@@ -42,7 +44,7 @@ export function launch() {
 
 /// A page that notes requests to other hosts and errors of its scripts.
 export async function open(browser, link, options = {}) {
-  const context = await browser.newContext({ viewport: { width: 1320, height: 860 }, deviceScaleFactor: 0.75, colorScheme: "light", ...options });
+  const context = await browser.newContext({ viewport: { width: 1040, height: 700 }, colorScheme: "light", ...options });
   const page = await context.newPage();
   page.faults = [];
   const { host } = new URL(link);
@@ -58,11 +60,43 @@ export async function open(browser, link, options = {}) {
   return page;
 }
 
+/// Size of a picture's pixels, of the page's.
+const SCALE = 0.7;
+
+/// A picture of what the page shows, at most so many bytes.
+export async function picture(page, file, most) {
+  const cdp = await page.context().newCDPSession(page);
+  const clip = { x: 0, y: await page.evaluate(() => window.scrollY), ...page.viewportSize(), scale: SCALE };
+  let bytes;
+  for (let quality = 80; quality > 0 && !(bytes?.length <= most); quality -= 5) {
+    const { data } = await cdp.send("Page.captureScreenshot", { format: "webp", quality, clip });
+    bytes = Buffer.from(data, "base64");
+  }
+  await writeFile(file, bytes);
+}
+
+/// Status of a request that the page would not send.
+export function status(port, options) {
+  return new Promise((resolve, reject) => {
+    const request = http.request({ host: "127.0.0.1", port, path: "/api/projects", ...options }, (response) => {
+      response.resume();
+      resolve(response.statusCode);
+    });
+    request.on("error", reject);
+    request.end();
+  });
+}
+
+/// Largest memory of a process so far, MB.
+export async function peak(pid) {
+  const text = await readFile(`/proc/${pid}/status`, "utf8");
+  return Number(text.match(/VmHWM:\s+(\d+) kB/)[1]) / 1024;
+}
+
 /// Findings of axe-core that are serious or critical, in words.
 export async function findings(page) {
   // The page's policy forbids scripts from elsewhere, the tool's own included.
   const cdp = await page.context().newCDPSession(page);
-  const { readFile } = await import("node:fs/promises");
   await cdp.send("Runtime.evaluate", { expression: await readFile(axe, "utf8") });
   const { result } = await cdp.send("Runtime.evaluate", { expression: "axe.run().then((it) => JSON.stringify(it.violations))", awaitPromise: true, returnByValue: true });
   const serious = JSON.parse(result.value).filter((it) => ["serious", "critical"].includes(it.impact));

@@ -27,8 +27,11 @@ export class Learn {
     const parts = [];
     if (work.state === "running") parts.push(this.progress(live), el("button", { class: "small", type: "button", id: "stop-training", onclick: this.stop }, "Stop (it can be resumed)"));
     else if (work.state === "done") parts.push(el("h2", {}, "Learned"), result ? this.table(result) : undefined);
-    else parts.push(el("div", { class: "verdict doubtful", role: "status" }, el("h2", {}, work.state === "stopped" ? "Stopped" : "It failed"), el("p", {}, work.reason ?? "What was learned is saved.")),
-      el("button", { class: "button primary wide", type: "button", id: "resume", onclick: () => this.train(true) }, "Resume"));
+    else {
+      parts.push(el("div", { class: "verdict doubtful", role: "status" }, el("h2", {}, work.state === "stopped" ? "Stopped" : "It failed"), el("p", {}, work.reason ?? "What was learned is saved.")));
+      // An import that failed fails again.
+      if (work.state === "stopped" || live?.phase !== "import") parts.push(el("button", { class: "button primary wide", type: "button", id: "resume", onclick: () => this.train(true) }, "Resume"));
+    }
     if (work.state !== "running") parts.push(el("button", { class: "small", type: "button", onclick: () => this.train(false) }, "Train anew with the present set-up"));
     if (live?.pictures) {
       const address = `${api.trainingAddress(this.name, trained.number, "preview.png")}?v=${live.pictures}`;
@@ -45,7 +48,7 @@ export class Learn {
   offer() {
     this.node.replaceChildren(
       el("p", {}, "“Find it” tracks the object and fits the equation to its positions. Here a neural network learns from the pixels alone what the objects are, how they look and what moves them, given only the equation."),
-      el("p", { class: "muted" }, "It takes minutes to an hour, and goes on when you close the page."),
+      el("p", { class: "muted" }, "It needs some 80 frames, takes minutes to an hour, and goes on when you close the page."),
       el("button", { class: "button primary wide", type: "button", id: "train", onclick: () => this.train(false) }, "Start to learn"));
   }
 

@@ -8,6 +8,8 @@ import { Setup } from "./setup.js";
 import { Stage } from "./stage.js";
 import { Timeline } from "./timeline.js";
 
+/// Milliseconds between two requests: until the first frame is there, while something runs, and else.
+const FIRST = 150;
 const POLL = 700;
 const REST = 3000;
 const TABS = { setup: "Set up", result: "Result", learn: "Learn" };
@@ -16,7 +18,8 @@ const TABS = { setup: "Set up", result: "Result", learn: "Learn" };
 function waiting(state) {
   const { state: work, reason } = state.preview_work;
   if (work === "failed") return [el("h1", {}, "This file could not be read"), el("p", { class: "wrong" }, reason), el("p", {}, el("a", { href: "#/" }, "Choose another one"))];
-  return [el("h1", {}, "Reading the video …"), el("progress", { "aria-label": "Reading the video" })];
+  const title = state.record.example ? "Making the film …" : "Reading the video …";
+  return [el("h1", {}, title), el("progress", { "aria-label": title })];
 }
 
 export async function projectView(name) {
@@ -46,7 +49,7 @@ export async function projectView(name) {
       if (!gone) notice(error.message, true);
     }
     const works = state.preview_work.state === "running" || state.measured?.work.state === "running" || state.trained?.work.state === "running";
-    if (!gone) timer = setTimeout(poll, works ? POLL : REST);
+    if (!gone) timer = setTimeout(poll, !works ? REST : view?.stage.canvas.dataset.frame === undefined ? FIRST : POLL);
   };
   return {
     node,
@@ -197,7 +200,7 @@ class ProjectView {
 
   draw() {
     const drawn = this.tab === "result" ? this.result.draw(this.stage, this.timeline.frame) : this.tab === "setup" ? this.setup.draw(this.stage, this.timeline.frame) : [];
-    this.stage.overlay.replaceChildren(...drawn);
+    this.stage.draw(drawn);
     this.stage.overlay.classList.toggle("pointing", this.tab === "setup" && this.setup.mode !== undefined);
   }
 }

@@ -44,6 +44,13 @@ export class Stage {
     this.watch.disconnect();
   }
 
+  /// Replaces the marks; a handle that has the focus keeps it.
+  draw(marks) {
+    const focused = this.overlay.contains(document.activeElement) ? document.activeElement.dataset.handle : undefined;
+    this.overlay.replaceChildren(...marks);
+    if (focused) this.overlay.querySelector(`[data-handle="${focused}"]`)?.focus({ preventScroll: true });
+  }
+
   /// Pixels of the video to one of the screen.
   get pixel() {
     return this.facts.width / Math.max(1, this.node.clientWidth);
@@ -101,7 +108,6 @@ export class Stage {
       const size = event.shiftKey ? 10 : 1;
       move([at[0] + size * step[0], at[1] + size * step[1]]);
       done();
-      this.overlay.querySelector(`[data-handle="${kind}"]`)?.focus();
     });
     return knob;
   }

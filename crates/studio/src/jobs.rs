@@ -127,7 +127,8 @@ impl ProjectJob {
     /// Why a job failed, as it stated.
     pub fn reason(&self) -> String {
         let tail = self.tail();
-        let stated = tail.lines().rev().find_map(|line| line.strip_prefix(ERROR));
+        // A job that fails because of a program that it started states so after that program.
+        let stated = tail.lines().find_map(|line| line.strip_prefix(ERROR));
         stated.map_or_else(|| "the program ended unexpectedly; its log may help".into(), String::from)
     }
 }
@@ -186,6 +187,9 @@ mod tests {
         shell(&job, "echo first; echo 'error: no such thing' >&2; exit 2").unwrap();
         wait(&job);
         assert_eq!(job.reason(), "no such thing");
+        shell(&job, "echo 'error: cause'; echo 'error: consequence'; exit 1").unwrap();
+        wait(&job);
+        assert_eq!(job.reason(), "cause");
         shell(&job, "kill -9 $$").unwrap();
         wait(&job);
         assert!(job.reason().contains("unexpectedly"), "{}", job.reason());

@@ -3,6 +3,7 @@
 
 use std::fs;
 use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 use std::thread;
 
@@ -11,7 +12,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::{RgbImage, imageops};
 use paig::support::atomic;
 use paig_track::TrackingOptions;
-use paig_video::import::sources::SourceVideo;
+use paig_video::import::sources::{FrameReader, SourceVideo};
 use paig_video::track::track;
 use serde::{Deserialize, Serialize};
 
@@ -120,9 +121,12 @@ pub fn prepare(folder: &Path) -> Result<()> {
         remarks: video.remarks.clone(),
     };
     write(&out.join(VIDEO), &facts)?;
+    let mut frames = video.decode()?;
+    // The first frame is shown before the tracker takes all cores.
+    pictures(frames.as_mut(), &facts, 0..1, &out)?;
     thread::scope(|scope| {
         let tracking = scope.spawn(|| proposals(&video));
-        pictures(&video, &facts, &out)?;
+        pictures(frames.as_mut(), &facts, 1..facts.shown, &out)?;
         let proposals = tracking.join().map_err(|_| anyhow!("the tracker failed"))?;
         write(&out.join(PROPOSALS), &proposals)
     })
@@ -137,9 +141,8 @@ fn proposals(video: &SourceVideo) -> Proposals {
     }
 }
 
-fn pictures(video: &SourceVideo, facts: &VideoFacts, out: &Path) -> Result<()> {
-    let mut frames = video.decode()?;
-    for number in 0..facts.shown {
+fn pictures(frames: &mut dyn FrameReader, facts: &VideoFacts, numbers: Range<usize>, out: &Path) -> Result<()> {
+    for number in numbers {
         let frame = frames.frame(number)?;
         write_picture(&out.join(format!("{number}.jpg")), &frame, SIDE)?;
         if number % facts.strip_step == 0 {

@@ -30,8 +30,8 @@ from pathlib import Path
 from typing import Iterator, Sequence
 from types import ModuleType
 
-from . import pinned, wheel_parts
-from .errors import LibtorchError
+from .. import pinned, wheel_parts
+from ..errors import LibtorchError
 
 __all__ = ["environment", "find", "load"]
 
@@ -40,7 +40,7 @@ FITTING = ".".join(pinned.TORCH_VERSION.split(".")[:2])
 CACHED = f"libtorch-{pinned.TORCH_VERSION}-cpu"
 STAMP = "COMPLETE.json"
 # In the package: forwards to libtorch_cpu alone, where the wheel's own forwards to the CUDA library, too.
-STUB = Path(__file__).parent / "lib" / "libtorch.so"
+STUB = Path(__file__).parent.parent / "lib" / "libtorch.so"
 SPARE_DISK = 1 << 30
 ATTEMPTS = 3
 SUFFIX = ".dylib" if sys.platform == "darwin" else ".so"
@@ -295,12 +295,3 @@ class _Bar:
 
 def _say(text: str) -> None:
     print(f"paig: {text}", file=sys.stderr, flush=True)
-
-
-if __name__ == "__main__":
-    try:
-        print(find())
-    except LibtorchError as error:
-        sys.exit(f"error: {error}")
-    except KeyboardInterrupt:
-        sys.exit("interrupted; the next start continues the download")

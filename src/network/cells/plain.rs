@@ -21,7 +21,7 @@ pub trait PlainCell<F = f32>: Debug {
 /// What accelerates the objects of an equation. With [`Euler`] it is a [`Cell::plain_double`](super::Cell::plain_double):
 ///
 /// ```
-/// use paig::network::cells::plain::{Euler, Law, PlainCell, columns, columns_mut};
+/// use paig::network::cells::plain::{AccelerationLaw, Euler, PlainCell, columns, columns_mut};
 ///
 /// /// One ball that falls through a medium.
 /// #[derive(Debug)]
@@ -30,7 +30,7 @@ pub trait PlainCell<F = f32>: Debug {
 ///     drag: f64,
 /// }
 ///
-/// impl Law for Falling {
+/// impl AccelerationLaw for Falling {
 ///     fn accelerate(&self, _positions: &[f64], velocities: &[f64], _action: &[f64], into: &mut [f64]) {
 ///         let [vx, vy] = columns(velocities);
 ///         let [ax, ay] = columns_mut(into);

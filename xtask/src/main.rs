@@ -9,6 +9,7 @@ mod programs;
 #[path = "../../tests/common/project.rs"]
 mod project;
 mod recordings;
+mod report_files;
 mod resources;
 mod seeds;
 mod synthetic_video;

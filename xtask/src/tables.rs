@@ -6,11 +6,13 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 use paig::support::significant::significant;
-use paig::support::{atomic, storage};
+use paig::support::storage;
 use paig_video::measure::compare_track::{Estimate, compare_track};
 use paig_video::measure::results::Measurement;
 use paig_video::reference_track::ReferenceTrack;
 use serde::{Deserialize, Serialize};
+
+use crate::report_files;
 
 /// Writes results.json and report.md of reports/tables from a batch of measurements and the authors' tracks.
 #[derive(Debug, Args)]
@@ -88,14 +90,9 @@ pub fn run(arguments: &TablesArguments) -> Result<()> {
     for value in &published.value {
         rows.push(of_value(arguments, value).with_context(|| format!("clip {}", value.clip))?);
     }
-    std::fs::create_dir_all(&arguments.out)?;
-    atomic::write_file(&arguments.out.join("results.json"), |file| Ok(serde_json::to_writer_pretty(file, &rows)?))?;
     let page = page(&rows)?;
     print!("{page}");
-    atomic::write_file(&arguments.out.join("report.md"), |file| {
-        use std::io::Write;
-        Ok(file.write_all(page.as_bytes())?)
-    })
+    report_files::write(&arguments.out, &rows, &page)
 }
 
 /// Distances of the positions, and each parameter beside the same equation fitted to the author's track.

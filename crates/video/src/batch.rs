@@ -86,6 +86,7 @@ pub fn read(folder: &Path) -> Result<Option<Vec<BatchEntry>>> {
     struct EntryRecord {
         name: String,
         video: PathBuf,
+        verdict: Option<String>,
         reason: String,
     }
     let path = folder.join(JSON);
@@ -95,8 +96,9 @@ pub fn read(folder: &Path) -> Result<Option<Vec<BatchEntry>>> {
     let text = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
     let rows: Vec<EntryRecord> =
         serde_json::from_slice(&text).with_context(|| format!("{} is damaged", path.display()))?;
-    let entry = |EntryRecord { name, video, reason }| {
-        let ending = Measurement::read(&folder.join(&name)).map_err(|_| reason);
+    let entry = |EntryRecord { name, video, verdict, reason }| {
+        let read = || Measurement::read(&folder.join(&name)).map_err(|error| format!("{error:#}"));
+        let ending = if verdict.is_some() { read() } else { Err(reason) };
         BatchEntry { name, video, ending }
     };
     Ok(Some(rows.into_iter().map(entry).collect()))

@@ -17,26 +17,27 @@ pub(super) struct Recoil<I> {
 /// The time of impact follows from the way, so that the path goes evenly with every parameter: no penalty force, no jump as an
 /// impact moves from one substep to the next.
 pub(super) fn recoil<I: Impact>([before, now]: [([&I; 2], [&I; 2]); 2], distance: &I, left: &I, h: &I) -> Recoil<I> {
-    let dot = |a: &[I; 2], b: &[I; 2]| a[0].times(&b[0]).plus(&a[1].times(&b[1]));
+    let dot = |a: [&I; 2], b: [&I; 2]| a[0].times(b[0]).plus(&a[1].times(b[1]));
     let way = [0, 1].map(|axis| now.0[axis].minus(before.0[axis]));
-    let begin = before.0.map(Impact::copy);
+    let begin = before.0;
     // |begin + s way| = distance: a s^2 + 2 b s + c = 0.
-    let (a, b) = (dot(&way, &way), dot(&begin, &way));
-    let c = dot(&begin, &begin).minus(&distance.times(distance));
+    let (a, b) = (dot(way.each_ref(), way.each_ref()), dot(begin, way.each_ref()));
+    let c = dot(begin, begin).minus(&distance.times(distance));
     let inner = b.times(&b).minus(&a.times(&c));
     // Apart at the beginning, on the way to each other, near enough.
     let apart = I::both(I::not(c.is_negative()), b.is_negative());
     let meet = I::both(apart, inner.is_positive());
-    let (a, inner) = (a.one_where(&I::not(I::copy_mask(&meet))), inner.one_where(&I::not(I::copy_mask(&meet))));
+    // Where they do not meet, numbers whose root and ratio have a gradient.
+    let [a, inner] = [a, inner].map(|number| number.or_else(&meet, &number.one_like()));
     let share = b.negative().minus(&inner.root()).over(&a);
-    let meet = I::both(meet, share.is_within(&share.times(&I::zero_like(&share)), &I::one_like(&share)));
+    let meet = I::both(meet, share.is_within(&share.zero_like(), &share.one_like()));
     let at_impact = |from: &I, to: &I| from.plus(&to.minus(from).times(&share));
     let normal = [0, 1].map(|axis| begin[axis].plus(&way[axis].times(&share)).over(distance));
     let closing = [0, 1].map(|axis| at_impact(before.1[axis], now.1[axis]));
-    let impulse = dot(&closing, &normal).times(&left.plus(&I::one_like(left))).negative();
-    let impulse = impulse.zero_unless(&meet);
+    let impulse = dot(closing.each_ref(), normal.each_ref()).times(&left.plus(&left.one_like())).negative();
+    let impulse = impulse.or_else(&meet, &impulse.zero_like());
     let velocity = normal.map(|part| impulse.times(&part));
-    let rest = h.times(&I::one_like(&share).minus(&share));
+    let rest = h.times(&share.one_like().minus(&share));
     let position = [0, 1].map(|axis| velocity[axis].times(&rest));
     Recoil { velocity, position }
 }

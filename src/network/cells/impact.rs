@@ -27,9 +27,6 @@ pub(super) trait Impact: Sized {
     fn is_positive(&self) -> Self::Mask;
     fn both(one: Self::Mask, other: Self::Mask) -> Self::Mask;
     fn not(mask: Self::Mask) -> Self::Mask;
-    fn copy_mask(mask: &Self::Mask) -> Self::Mask;
-    /// 0 where the mask is not set.
-    fn zero_unless(&self, mask: &Self::Mask) -> Self;
     /// 1 where the mask is set.
     fn one_where(&self, mask: &Self::Mask) -> Self;
     /// `other` where the mask is not set.
@@ -135,14 +132,6 @@ impl Impact for Tensor {
         mask.logical_not()
     }
 
-    fn copy_mask(mask: &Tensor) -> Tensor {
-        mask.shallow_clone()
-    }
-
-    fn zero_unless(&self, mask: &Tensor) -> Tensor {
-        self.where_self(mask, &self.zeros_like())
-    }
-
     fn one_where(&self, mask: &Tensor) -> Tensor {
         self.ones_like().where_self(mask, self)
     }
@@ -225,14 +214,6 @@ impl<F: Float> Impact for Single<F> {
 
     fn not(mask: bool) -> bool {
         !mask
-    }
-
-    fn copy_mask(mask: &bool) -> bool {
-        *mask
-    }
-
-    fn zero_unless(&self, mask: &bool) -> Self {
-        if *mask { *self } else { Single(F::zero()) }
     }
 
     fn one_where(&self, mask: &bool) -> Self {

@@ -4,12 +4,12 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Result;
-use paig::support::atomic;
 use paig_video::measure::results::{Measurement, Outcome};
 use serde::Serialize;
 
 use super::VideoPlan;
 use super::kinds::{KINDS, MotionKind, TrueMotion};
+use crate::report_files;
 
 /// Errors up to which a quantity counts as right, and beyond which one that is `found` counts as false.
 const RIGHT: f64 = 0.01;
@@ -128,12 +128,7 @@ pub fn rows(
 /// # Errors
 /// A full disk.
 pub fn write(folder: &Path, rows: &[SyntheticRow]) -> Result<()> {
-    std::fs::create_dir_all(folder)?;
-    atomic::write_file(&folder.join("results.json"), |file| Ok(serde_json::to_writer_pretty(file, rows)?))?;
-    atomic::write_file(&folder.join("report.md"), |file| {
-        use std::io::Write;
-        Ok(file.write_all(text(rows)?.as_bytes())?)
-    })
+    report_files::write(folder, rows, &text(rows)?)
 }
 
 fn text(rows: &[SyntheticRow]) -> Result<String> {

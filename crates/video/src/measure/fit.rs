@@ -150,19 +150,14 @@ pub fn fit(dynamics: &Dynamics, tracks: &[Observations], start: &Start) -> Resul
     let thinned: Vec<Observations> = tracks.iter().map(thinned).collect();
     let stride = tracks.iter().map(stride).max().unwrap_or(1);
     let coarse = Problem::new(dynamics, &thinned, &start.learned).grown(start, (start.piece / stride).max(LEAST_PIECE));
-    let Grown { mut unknowns, mut huber, mut coordinate_weights, piecewise } = coarse;
-    if stride > 1 {
-        for (piece, track) in unknowns.pieces.iter_mut().zip(&problem.tracks) {
-            piece.frames = track.trained;
-        }
-        for _ in 0..2 {
-            let goal = Goal { huber, coordinate_weights: &coordinate_weights, held: 0.0, start: &start.unconstrained };
-            problem.minimise(&mut unknowns, &goal, CONVERGED);
-            coordinate_weights = problem.coordinate_weights(&unknowns);
-            huber = HUBER * problem.usual_weighted(&unknowns, &coordinate_weights);
-        }
+    if stride == 1 {
+        return problem.fitted(coarse);
     }
-    problem.fitted(Grown { unknowns, huber, coordinate_weights, piecewise })
+    let mut grown = coarse;
+    for (piece, track) in grown.unknowns.pieces.iter_mut().zip(&problem.tracks) {
+        piece.frames = track.trained;
+    }
+    problem.fitted(problem.converged(grown))
 }
 
 /// Fits an equation to slightly other positions, from where a fit of it led to: each video is one piece from the beginning.
@@ -174,15 +169,12 @@ pub fn refit(dynamics: &Dynamics, tracks: &[Observations], learned: &[bool], bef
     let states = problem.tracks.iter().enumerate().zip(&before.states);
     let pieces =
         states.map(|((track, it), state)| FitSegment { track, first: 0, frames: it.trained, state: state.clone() });
-    let mut unknowns = Unknowns { unconstrained: before.unconstrained.clone(), pieces: pieces.collect() };
-    let (mut huber, mut coordinate_weights) = (before.huber, before.coordinate_weights.clone());
-    for _ in 0..2 {
-        let goal = Goal { huber, coordinate_weights: &coordinate_weights, held: 0.0, start: &before.unconstrained };
-        problem.minimise(&mut unknowns, &goal, CONVERGED);
-        coordinate_weights = problem.coordinate_weights(&unknowns);
-        huber = HUBER * problem.usual_weighted(&unknowns, &coordinate_weights);
-    }
-    problem.fitted(Grown { unknowns, huber, coordinate_weights, piecewise: before.piecewise_residual })
+    problem.fitted(problem.converged(Grown {
+        unknowns: Unknowns { unconstrained: before.unconstrained.clone(), pieces: pieces.collect() },
+        huber: before.huber,
+        coordinate_weights: before.coordinate_weights.clone(),
+        piecewise: before.piecewise_residual,
+    }))
 }
 
 /// Every how many-th frame of a track is enough to lead to the whole of it.
@@ -220,6 +212,19 @@ struct Grown {
 }
 
 impl<'a> Problem<'a> {
+    /// The unknowns of whole tracks after the last iterations, the second time with the scale that the first leaves.
+    fn converged(&self, grown: Grown) -> Grown {
+        let Grown { mut unknowns, mut huber, mut coordinate_weights, piecewise } = grown;
+        let start = unknowns.unconstrained.clone();
+        for _ in 0..2 {
+            let goal = Goal { huber, coordinate_weights: &coordinate_weights, held: 0.0, start: &start };
+            self.minimise(&mut unknowns, &goal, CONVERGED);
+            coordinate_weights = self.coordinate_weights(&unknowns);
+            huber = HUBER * self.usual_weighted(&unknowns, &coordinate_weights);
+        }
+        Grown { unknowns, huber, coordinate_weights, piecewise }
+    }
+
     /// The fit with its residuals.
     fn fitted(&self, Grown { unknowns, huber, coordinate_weights, piecewise }: Grown) -> Result<Fitted> {
         let residuals = unknowns.pieces.iter().map(|piece| {

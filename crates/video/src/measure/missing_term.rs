@@ -13,7 +13,6 @@ use paig::network::System;
 use paig::network::cells::text::{Accelerations, EquationTable, ParameterTable};
 use paig::network::cells::{CellKind, PhysicalParameter};
 
-use super::bootstrap::bootstrap;
 use super::dynamics::Dynamics;
 use super::explain::{Explained, explain};
 use super::fit::{Observations, Start};
@@ -179,8 +178,7 @@ fn quantities(
 ) -> Option<Vec<Quantity>> {
     let tracks = whole(tracks);
     let whole = scene.go_on(best, &tracks).ok()?;
-    let uncertainty = bootstrap(&whole.dynamics, &tracks, &whole.learned, &whole.fitted, seed).ok()?;
-    let all = scene.quantities(&tracks, &whole, &uncertainty).into_iter();
+    let all = scene.quantities_alone(&tracks, &whole, seed).ok()?.into_iter();
     let of_term = |quantity: &Quantity| term.parameters.iter().any(|(name, _)| *name == quantity.name);
     Some(all.filter(of_term).collect())
 }

@@ -323,8 +323,7 @@ impl Subject {
         let tracks = recording::whole(&tracks);
         let whole = scene.go_on(&judged, &tracks)?;
         let counts = whole.fitted.usual_residual <= WORSE * explained.fitted.usual_residual;
-        let uncertainty = bootstrap(&whole.dynamics, &tracks, &whole.learned, &whole.fitted, self.seed)?;
-        let quantities = scene.quantities(&tracks, &whole, &uncertainty);
+        let quantities = scene.quantities_alone(&tracks, &whole, self.seed)?;
         Ok(CrossCheck { judged, quantities, counts })
     }
 

@@ -30,7 +30,7 @@ const SIDE: usize = 32;
 /// Stands for the equation until one is chosen.
 const UNTIL_CHOSEN: &str = "falling";
 /// Fewest frames of a recording.
-const LEAST_FRAMES: usize = 8;
+pub(super) const LEAST_FRAMES: usize = 8;
 /// Frames of the pieces with which a fit begins: this share of all, within these bounds.
 const PIECE_SHARE: usize = 10;
 const PIECES: Range<usize> = 12..48;

@@ -3,7 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use super::bootstrap::{BootstrapSample, Uncertainty};
+use anyhow::Result;
+
+use super::bootstrap::{BootstrapSample, Uncertainty, bootstrap};
 use super::dynamics::Dynamics;
 use super::explain::{Explained, positions_of};
 use super::fit::Observations;
@@ -20,6 +22,20 @@ const ROLLED_OUT_DRAWS: usize = 200;
 const STANDARD_GRAVITY: f64 = 9.80665;
 
 impl RecordedSystem {
+    /// Quantities of a fit with the intervals of a bootstrap of their own.
+    ///
+    /// # Errors
+    /// As [`bootstrap`].
+    pub(super) fn quantities_alone(
+        &self,
+        tracks: &[Observations],
+        explained: &Explained,
+        seed: u64,
+    ) -> Result<Vec<Quantity>> {
+        let Explained { dynamics, learned, fitted, .. } = explained;
+        Ok(self.quantities(tracks, explained, &bootstrap(dynamics, tracks, learned, fitted, seed)?))
+    }
+
     pub(super) fn quantities(
         &self,
         tracks: &[Observations],

@@ -72,12 +72,7 @@ impl TextContacts {
 
     /// In plain numbers.
     pub(super) fn numbers<F: Number>(&self, objects: usize, parameters: impl Fn(usize) -> f64) -> Contacts<Single<F>> {
-        let number = |value: EquationNumber| Single(F::of(value.among(&parameters)));
-        Contacts {
-            distance: number(self.distance),
-            left: number(self.restitution.unwrap_or(EquationNumber::Number(1.0))),
-            masses: (0..objects).map(|object| number(self.mass(object))).collect(),
-        }
+        self.values(objects, |value| Single(F::of(value.among(&parameters))))
     }
 
     /// As scalar tensors, differentiable by the parameters.
@@ -87,16 +82,16 @@ impl TextContacts {
         parameters: &[Tensor],
         options: (Kind, tch::Device),
     ) -> Contacts<Tensor> {
-        let tensor = |value: EquationNumber| value.tensor(parameters, options);
-        Contacts {
-            distance: tensor(self.distance),
-            left: tensor(self.restitution.unwrap_or(EquationNumber::Number(1.0))),
-            masses: (0..objects).map(|object| tensor(self.mass(object))).collect(),
-        }
+        self.values(objects, |value| value.tensor(parameters, options))
     }
 
-    fn mass(&self, object: usize) -> EquationNumber {
-        self.masses.get(object).copied().unwrap_or(EquationNumber::Number(1.0))
+    fn values<I>(&self, objects: usize, value: impl Fn(EquationNumber) -> I) -> Contacts<I> {
+        let or_one = |given: Option<EquationNumber>| value(given.unwrap_or(EquationNumber::Number(1.0)));
+        Contacts {
+            distance: value(self.distance),
+            left: or_one(self.restitution),
+            masses: (0..objects).map(|object| or_one(self.masses.get(object).copied())).collect(),
+        }
     }
 }
 

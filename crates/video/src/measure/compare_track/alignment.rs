@@ -1,6 +1,7 @@
 //! Similarity between the positions of two tracks of one motion.
 
 use nalgebra::Complex;
+use paig::support::statistics::upper_median;
 use serde::Serialize;
 
 /// Rounds of reweighting, and the distance in medians beyond which a pair counts less (Huber 1964).
@@ -56,7 +57,7 @@ impl Alignment {
             a = turn.unwrap_or(if extent > 0.0 { across / extent } else { a });
             b = w - a * z;
             let distances: Vec<f64> = points.iter().map(|(z, w)| (a * z + b - w).norm()).collect();
-            let bound = (HUBER * median(distances.clone())).max(LEAST);
+            let bound = (HUBER * upper_median(distances.iter().copied()).unwrap_or(0.0)).max(LEAST);
             weights = distances.iter().map(|distance| (bound / distance.max(LEAST)).min(1.0)).collect();
         }
         let (pixels_per_unit, angle) = a.to_polar();
@@ -83,18 +84,12 @@ impl Alignment {
     }
 
     pub(super) fn median(&self, pairs: &[PositionPair]) -> f64 {
-        median(self.distances(pairs))
+        upper_median(self.distances(pairs)).unwrap_or(f64::INFINITY)
     }
 }
 
 fn complex([x, y]: [f64; 2], y_up: bool) -> Complex<f64> {
     Complex::new(x, if y_up { -y } else { y })
-}
-
-/// Median; infinite of nothing.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::INFINITY)
 }
 
 #[cfg(test)]

@@ -12,11 +12,10 @@ use serde::Serialize;
 use tch::no_grad_guard;
 
 pub use self::alignment::Alignment;
-use self::alignment::{PositionPair, median};
+use self::alignment::PositionPair;
 use self::observed::{Observed, Row};
-use super::bootstrap::bootstrap;
 use super::native::coordinates;
-use super::of_video::piece_of;
+use super::of_video::{LEAST_FRAMES, piece_of};
 use super::recording::{Observation, Positions, RecordedSystem, Recording, learned_from};
 use super::results::{Measurement, Quantity, SceneRecord};
 use super::scale::Scale;
@@ -25,9 +24,8 @@ use crate::reference_track::{ReferenceTrack, TrackedPoint, UNKNOWN};
 /// Frames by which the numbering of another track may be off, and the share of the distance that a shift must save.
 const SHIFTS: i64 = 10;
 const SAVES: f64 = 0.3;
-/// Fewest positions in common, and fewest frames of a recording that is fitted.
+/// Fewest positions in common.
 const LEAST_PAIRS: usize = 6;
-const LEAST_FRAMES: usize = 8;
 /// Share of the largest number of pairs that a shift must keep.
 const KEPT: f64 = 0.8;
 /// An offset alone is kept for tracks in pixels unless a similarity leaves less than this share of its distance.
@@ -91,8 +89,9 @@ pub fn compare_track(folder: &Path, track: &ReferenceTrack) -> Result<TrackCompa
     })?;
     let observed = Observed::read(folder)?;
     let matched = Matched::best(&observed, track)?;
-    let scene = scene(record, &observed, &matched)?;
-    let fitted = |theirs: bool| scene.as_ref().map(|scene| fitted(scene, &matched, theirs)).transpose();
+    let long = matched.long(&observed);
+    let scene = scene(record, &observed, &long)?;
+    let fitted = |theirs: bool| scene.as_ref().map(|scene| fitted(scene, &matched, &long, theirs)).transpose();
     let [ours, theirs] = [fitted(false)?.unwrap_or_default(), fitted(true)?.unwrap_or_default()];
     let of = |all: &[Quantity], name: &str| all.iter().find(|it| it.name == name).map(Estimate::of);
     let unit = matched.unit(track);
@@ -132,6 +131,7 @@ struct Matched {
     alignment: Alignment,
     /// Place of the other track's point of each of our objects.
     points: Vec<usize>,
+    /// Of each of our objects.
     rows: Vec<MatchedRows>,
 }
 
@@ -208,7 +208,7 @@ impl Matched {
             let pairs: Vec<PositionPair> = rows.iter().map(|(row, theirs)| (*theirs, row.seen)).collect();
             let distances = self.alignment.distances(&pairs);
             let squares: f64 = distances.iter().map(|distance| distance * distance).sum();
-            let middle = median(distances.clone());
+            let middle = self.alignment.median(&pairs);
             PointDistances {
                 name: track.points[self.points[object]].name.clone(),
                 object: object + 1,
@@ -239,30 +239,28 @@ fn assignments(objects: usize, points: usize) -> Vec<Vec<usize>> {
 }
 
 /// The frames in which all objects have positions in both tracks, as recordings; none where there are too few.
-fn scene(record: &SceneRecord, observed: &Observed, matched: &Matched) -> Result<Option<RecordedSystem>> {
+fn scene(record: &SceneRecord, observed: &Observed, long: &[Vec<Row>]) -> Result<Option<RecordedSystem>> {
     let system = record.system.system(0.0, &Equations::default())?;
     let scale = Scale::new(&record.video, &system);
-    let recording = |(number, name): (usize, &String)| {
-        let rows = matched.shared(number);
-        let first = rows.first()?.seconds;
-        let recording = Recording {
-            name: name.clone(),
+    let recording = |rows: &Vec<Row>| {
+        let first = rows[0].seconds;
+        Recording {
+            name: observed.videos[rows[0].recording].clone(),
             first_seconds: first,
             times: rows.iter().map(|row| (row.seconds - first) / scale.seconds).collect(),
             numbers: rows.iter().map(|row| row.frame).collect(),
             trained: learned_from(rows.len()),
             teaches: true,
-        };
-        (rows.len() >= LEAST_FRAMES).then_some(recording)
+        }
     };
-    let recordings: Vec<Recording> = observed.videos.iter().enumerate().filter_map(recording).collect();
+    let recordings: Vec<Recording> = long.iter().map(recording).collect();
     let Some(shortest) = recordings.iter().map(|recording| recording.trained).min() else { return Ok(None) };
     let (dt, record) = (system.dt, record.video.clone());
     Ok(Some(RecordedSystem { record, system, scale, dt, piece: piece_of(shortest), may_drift: false, recordings }))
 }
 
 impl Matched {
-    /// TableRows of the first object in those frames of a recording in which all objects have positions.
+    /// Rows of the first object in those frames of a recording in which all objects have positions.
     fn shared(&self, recording: usize) -> Vec<Row> {
         let is_shared = |frame: u64| {
             self.rows.iter().all(|rows| rows.iter().any(|(row, _)| row.recording == recording && row.frame == frame))
@@ -271,31 +269,31 @@ impl Matched {
         first.filter(|row| row.recording == recording && is_shared(row.frame)).collect()
     }
 
+    /// The same of each recording with enough frames for a fit.
+    fn long(&self, observed: &Observed) -> Vec<Vec<Row>> {
+        let shared = (0..observed.videos.len()).map(|recording| self.shared(recording));
+        shared.filter(|rows| rows.len() >= LEAST_FRAMES).collect()
+    }
+
     /// Position of an object in a frame, pixels of the video.
-    fn position(&self, object: usize, recording: usize, frame: u64, theirs: bool) -> [f64; 2] {
-        let found = self.rows[object].iter().find(|(row, _)| row.recording == recording && row.frame == frame);
+    fn position(&self, object: usize, Row { recording, frame, .. }: &Row, theirs: bool) -> [f64; 2] {
+        let found = self.rows[object].iter().find(|(row, _)| row.recording == *recording && row.frame == *frame);
         found.map_or([f64::NAN; 2], |(row, at)| if theirs { self.alignment.apply(*at) } else { row.seen })
     }
 }
 
 /// The equation fitted to the shared frames of one of the tracks.
-fn fitted(scene: &RecordedSystem, matched: &Matched, theirs: bool) -> Result<Vec<Quantity>> {
-    let mut numbers: Vec<usize> = matched.rows[0].iter().map(|(row, _)| row.recording).collect();
-    numbers.dedup();
-    let with_enough = numbers.into_iter().filter(|number| matched.shared(*number).len() >= LEAST_FRAMES);
-    let positions = with_enough.zip(&scene.recordings).map(|(number, recording)| {
-        let frame = |frame: &u64| {
-            (0..matched.rows.len())
-                .flat_map(|object| scene.scale.in_frame(matched.position(object, number, *frame, theirs)))
-                .collect::<Vec<f64>>()
-        };
-        let pixels: Vec<f64> = recording.numbers.iter().flat_map(frame).collect();
+fn fitted(scene: &RecordedSystem, matched: &Matched, long: &[Vec<Row>], theirs: bool) -> Result<Vec<Quantity>> {
+    let objects = 0..matched.rows.len();
+    let positions = long.iter().map(|rows| {
+        let places =
+            rows.iter().flat_map(|row| objects.clone().map(move |object| matched.position(object, row, theirs)));
+        let pixels: Vec<f64> = places.flat_map(|place| scene.scale.in_frame(place)).collect();
         Positions::even(pixels.clone(), coordinates(&pixels, &scene.system))
     });
     let observation = Observation { by: String::new(), recordings: positions.collect() };
     let fits = scene.fits(&scene.system.cell, &[observation], &[])?;
-    let uncertainty = bootstrap(&fits.whole.dynamics, &fits.whole_tracks, &fits.whole.learned, &fits.whole.fitted, 0)?;
-    Ok(scene.quantities(&fits.whole_tracks, &fits.whole, &uncertainty))
+    scene.quantities_alone(&fits.whole_tracks, &fits.whole, 0)
 }
 
 impl Observed {

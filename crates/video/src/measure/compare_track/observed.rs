@@ -1,7 +1,6 @@
 //! Observed positions of a measurement, as `positions.csv` holds them.
 
 use std::collections::HashMap;
-use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -39,9 +38,7 @@ impl Observed {
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
         let named = || format!("positions {}", path.display());
-        let mut bytes = Vec::new();
-        storage::open(&path).with_context(named)?.read_to_end(&mut bytes).with_context(named)?;
-        Self::of(&bytes).with_context(named)
+        Self::of(&storage::read(&path).with_context(named)?).with_context(named)
     }
 
     fn of(bytes: &[u8]) -> Result<Self> {

@@ -1,6 +1,6 @@
 // Filmed videos measured by pointing alone, beside the command line's results in reports/real/results.json.
 //
-//   node pointing.mjs FOLDER [PICTURES]
+//   node pointing.mjs FOLDER [NAME ..]
 //
 // FOLDER holds the videos under the names of reports/real/videos.toml. Prints the rows of the table of docs/studio.md.
 
@@ -10,28 +10,18 @@ import path from "node:path";
 import { kill, launch, open, root, start } from "./server.mjs";
 
 const PATIENCE = 600_000;
-/// What is pointed at: a region dragged out, shares of the picture; an equation.
+/// The equation that is clicked.
 const CLIPS = [
   { name: "tennis_bounce", file: "more/tennis_bounce/tennis_ball_cropped.mp4", equation: "bounce_on_a_floor" },
   { name: "pdi_throw", file: "more/pdi_throw/tiro.mp4", equation: "falling" },
   { name: "lilvit_projectile", file: "more/lilvit_projectile/video.mp4", equation: "falling" },
   { name: "alejo_incline", file: "more/alejo_incline/Video.mp4", equation: "constant_acceleration" },
-  { name: "malchow_spring", file: "more/malchow_spring/15_mechanische_Schwingungen_experiment.mp4", equation: "mass_on_a_spring" },
-  { name: "sbor_two_pendulums_left", file: "more/sbor_two_pendulums/video2.mp4", equation: "swing", leaveOut: [0.5, 0, 1, 1] },
+  { name: "pym_puck_force", file: "more/pym_puck_force/Force_constante.avi", equation: "constant_acceleration" },
+  { name: "arz_bounce_gif", file: "more/arz_bounce_gif/balloriginalgif.gif", equation: "bounce_on_a_floor" },
 ];
 
-const [videos, pictures] = process.argv.slice(2);
+const [videos, ...names] = process.argv.slice(2);
 if (!videos) throw new Error("expected the folder of the videos");
-
-async function leaveOut(page, [left, top, right, bottom]) {
-  await page.getByRole("button", { name: "Leave an area out" }).click();
-  const box = await page.locator("svg.overlay").boundingBox();
-  const at = (x, y) => [box.x + x * box.width, box.y + y * box.height];
-  await page.mouse.move(...at(left, top));
-  await page.mouse.down();
-  await page.mouse.move(...at(right, bottom), { steps: 5 });
-  await page.mouse.up();
-}
 
 /// Points at one clip; its project's folder, the equation that was proposed, and seconds until each view.
 async function measure(page, projects, clip) {
@@ -44,15 +34,12 @@ async function measure(page, projects, clip) {
   const seconds = { frame: since() };
   await page.locator(".row").first().waitFor();
   seconds.proposals = since();
-  const proposed = (await page.locator(".choice", { has: page.locator(".likely") }).locator("input").first().getAttribute("value"));
-  if (clip.leaveOut) await leaveOut(page, clip.leaveOut);
+  const proposed = await page.locator(".choice", { has: page.locator(".likely") }).locator("input").first().getAttribute("value");
   await page.locator(`input[value=${clip.equation}]`).click();
-  if (pictures) await page.screenshot({ path: path.join(pictures, `${clip.name}-set-up.png`) });
   await page.locator("#find").click();
   await page.locator("[data-outcome], .verdict").first().waitFor();
   seconds.result = since();
   await page.locator(".chart").first().waitFor();
-  if (pictures) await page.screenshot({ path: path.join(pictures, `${clip.name}-result.png`), fullPage: true });
   const name = (await readdir(projects)).find((it) => !before.has(it));
   return { folder: path.join(projects, name), proposed, seconds };
 }
@@ -66,7 +53,7 @@ const browser = await launch();
 const { server, link } = await start(projects);
 const page = await open(browser, link, { viewport: { width: 1280, height: 900 } });
 page.setDefaultTimeout(PATIENCE);
-for (const clip of CLIPS) {
+for (const clip of CLIPS.filter((it) => !names.length || names.includes(it.name))) {
   const { folder, proposed, seconds } = await measure(page, projects, clip);
   const found = JSON.parse(await readFile(path.join(folder, "measurements/1/measurement.json"), "utf8"));
   const command = await readFile(path.join(folder, "measurements/1/command.txt"), "utf8");

@@ -17,7 +17,7 @@
 //! // Two clips of twelve frames, [batch, time, channels, side, side] in 0..1.
 //! let clips = Tensor::rand([2, 12, 3, 32, 32], (Kind::Float, Device::Cpu));
 //! let pass = model.forward(&clips, &Actions::none())?;
-//! // Four frames are seen; the eight after them are predicted.
+//! // The model encodes four frames and predicts the eight after them.
 //! assert_eq!(pass.predictions.size(), [2, 8, 3, 32, 32]);
 //! assert_eq!(model.parameter_values(), [("k", 1.0), ("l", 31.0 / 32.0)]);
 //! # Ok(())
@@ -27,7 +27,33 @@
 //! `examples/` trains in process, adds an equation, and takes a saved model apart.
 //!
 //! The library never prints, never exits and reads no arguments. Modules in the order of their imports: support, network,
-//! tasks, datasets, generators, runs, evaluation, training, viz, run. The kernels below them are the crate `paig_kernels`.
+//! tasks, datasets, generators, runs, evaluation, training, viz, run.
+//!
+//! # Crates
+//!
+//! Each crate depends on those below it:
+//!
+//! ```text
+//!  paig-cli         paig-studio      paig-python
+//!  the program      browser page     Python module
+//!    |   |               |                |
+//!    |   +---------------+-------+--------+
+//!    |                           |
+//!    |                      paig-video
+//!    |                      filmed videos to tasks, and to parameters with intervals
+//!    |                        |        |            |           |
+//!  paig-experiments           |   paig-report   paig-track   paig-decode
+//!  sweeps, stress suite,      |   reports of    positions    frames and
+//!  baselines, control         |   many runs     of objects   time stamps
+//!    |                        |        |
+//!    +-----------+------------+--------+
+//!                |
+//!              paig       this crate
+//!                |
+//!           paig-kernels  U-Net, masks, drawing, loss, roll-out
+//!                |
+//!            libtorch     by the crate `tch`
+//! ```
 
 #![deny(clippy::print_stdout, clippy::print_stderr, clippy::exit)]
 

@@ -1,4 +1,17 @@
 //! Scoring a model on clips: losses, every predicted frame, and positions where the truth is known.
+//!
+//! Structural similarity of frames to themselves:
+//!
+//! ```
+//! use paig::evaluation::ssim::ssim;
+//! use tch::{Device, Kind, Tensor};
+//!
+//! // Four frames, [frames, channels, side, side].
+//! let frames = Tensor::rand([4, 3, 32, 32], (Kind::Float, Device::Cpu));
+//! let similarity: Vec<f64> = ssim(&frames, &frames)?.try_into()?;
+//! assert!(similarity.iter().all(|similarity| (similarity - 1.0).abs() < 1e-6));
+//! # Ok::<(), anyhow::Error>(())
+//! ```
 
 pub mod frame_scores;
 pub mod outputs;

@@ -2,6 +2,22 @@
 //!
 //! Each clip has a random number generator of its own, seeded from the seed, the split and the clip's index: the files
 //! do not depend on the number of threads, and a larger dataset begins with the clips of a smaller one.
+//!
+//! Clips in memory:
+//!
+//! ```
+//! use paig::datasets::files::Split;
+//! use paig::datasets::settings::Counts;
+//! use paig::generators::{generate_clips, source_images::SourceImages, variant::Variant};
+//!
+//! let task = paig::tasks::find("spring_color")?;
+//! let counts = Counts { train: 2, valid: 1, test: 1 };
+//! let variant = Variant::new(&task, 0)?;
+//! let (made, _true_states) =
+//!     generate_clips(&variant, &SourceImages::original()?, task.train_frames, counts, &|_| {})?;
+//! assert_eq!(made.split(Split::Train).dim(), (2, 12, 32, 32, 3));
+//! # Ok::<(), anyhow::Error>(())
+//! ```
 
 pub mod effects;
 pub mod film;

@@ -2,6 +2,22 @@
 //!
 //! Original: `run_physics.py`. [`Request::open`] finds the run's folder and config, [`Run::prepare`] reads what it needs,
 //! [`Prepared::execute`] goes through it. All that is worth showing goes to an [`Observer`].
+//!
+//! A request is checked before anything is trained:
+//!
+//! ```
+//! use paig::run::{Mode, Request};
+//! use paig::training::layers::Overrides;
+//!
+//! let overrides = Overrides { task: Some("spring_color".into()), seed: Some(3), ..Overrides::default() };
+//! let request = Request { overrides, ..Request::default() };
+//! assert_eq!(request.config()?.seed, 3);
+//!
+//! // A run that is to be resumed must exist.
+//! let missing = Request { mode: Mode::Resume, out: Some("no/such/run".into()), ..request };
+//! assert!(missing.open().is_err());
+//! # Ok::<(), paig::Error>(())
+//! ```
 
 mod data;
 mod observer;

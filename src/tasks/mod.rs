@@ -5,6 +5,18 @@
 //! `(x, y)` with x to the right and y down, or angles. Where the original has the system, key and file names are its own,
 //! so its files and ours are interchangeable.
 //! Original: the `datasets` and `--task` tables of `run_physics.py`, README; paper: section 4.1.
+//!
+//! A built-in task:
+//!
+//! ```
+//! let task = paig::tasks::find("3bp_color")?;
+//! assert_eq!((task.system.objects, task.system.side, task.train_frames), (3, 36, 20));
+//! assert_eq!(task.truth_of("g"), Some(60.0));
+//!
+//! let error = paig::tasks::find("four_bodies").unwrap_err();
+//! assert!(error.to_string().contains("four_bodies"));
+//! # Ok::<(), anyhow::Error>(())
+//! ```
 
 mod builtin;
 pub mod camera;

@@ -3,6 +3,21 @@
 //! What the original leaves in its run folder (`base.py`, `physics_models.py`: `example%d.jpg`, the animation,
 //! `templates.jpg`, `outputs.npz`, `extra_outputs.npz`; paper: figures 4 and 5), as PNG and with captions, and two
 //! plots of the training. Every file appears whole or not at all.
+//!
+//! A frame as a picture:
+//!
+//! ```
+//! use paig::viz::canvas::{Canvas, picture};
+//! use tch::Tensor;
+//!
+//! // A red frame, [channels, side, side] in 0..1, four times as large, in the middle of a white picture.
+//! let frame = Tensor::from_slice(&[1.0_f32, 0.0, 0.0]).reshape([3, 1, 1]).expand([3, 8, 8], false);
+//! let mut canvas = Canvas::new(64, 64);
+//! canvas.paste(&picture(&frame, 4)?, (16, 16));
+//! assert_eq!(canvas.pixels().get_pixel(20, 20).0, [255, 0, 0]);
+//! assert_eq!(canvas.pixels().get_pixel(0, 0).0, [255, 255, 255]);
+//! # Ok::<(), anyhow::Error>(())
+//! ```
 
 mod animation;
 mod arrays;

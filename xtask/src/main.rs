@@ -1,10 +1,12 @@
 //! Tools for development, `cargo xtask TOOL`: faults, kills, fuzzing, resources, coverage of intervals.
 
+mod dataset;
 mod equation_choice;
 mod fuzz;
 #[path = "../../tests/common/inputs.rs"]
 mod inputs;
 mod interval_coverage;
+mod paper;
 mod programs;
 #[path = "../../tests/common/project.rs"]
 mod project;
@@ -35,6 +37,8 @@ enum Tool {
     EquationChoice(equation_choice::EquationChoiceArguments),
     SyntheticVideo(synthetic_video::SyntheticVideoArguments),
     Tables(tables::TablesArguments),
+    Paper(paper::PaperArguments),
+    Dataset(dataset::DatasetArguments),
 }
 
 fn main() -> Result<()> {
@@ -49,5 +53,7 @@ fn main() -> Result<()> {
         Tool::EquationChoice(arguments) => equation_choice::run(&arguments),
         Tool::SyntheticVideo(arguments) => synthetic_video::run(&arguments),
         Tool::Tables(arguments) => tables::run(&arguments),
+        Tool::Paper(arguments) => paper::run(&arguments),
+        Tool::Dataset(arguments) => dataset::run(&arguments),
     }
 }

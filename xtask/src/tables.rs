@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use paig::support::significant::significant;
 use paig::support::storage;
+use paig_video::batch::{self, BatchEntry};
 use paig_video::measure::compare_track::{Estimate, compare_track};
 use paig_video::measure::results::Measurement;
 use paig_video::reference_track::ReferenceTrack;
@@ -17,10 +18,10 @@ use crate::report_files;
 /// Writes results.json and report.md of reports/tables from a batch of measurements and the authors' tracks.
 #[derive(Debug, Args)]
 pub struct TablesArguments {
-    /// Folder of `paig batch reports/real/videos.toml`
+    /// Folder of a `paig batch`, such as that of reports/real/videos.toml
     batch: PathBuf,
-    /// Folder with the authors' tracks
-    tracks: PathBuf,
+    /// Folder with the authors' tracks, if there are any
+    tracks: Option<PathBuf>,
     /// Published values
     #[arg(long, value_name = "FILE", default_value = "reports/tables/published.toml")]
     published: PathBuf,
@@ -30,32 +31,33 @@ pub struct TablesArguments {
 }
 
 /// Contents of the file of published values.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct PublishedFile {
+pub(crate) struct PublishedFile {
     /// Tracks that authors published.
-    track: Vec<PublishedTrack>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub track: Vec<PublishedTrack>,
     /// Values that were published.
-    value: Vec<PublishedValue>,
+    pub value: Vec<PublishedValue>,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct PublishedTrack {
+pub(crate) struct PublishedTrack {
     clip: String,
     file: PathBuf,
     by: String,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-struct PublishedValue {
-    table: String,
-    clip: String,
-    quantity: String,
-    published: Option<f64>,
-    by: String,
-    truth: Option<f64>,
+pub(crate) struct PublishedValue {
+    pub table: String,
+    pub clip: String,
+    pub quantity: String,
+    pub published: Option<f64>,
+    pub by: String,
+    pub truth: Option<f64>,
 }
 
 /// A row of the tables.
@@ -83,12 +85,17 @@ pub fn run(arguments: &TablesArguments) -> Result<()> {
     let text = storage::read_to_string(&arguments.published)?;
     let published: PublishedFile =
         toml::from_str(&text).with_context(|| format!("published values {}", arguments.published.display()))?;
+    let entries = batch::read(&arguments.batch)?;
+    let entries =
+        entries.with_context(|| format!("folder {}: it is not that of a paig batch", arguments.batch.display()))?;
     let mut rows = Vec::new();
     for track in &published.track {
         rows.extend(of_track(arguments, track).with_context(|| format!("clip {}", track.clip))?);
     }
     for value in &published.value {
-        rows.push(of_value(arguments, value).with_context(|| format!("clip {}", value.clip))?);
+        let entry = entries.iter().find(|entry| entry.name == value.clip);
+        let entry = entry.with_context(|| format!("clip {}: the batch has no video of this name", value.clip))?;
+        rows.push(of_value(entry, value));
     }
     let page = page(&rows)?;
     print!("{page}");
@@ -99,7 +106,9 @@ pub fn run(arguments: &TablesArguments) -> Result<()> {
 fn of_track(arguments: &TablesArguments, track: &PublishedTrack) -> Result<Vec<TableRow>> {
     let folder = arguments.batch.join(&track.clip);
     let measurement = Measurement::read(&folder)?;
-    let comparison = compare_track(&folder, &ReferenceTrack::read(&arguments.tracks.join(&track.file))?)?;
+    let tracks =
+        arguments.tracks.as_deref().context("give the folder with the authors' tracks after that of the batch")?;
+    let comparison = compare_track(&folder, &ReferenceTrack::read(&tracks.join(&track.file))?)?;
     let row = |quantity: &str, unit: &str| TableRow {
         table: "authors' tracks".into(),
         clip: track.clip.clone(),
@@ -141,31 +150,32 @@ fn of_track(arguments: &TablesArguments, track: &PublishedTrack) -> Result<Vec<T
     Ok(distances.chain(values).collect())
 }
 
-fn of_value(arguments: &TablesArguments, value: &PublishedValue) -> Result<TableRow> {
-    let measurement = Measurement::read(&arguments.batch.join(&value.clip))?;
-    let quantity = measurement.quantity(&value.quantity);
-    Ok(TableRow {
+/// A row without a value of ours for a video that could not be measured.
+fn of_value(entry: &BatchEntry, value: &PublishedValue) -> TableRow {
+    let measurement = entry.ending.as_ref().ok();
+    let quantity = measurement.and_then(|measurement| measurement.quantity(&value.quantity));
+    let failed = measurement.is_none().then(|| "not measured".to_string());
+    TableRow {
         table: value.table.clone(),
         clip: value.clip.clone(),
         quantity: value.quantity.clone(),
         ours: quantity.map(|it| it.value),
         low: quantity.and_then(|it| it.low),
         high: quantity.and_then(|it| it.high),
-        verdict: quantity.and_then(|it| it.outcome).map(|outcome| outcome.to_string()),
+        verdict: quantity.and_then(|it| it.outcome).map(|outcome| outcome.to_string()).or(failed),
         published: value.published,
         published_low: None,
         published_high: None,
         published_by: value.by.clone(),
         truth: value.truth,
         unit: quantity.map_or(String::new(), |it| it.unit.clone()),
-    })
+    }
 }
 
 fn page(rows: &[TableRow]) -> Result<String> {
     let mut page = String::from(
-        "# Published values beside ours\n\nMade by `cargo xtask tables` from the measurements of `reports/real/videos.toml` and the \
-         authors' own tracks. For these tracks \"published\" is the same equation fitted to the author's positions in the frames that \
-         both have.\n\n| table | clip | quantity | ours | verdict | published | by | true | unit |\n\
+        "# Published values beside ours\n\nMade by `cargo xtask tables`. For authors' tracks \"published\" is the same equation fitted to \
+         the author's positions in the frames that both have.\n\n| table | clip | quantity | ours | verdict | published | by | true | unit |\n\
          |---|---|---|---|---|---|---|---|---|\n",
     );
     let number = |value: Option<f64>| value.map_or("–".into(), |value| significant(value, 5));

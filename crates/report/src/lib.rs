@@ -32,7 +32,7 @@ use paig::support::output::FileSet;
 use paig::support::{atomic, json_lines};
 
 pub use self::pictures::WithPictures;
-pub use self::template::{cell, code};
+pub use self::template::{cell, code, fill_template};
 
 /// How many runs were found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

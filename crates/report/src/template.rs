@@ -86,6 +86,14 @@ pub(super) fn fill(text: &str, words: &Value) -> Result<String> {
     ENGINE.render_str(text, words.clone()).with_context(|| format!("{text:?}"))
 }
 
+/// A page of a template with numbers by their names.
+///
+/// # Errors
+/// A template that is damaged or has a name without a number.
+pub fn fill_template(template: &str, numbers: &serde_json::Value) -> Result<String> {
+    fill(template, &Value::from(minijinja::value::Serde(numbers)))
+}
+
 /// What an expression amounts to.
 pub(super) fn evaluate(expression: &str, words: &Value) -> Result<Value> {
     let value = ENGINE.compile_expression(expression).and_then(|expression| expression.eval(words.clone()));

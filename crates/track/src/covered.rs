@@ -17,7 +17,7 @@ const SAME_STATES: f32 = 45.0;
 /// Share of the outermost pixels that may have the object's state: sides along which it moves.
 const OPEN: f64 = 0.3;
 /// Least difference of the two states, levels: less are marks and edges that tremble.
-const LEAST_CONTRAST: f32 = 40.0;
+const LEAST_CONTRAST: f32 = 30.0;
 /// Least side of an object relative to its longest: longer things are edges.
 const LEAST_ASPECT: f64 = 0.25;
 /// Least pixels with two states, relative to those with what they enclose.

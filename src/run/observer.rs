@@ -45,6 +45,7 @@ pub enum Event<'a> {
     Step {
         loss: f64,
         model: &'a PhysicsNet,
+        preview: Preview<'a>,
         /// At most, to the end of the training; none before the first steps of a phase.
         seconds_left: Option<f64>,
     },
@@ -102,7 +103,9 @@ impl training::TrainingObserver for TrainingRelay<'_> {
                 self.pace.begin(phase, done, of);
                 Event::PhaseBegins { phase, done, of }
             }
-            TrainingEvent::Step { loss, model } => Event::Step { loss, model, seconds_left: self.pace.step() },
+            TrainingEvent::Step { loss, model } => {
+                Event::Step { loss, model, preview: Preview::new(model, self.valid), seconds_left: self.pace.step() }
+            }
             TrainingEvent::Recorded { record, model } => {
                 Event::Recorded { record, preview: Some(Preview::new(model, self.valid)) }
             }

@@ -184,7 +184,7 @@ def test_two_processes_fetch_once(index: type[Index], capsys: pytest.CaptureFixt
 
 
 def test_the_wheel_holds_what_it_needs() -> None:
-    package = Path(libtorch.__file__).parent
+    package = Path(libtorch.__file__).parent.parent
     program = package / "bin" / "paig"
     assert os.access(program, os.X_OK) and shutil.which("paig", path=str(Path(sys.executable).parent))
     assert json.dumps(pinned.SHA256).count("/lib/") == 5 and (package / "py.typed").exists()

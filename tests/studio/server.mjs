@@ -10,7 +10,7 @@ import { fileURLToPath } from "node:url";
 import { chromium } from "playwright-core";
 
 export const root = path.resolve(path.dirname(fileURLToPath(import.meta.url)), "../..");
-const program = process.env.PAIG ?? path.join(root, "target/release/paig");
+export const program = process.env.PAIG ?? path.join(root, "target/release/paig");
 const browsers = [process.env.CHROMIUM, "/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"];
 const axe = createRequire(import.meta.url).resolve("axe-core");
 

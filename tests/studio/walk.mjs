@@ -4,7 +4,7 @@
 // With PICTURES=FOLDER the pictures of docs/studio.md are made there: an absolute path, such as that of docs/studio.
 
 import assert from "node:assert/strict";
-import { open as openFile, mkdtemp, readFile, readdir, rm, stat, writeFile } from "node:fs/promises";
+import { cp, open as openFile, mkdtemp, readFile, readdir, rm, stat, writeFile } from "node:fs/promises";
 import os from "node:os";
 import path from "node:path";
 import { after, before, test } from "node:test";
@@ -66,6 +66,15 @@ async function tabTo(selector) {
 async function downloaded(link, of = page) {
   const [download] = await Promise.all([of.waitForEvent("download"), of.getByRole("link", { name: link }).click()]);
   return [download.suggestedFilename(), await readFile(await download.path())];
+}
+
+/// Kills the server; a new one and a new page show the project.
+async function restart(project) {
+  await kill(running.server);
+  running = await start(folder);
+  await page.context().close();
+  page = await open(browser, `${running.link}#/p/${project}`);
+  page.setDefaultTimeout(PATIENCE);
 }
 
 const frameShown = () => page.locator("output.time").textContent();
@@ -227,11 +236,7 @@ test("a server that is killed loses nothing: the job goes on and a new server sh
   await page.locator(".row.chosen").first().waitFor();
   await page.locator("#find").click();
   await page.getByRole("heading", { name: "Measuring …" }).waitFor();
-  await kill(running.server);
-  running = await start(folder);
-  await page.context().close();
-  page = await open(browser, `${running.link}#/p/a-pendulum`);
-  page.setDefaultTimeout(PATIENCE);
+  await restart("a-pendulum");
   await page.locator("[data-outcome]").waitFor();
   const measured = await latest("a-pendulum");
   const g = measured.quantities.find((it) => it.name === "g");
@@ -241,6 +246,11 @@ test("a server that is killed loses nothing: the job goes on and a new server sh
 
 test("by keys alone: another equation, its missing term, one press to measure with it", async () => {
   const outcome = () => page.waitForFunction(() => document.querySelector("[data-outcome]") && document.querySelector("#equation-taken").textContent);
+  await page.goto(`${new URL(running.link).origin}/#/`);
+  await page.getByRole("heading", { name: "Your projects" }).waitFor();
+  await tabTo("a[href='#/p/a-pendulum']");
+  await page.keyboard.press("Enter");
+  await page.locator("[data-outcome]").waitFor();
   await tabTo("#tab-setup");
   await page.keyboard.press("Enter");
   await tabTo("[data-handle=origin]");
@@ -291,6 +301,7 @@ test("learning is shown live, on two pages, and is stopped and resumed", async (
   assert.equal(await other.locator("[data-phase]").getAttribute("data-phase"), "discover");
   await other.context().close();
   await cleanInBoth("learn");
+  await page.locator(".drawing").evaluate((it) => it.scrollIntoView({ block: "end" }));
   await picture("learn");
   await page.locator("#stop-training").click();
   await page.getByRole("heading", { name: "Stopped" }).waitFor();
@@ -301,17 +312,41 @@ test("learning is shown live, on two pages, and is stopped and resumed", async (
   await page.locator("#resume").click();
   const resumed = await steps();
   assert.ok(stopped.done > 0 && resumed >= stopped.done, `${resumed} ${stopped.done}`);
+  await restart("a-pendulum");
+  await page.locator("#tab-learn").click();
+  assert.ok((await steps()) >= resumed, "the training goes on without its server");
+  await drawn(page);
   await page.locator("#stop-training").click();
   await page.getByRole("heading", { name: "Stopped" }).waitFor();
   await clean("stopped");
 });
 
-test("projects are cards and can be deleted", async () => {
+test("results of the commands are cards, too", async () => {
+  await cp(path.join(folder, "a-thrown-ball/measurements/1"), path.join(folder, "by-command/throw"), { recursive: true });
+  await page.goto(`${new URL(running.link).origin}/#/`);
+  const card = page.locator(".result-card");
+  await card.getByText("by-command/throw").waitFor();
+  assert.match(await card.textContent(), /falling.*g = 9\.8.*m\/s².*found/);
+  await page.waitForFunction(() => document.querySelector(".result-card img")?.naturalWidth > 0);
+  const [shown] = await Promise.all([page.context().waitForEvent("page"), card.getByRole("link").click()]);
+  await shown.getByText("m/s").first().waitFor();
+  await shown.close();
+  await clean("results of the commands");
+});
+
+test("projects are cards; deletion asks", async () => {
   await page.locator(".brand").click();
   await page.locator(".card.project").first().waitFor();
   const count = await page.locator(".card.project").count();
-  page.on("dialog", (dialog) => dialog.accept());
-  await page.getByRole("button", { name: "Delete A pendulum" }).click();
+  const forget = page.getByRole("button", { name: "Delete A pendulum" });
+  const asked = [];
+  page.once("dialog", (dialog) => dialog.dismiss(asked.push(dialog.message())));
+  await forget.click();
+  assert.match(asked[0], /^Delete “A pendulum” with its video and all results/);
+  assert.ok((await readdir(folder)).includes("a-pendulum"), "it was deleted without consent");
+  await picture("projects");
+  page.once("dialog", (dialog) => dialog.accept());
+  await forget.click();
   await page.waitForFunction((old) => document.querySelectorAll(".card.project").length === old - 1, count);
   assert.equal((await readdir(folder)).includes("a-pendulum"), false);
   await clean("projects");

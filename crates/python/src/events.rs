@@ -54,7 +54,7 @@ impl Observer for EventReporter<'_> {
                 (self.phase, self.done, self.of, self.told) = (phase, *done, *of, None);
                 json!({"event": "phase", "phase": phase, "step": done, "of": of})
             }
-            Event::Step { loss, model, seconds_left } => {
+            Event::Step { loss, model, seconds_left, .. } => {
                 self.step(*loss, model, *seconds_left);
                 return Ok(());
             }

@@ -28,6 +28,8 @@ const of = (name) => `/api/projects/${encodeURIComponent(name)}`;
 
 export const offers = () => ask("GET", "/api/offers");
 export const projects = () => ask("GET", "/api/projects");
+export const results = () => ask("GET", "/api/results");
+export const resultFile = (place, file) => `/api/results/${place.split("/").map(encodeURIComponent).join("/")}/${file}`;
 export const project = (name) => ask("GET", of(name));
 export const create = (what) => ask("POST", "/api/projects", what);
 export const remove = (name) => ask("DELETE", of(name));

@@ -98,8 +98,19 @@ function card(it, refresh) {
     el("div", { class: "foot" }, it.outcome ? el("span", { class: `badge ${it.outcome}` }, OUTCOMES[it.outcome]) : el("span", {}), forget));
 }
 
+/// A result of the commands. Its page opens in a tab of its own; there is nothing to delete here.
+function resultCard(it) {
+  const picture = it.picture ? el("img", { class: "picture", alt: "", loading: "lazy", src: api.resultFile(it.place, it.picture) }) : el("div", { class: "picture empty" });
+  const title = el("strong", {}, it.place);
+  return el("article", { class: "card project result-card" },
+    it.page ? el("a", { href: api.resultFile(it.place, it.page), target: "_blank", rel: "noopener" }, picture, title) : el("div", {}, picture, title),
+    el("span", { class: "muted" }, it.equation ?? ""),
+    el("span", { class: "value" }, it.value ? powers(it.value) : "not measured yet"),
+    el("div", { class: "foot" }, it.outcome ? el("span", { class: `badge ${it.outcome}` }, OUTCOMES[it.outcome]) : undefined));
+}
+
 export async function home() {
-  const [offered, first] = await Promise.all([api.offers(), api.projects()]);
+  const [offered, first, found] = await Promise.all([api.offers(), api.projects(), api.results()]);
   const list = el("div", { class: "cards" });
   const section = el("section", { "aria-labelledby": "projects" }, el("h2", { id: "projects" }, "Your projects"), list);
   const refresh = async () => fill(await api.projects());
@@ -117,6 +128,8 @@ export async function home() {
     el("section", { "aria-labelledby": "try" }, el("h2", { id: "try" }, "Try it without a video"),
       el("p", { class: "muted" }, "Three generated films with a known answer. The whole way takes two minutes."),
       el("div", { class: "cards examples" }, ...offered.examples.map(example))),
-    section);
+    section,
+    found.length ? el("section", { "aria-labelledby": "commands" }, el("h2", { id: "commands" }, "From the command line"),
+      el("div", { class: "cards" }, ...found.map(resultCard))) : undefined);
   return { node, leave: () => clearInterval(timer) };
 }

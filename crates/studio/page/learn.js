@@ -15,7 +15,9 @@ export class Learn {
   constructor({ name, train, stop }) {
     Object.assign(this, { name, train, stop });
     this.picture = el("img", { class: "drawing", alt: "A clip as the model draws it: prediction, truth, reconstruction" });
-    this.charts = el("div", { class: "charts" });
+    this.drawn = el("figure", { hidden: true }, el("figcaption", {}, "Prediction, truth, reconstruction"), this.picture);
+    this.plots = el("div", { class: "grid" });
+    this.charts = el("div", { class: "charts" }, this.drawn, this.plots);
     this.node = el("div", { class: "result" });
   }
 
@@ -33,10 +35,10 @@ export class Learn {
       if (work.state === "stopped" || live?.phase !== "import") parts.push(el("button", { class: "button primary wide", type: "button", id: "resume", onclick: () => this.train(true) }, "Resume"));
     }
     if (work.state !== "running") parts.push(el("button", { class: "small", type: "button", onclick: () => this.train(false) }, "Train anew with the present set-up"));
+    this.drawn.hidden = !live?.pictures;
     if (live?.pictures) {
       const address = `${api.trainingAddress(this.name, trained.number, "preview.png")}?v=${live.pictures}`;
       if (this.picture.getAttribute("src") !== address) this.picture.src = address;
-      parts.push(el("figure", {}, el("figcaption", {}, "Prediction, truth, reconstruction"), this.picture));
     }
     if (live && live.phase !== "import" && work.state !== "running") parts.push(el("a", { class: "button small", href: api.trainingAddress(this.name, trained.number, "task.zip"), download: "" }, "Task folder (ZIP)"));
     parts.push(el("details", { class: "command" }, el("summary", {}, "The same as commands"), ...trained.commands.map((it) => el("code", {}, it))));
@@ -81,7 +83,7 @@ export class Learn {
       const end = records.at(-1)?.seconds ?? 1;
       const plots = [new Chart({ title: ["Loss (logarithm to base 10)"], series: [series("log loss", (it) => (it.kind === "train" ? Math.log10(it.train_loss) : NaN))], end, pick: () => {} }),
         ...names.filter((name) => !known.has(name)).map((name) => new Chart({ title: [words(name)], series: [series(words(name), (it) => it[name])], end, pick: () => {} }))];
-      this.charts.replaceChildren(el("div", { class: "grid" }, ...plots.map((plot) => plot.node)));
+      this.plots.replaceChildren(...plots.map((plot) => plot.node));
     });
   }
 }

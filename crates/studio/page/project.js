@@ -4,7 +4,7 @@ import * as api from "./api.js";
 import { attempt, el, notice } from "./dom.js";
 import { Learn } from "./learn.js";
 import { Result } from "./result.js";
-import { Setup } from "./setup.js";
+import { Setup, partOf } from "./setup.js";
 import { Stage } from "./stage.js";
 import { Timeline } from "./timeline.js";
 
@@ -76,7 +76,7 @@ class ProjectView {
       facts,
       stripAddress: (frame) => address(`small-${frame}`),
       change: (frame) => this.showFrame(frame),
-      part: (range) => this.change({ frames: range[0] === 0 && range[1] === facts.frames ? null : range }),
+      part: (frames) => this.change({ frames }),
     });
     this.setup = new Setup({
       facts, equations,
@@ -108,8 +108,7 @@ class ProjectView {
     this.setup.update(this.state);
     this.open(this.state.measured ? "result" : "setup");
     this.update(this.state);
-    this.timeline.go((this.state.settings.frames ?? [0])[0]);
-    this.propose();
+    this.timeline.go(partOf(this.state)[0]);
   }
 
   leave() {
@@ -124,7 +123,7 @@ class ProjectView {
     const { facts, made, proposals } = state.preview;
     this.timeline.setAvailable(Math.min(made.pictures, facts.shown));
     this.timeline.setPieces(proposals?.pieces ?? []);
-    this.timeline.setRange(state.settings.frames ?? [0, facts.frames]);
+    this.timeline.setRange(partOf(state));
     this.setup.update(state);
     this.result.update(state);
     this.learn.update(state);
@@ -134,17 +133,11 @@ class ProjectView {
     this.draw();
   }
 
-  /// Takes the proposals over once, as long as nothing was set by hand.
+  /// Goes to the beginning of the free motion once it is known.
   propose() {
-    const { settings, preview: { proposals, facts }, record, measured } = this.state;
-    if (!proposals || this.proposed || measured || localStorage.getItem(`proposed ${this.state.name} ${record.created}`)) return;
+    if (!this.state.preview.proposals || this.proposed) return;
     this.proposed = true;
-    localStorage.setItem(`proposed ${this.state.name} ${record.created}`, "yes");
-    const piece = proposals.pieces[proposals.best];
-    const taken = {};
-    if (piece && settings.frames === null && (piece.start > 0 || piece.end < facts.frames)) taken.frames = [piece.start, piece.end];
-    if (Object.keys(taken).length) this.change(taken);
-    if (piece) this.timeline.go(piece.start);
+    if (!this.state.measured) this.timeline.go(partOf(this.state)[0]);
   }
 
   open(tab) {
@@ -160,7 +153,7 @@ class ProjectView {
   change(settings, save = true) {
     this.state = { ...this.state, settings: { ...this.state.settings, ...settings } };
     if (Object.keys(settings).length) this.busy = true;
-    this.timeline.setRange(this.state.settings.frames ?? [0, this.state.preview.facts.frames]);
+    this.timeline.setRange(partOf(this.state));
     this.setup.update(this.state);
     this.draw();
     if (!save) return;

@@ -19,14 +19,14 @@ function readPositions(text) {
   const unit = head.split(",")[9].split("_").at(-1);
   const rows = lines.map((line) => line.split(",")).filter((cells) => cells.length >= 15).map((cells) => {
     const [frame, seconds, object, , ox, oy, fx, fy, x, y, X, Y, vx, vy] = cells.slice(1, 15).map((cell) => (cell === "" ? NaN : Number(cell)));
-    return { frame, seconds, object, heldOut: cells[4] === "held out", observed: [ox, oy], fitted: [fx, fy], place: [x, y], fittedPlace: [X, Y], velocity: [vx, vy] };
+    return { take: cells[0], frame, seconds, object, heldOut: cells[4] === "held out", observed: [ox, oy], fitted: [fx, fy], place: [x, y], fittedPlace: [X, Y], velocity: [vx, vy] };
   });
-  return { unit, rows, byFrame: Map.groupBy ? Map.groupBy(rows, (row) => row.frame) : grouped(rows) };
+  return { unit, rows, byFrame: grouped(rows, (row) => row.frame), ways: [...grouped(rows, (row) => `${row.take} ${row.object}`).values()] };
 }
 
-function grouped(rows) {
+function grouped(rows, key) {
   const groups = new Map();
-  rows.forEach((row) => groups.set(row.frame, [...(groups.get(row.frame) ?? []), row]));
+  rows.forEach((row) => groups.set(key(row), [...(groups.get(key(row)) ?? []), row]));
   return groups;
 }
 
@@ -86,7 +86,7 @@ export class Result {
       measured.command ? el("details", { class: "command" }, el("summary", {}, "The same as a command"), el("code", {}, measured.command)) : undefined);
     attempt(async () => {
       this.positions = readPositions(await api.ask("GET", api.resultAddress(this.name, measured.number, "positions.csv")));
-      this.plot(result);
+      this.plot(result, this.positions.rows[0].take);
       this.seek(this.positions.rows[0].frame);
     });
   }
@@ -146,9 +146,11 @@ export class Result {
     return this.equations.find((it) => file === it.key)?.title ?? words(file);
   }
 
-  plot(result) {
+  /// The first object in one of the parts that are measured together.
+  plot(result, take) {
     const { unit, rows } = this.positions;
-    const first = rows.filter((row) => row.object === 1);
+    this.take = take;
+    const first = rows.filter((row) => row.object === 1 && row.take === take);
     const held = first.find((row) => row.heldOut)?.seconds;
     const end = first.at(-1).seconds;
     const points = (value) => first.map((row) => [row.seconds, value(row)]);
@@ -186,17 +188,16 @@ export class Result {
   }
 
   showFrame(frame) {
-    const seconds = this.positions?.byFrame.get(frame)?.[0].seconds;
-    this.plots.forEach((plot) => plot.mark(seconds));
+    const row = this.positions?.byFrame.get(frame)?.[0];
+    if (row && row.take !== this.take) this.plot(this.measured.result, row.take);
+    this.plots.forEach((plot) => plot.mark(row?.seconds));
   }
 
   /// The observed way, the fitted and the predicted one, and all three in this frame.
   draw(stage, frame) {
     if (!this.positions) return [];
     const drawn = [];
-    const objects = new Set(this.positions.rows.map((row) => row.object));
-    for (const object of objects) {
-      const rows = this.positions.rows.filter((row) => row.object === object);
+    for (const rows of this.positions.ways) {
       const until = rows.findIndex((row) => row.heldOut);
       const split = until < 0 ? rows.length : until;
       drawn.push(stage.path(rows.slice(0, split + 1).map((row) => row.fitted), "way fitted"), stage.path(rows.slice(split).map((row) => row.fitted), "way predicted"));

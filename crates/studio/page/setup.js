@@ -12,6 +12,30 @@ const DRAGGED = 12;
 /// A control by what stays when it is drawn anew.
 const keyOf = (control) => control.id || [control.type, control.name, control.name ? control.value : control.textContent].join(" ");
 
+/// Whether a mover is among those that are measured.
+function isTaken({ settings, preview: { proposals } }, place) {
+  return settings.marks.length ? nearest(proposals, settings.marks[0]) === place : place < settings.objects;
+}
+
+/// The mover that a point lies on.
+function nearest(proposals, mark) {
+  let best = [Infinity, -1];
+  proposals.movers.forEach((mover, place) => mover.path.forEach(([frame, x, y]) => {
+    const away = Math.hypot(x - mark.at[0], y - mark.at[1]) + 5 * Math.abs(frame - mark.frame);
+    if (away < best[0]) best = [away, place];
+  }));
+  return best[1];
+}
+
+/// The part that is measured: the frames that were set, or from the first free motion of the movers to the last one.
+export function partOf(state) {
+  const { settings, preview: { proposals, facts } } = state;
+  if (settings.frames) return settings.frames;
+  const pieces = (proposals?.pieces ?? []).filter((piece) => isTaken(state, piece.mover));
+  if (!pieces.length) return [0, facts.frames];
+  return [Math.min(...pieces.map((piece) => piece.start)), Math.max(...pieces.map((piece) => piece.end))];
+}
+
 export class Setup {
   /// `change` is called with new settings, whether they are to be saved now; `reveal` brings the video into view.
   constructor({ facts, equations, change, measure, seek, reveal }) {
@@ -90,7 +114,7 @@ export class Setup {
     proposals?.movers.forEach((mover, place) => {
       const [first] = mover.path;
       const last = mover.path.at(-1);
-      const chosen = settings.marks.length ? this.nearest(proposals, settings.marks[0]) === place : place < settings.objects;
+      const chosen = isTaken(this.state, place);
       rows.push(el("button", { class: chosen ? "row chosen" : "row", type: "button", "aria-pressed": String(chosen), onclick: () => this.choose(mover, place) },
         this.chip(place), el("span", {}, `Object ${place + 1}`), el("span", { class: "muted" }, `frames ${first[0]}–${last[0]}, Ø ${Math.round(mover.diameter)} px`)));
     });
@@ -112,15 +136,6 @@ export class Setup {
     this.change({}, false);
   }
 
-  nearest(proposals, mark) {
-    let best = [Infinity, -1];
-    proposals.movers.forEach((mover, place) => mover.path.forEach(([frame, x, y]) => {
-      const away = Math.hypot(x - mark.at[0], y - mark.at[1]) + 5 * Math.abs(frame - mark.frame);
-      if (away < best[0]) best = [away, place];
-    }));
-    return best[1];
-  }
-
   choose(mover, place) {
     const [frame, x, y] = mover.path[Math.floor(mover.path.length / 2)];
     this.seek(frame);
@@ -129,16 +144,15 @@ export class Setup {
   }
 
   showPart(settings, proposals) {
-    const [start, end] = settings.frames ?? [0, this.facts.frames];
-    const pieces = proposals?.pieces ?? [];
-    const chips = pieces.slice(0, 6).map((piece) => {
-      const chosen = start === piece.start && end === piece.end;
-      return this.button(`${piece.start}–${piece.end - 1}`, () => { this.seek(piece.start); this.change({ frames: [piece.start, piece.end] }); }, { title: piece.reason, "aria-pressed": String(chosen) });
-    });
+    const [start, end] = partOf(this.state);
+    const choice = (words, frames, title) => this.button(words, () => {
+      this.change({ frames });
+      this.seek(partOf(this.state)[0]);
+    }, { title, "aria-pressed": String(JSON.stringify(settings.frames) === JSON.stringify(frames)) });
+    const chips = (proposals?.pieces ?? []).slice(0, 6).map((piece) => choice(`${piece.start}–${piece.end - 1}`, [piece.start, piece.end], piece.reason));
     this.part.replaceChildren(
-      el("p", {}, `Frames ${start} to ${end - 1}. `, el("span", { class: "muted" }, "Drag the ends of the filmstrip.")),
-      el("div", { class: "buttons" }, ...(chips.length ? [el("span", { class: "muted" }, "Free motion: ")] : []), ...chips,
-        this.button("Whole video", () => this.change({ frames: null }), { "aria-pressed": String(settings.frames === null) })));
+      el("p", {}, settings.frames ? `Frames ${start} to ${end - 1}. ` : "All free motion that the program finds. ", el("span", { class: "muted" }, "Drag the ends of the filmstrip to take another part.")),
+      el("div", { class: "buttons" }, choice("All free motion", null), ...chips, choice("Whole video", [0, this.facts.frames])));
   }
 
   showScale(settings) {
@@ -205,7 +219,7 @@ export class Setup {
   /// What is drawn on a stage.
   draw(stage, frame) {
     const { settings, preview } = this.state;
-    const [start, end] = settings.frames ?? [0, this.facts.frames];
+    const [start, end] = partOf(this.state);
     const drawn = [];
     for (const [x, y, width, height] of settings.ignore) drawn.push(svg("rect", { x, y, width, height, class: "ignored" }));
     (preview.proposals?.movers ?? []).forEach((mover, place) => {

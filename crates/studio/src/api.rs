@@ -20,7 +20,9 @@ use crate::assets::asset;
 use crate::cards::Card;
 use crate::equations::EQUATIONS;
 use crate::examples::EXAMPLES;
+use crate::found;
 use crate::jobs::{ProcessStatus, ProjectJob};
+use crate::preview::ProjectPreview;
 use crate::project::{Project, file_name};
 use crate::settings::{ProjectSettings, command_line};
 use crate::state::{self, COMMAND_OF, SETTINGS_OF};
@@ -50,6 +52,8 @@ pub fn routes(app: Arc<App>) -> Router {
         .route("/", get(|| asset_named("index.html".into())))
         .route("/assets/{name}", get(|extract::Path(name): extract::Path<String>| asset_named(name)))
         .route("/api/offers", get(offers))
+        .route("/api/results", get(results))
+        .route("/api/results/{*place}", get(result_elsewhere))
         .route("/api/projects", get(projects).post(create))
         .route("/api/projects/{name}", get(project).delete(remove))
         .route("/api/projects/{name}/settings", put(change_settings))
@@ -75,6 +79,15 @@ async fn offers() -> Answer {
 async fn projects(State(app): Shared) -> Answer {
     let cards: Vec<_> = Project::all(&app.workspace).iter().filter_map(Card::of).collect();
     Ok(Json(cards).into_response())
+}
+
+/// Those of the commands.
+async fn results(State(app): Shared) -> Answer {
+    Ok(Json(found::results(&app.workspace)).into_response())
+}
+
+async fn result_elsewhere(State(app): Shared, extract::Path(place): extract::Path<String>) -> Answer {
+    file(&found::file(&app.workspace, &place).map_err(missing)?, None).await
 }
 
 #[derive(Deserialize)]
@@ -282,8 +295,10 @@ impl App {
         };
         let folder = project.training_folder(number);
         if !resume {
-            let settings = project.settings()?;
+            let mut settings = project.settings()?;
             settings.check()?;
+            // A measurement finds all free motion by itself, an import takes the frames that it is given.
+            settings.frames = settings.frames.or_else(|| ProjectPreview::read(&project.preview_folder()).free_motion());
             let equation = project.equation_to_train(&settings)?;
             let import = settings.import(&project.source()?, &equation, &folder.join(TASK));
             fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;

@@ -11,7 +11,7 @@ use crate::project::Project;
 use crate::settings::ProjectSettings;
 
 /// Digits of a value.
-const DIGITS: i32 = 4;
+pub const DIGITS: i32 = 4;
 
 /// A project, for the list of all.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -22,7 +22,7 @@ pub struct Card {
     pub equation: Option<String>,
     /// Frame whose small picture stands for the video.
     pub picture: Option<usize>,
-    /// The first quantity of the latest measurement with its interval.
+    /// The first quantity of the latest finished measurement with its interval.
     pub value: Option<String>,
     pub outcome: Option<Outcome>,
     pub running: bool,
@@ -39,7 +39,9 @@ impl Card {
         });
         let latest = project.measurements().last().map(|number| project.measurement_folder(*number));
         let training = project.trainings().last().map(|number| project.training_folder(*number));
-        let measurement = latest.as_ref().and_then(|folder| Measurement::read(folder).ok());
+        // One that was stopped hides no earlier result.
+        let folders = project.measurements().into_iter().rev().map(|number| project.measurement_folder(number));
+        let measurement = folders.filter_map(|folder| Measurement::read(&folder).ok()).next();
         let runs = |job: ProjectJob| job.progress() == ProcessStatus::Running;
         Some(Card {
             name: project.name(),
@@ -47,7 +49,7 @@ impl Card {
             created: record.created,
             equation: title(&settings, measurement.as_ref()),
             picture: picture.filter(|_| preview.made.pictures > 0),
-            value: measurement.as_ref().and_then(value),
+            value: measurement.as_ref().and_then(quantity),
             outcome: measurement.and_then(|it| it.verdict).map(|verdict| verdict.outcome),
             running: runs(project.preview_job())
                 || latest.into_iter().chain(training).any(|folder| runs(ProjectJob::new(folder))),
@@ -63,12 +65,12 @@ fn title(settings: &ProjectSettings, measurement: Option<&Measurement>) -> Optio
     Some(missing.map_or_else(|| title.into(), |_| format!("{title}, extended")))
 }
 
-/// Name, value, half the interval's width and unit.
-fn value(measurement: &Measurement) -> Option<String> {
-    let quantity = measurement.quantities.first()?;
-    let name = quantity.name.replace('_', " ");
-    let value = significant(quantity.value, DIGITS);
-    let spread = quantity.low.zip(quantity.high).map(|(low, high)| significant(0.5 * (high - low), 2));
+/// The first quantity: name, value, half the interval's width and unit.
+pub fn quantity(measurement: &Measurement) -> Option<String> {
+    let first = measurement.quantities.first()?;
+    let name = first.name.replace('_', " ");
+    let value = significant(first.value, DIGITS);
+    let spread = first.low.zip(first.high).map(|(low, high)| significant(0.5 * (high - low), 2));
     let spread = spread.map_or_else(String::new, |spread| format!(" ± {spread}"));
-    Some(format!("{name} = {value}{spread} {}", quantity.unit))
+    Some(format!("{name} = {value}{spread} {}", first.unit))
 }

@@ -13,6 +13,7 @@ mod cards;
 mod equations;
 mod examples;
 mod film;
+mod found;
 mod jobs;
 mod preview;
 mod project;

@@ -76,6 +76,13 @@ impl ProjectPreview {
             proposals: read(&folder.join(PROPOSALS)),
         }
     }
+
+    /// The longest free motion that was found, first frame and the one after the last.
+    pub fn free_motion(&self) -> Option<[usize; 2]> {
+        let proposals = self.proposals.as_ref()?;
+        let piece = &proposals.pieces[proposals.best?];
+        Some([piece.start, piece.end])
+    }
 }
 
 fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Option<T> {

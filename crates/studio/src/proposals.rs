@@ -13,6 +13,10 @@ const SIDEWAYS: f64 = 0.5;
 /// Vertical extent over the sideways one below which something slides.
 const FLAT: f64 = 0.08;
 
+/// Distance of a coordinate's median from the middle of its range, as a share of the range, from which on it is thrown back at
+/// one end: a swing has it in the middle, a parabola between two bounces at a quarter from its top.
+const LOPSIDED: f64 = 0.15;
+
 /// A mover.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ProposedMover {
@@ -98,13 +102,12 @@ fn piece(segment: &Segment) -> ProposedPiece {
 
 /// The equation that a path looks like, by how often it turns, pixels with y down.
 fn likely(path: &[[f64; 2]], impacts: usize, height: f64) -> &'static str {
-    let [across, down] = [0, 1].map(|axis| {
-        let coordinate: Vec<f64> = path.iter().map(|place| place[axis]).collect();
-        (turns(&coordinate), extent(&coordinate))
-    });
+    let coordinates = [0, 1].map(|axis| path.iter().map(|place| place[axis]).collect::<Vec<f64>>());
+    let [across, down] = [0, 1].map(|axis| (turns(&coordinates[axis]), extent(&coordinates[axis])));
     let swings = across.0 >= SWINGS || down.0 >= SWINGS;
     match () {
         () if impacts > 0 && across.0 < SWINGS && down.1 > FLAT * height => "bounce_on_a_floor",
+        () if swings && across.1 >= SIDEWAYS * down.1 && lopsided(&coordinates[0]) => "constant_acceleration",
         () if swings && across.1 >= SIDEWAYS * down.1 => "damped_pendulum",
         () if swings => "mass_on_a_spring",
         () if down.1 < FLAT * across.1 => "sliding_block",
@@ -112,9 +115,21 @@ fn likely(path: &[[f64; 2]], impacts: usize, height: f64) -> &'static str {
     }
 }
 
+fn range(coordinate: &[f64]) -> (f64, f64) {
+    coordinate.iter().fold((f64::MAX, f64::MIN), |(low, high), it| (low.min(*it), high.max(*it)))
+}
+
 fn extent(coordinate: &[f64]) -> f64 {
-    let (low, high) = coordinate.iter().fold((f64::MAX, f64::MIN), |(low, high), it| (low.min(*it), high.max(*it)));
+    let (low, high) = range(coordinate);
     (high - low).max(0.0)
+}
+
+fn lopsided(coordinate: &[f64]) -> bool {
+    let (low, high) = range(coordinate);
+    let mut sorted = coordinate.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
+    (median - 0.5 * (low + high)).abs() > LOPSIDED * (high - low)
 }
 
 /// How often a coordinate turns back by a share of its extent.
@@ -154,6 +169,9 @@ mod tests {
         assert_eq!(likely(&throw, 2, 300.0), "bounce_on_a_floor");
         let swing = path(200, |t| [150.0 + 80.0 * (0.2 * t).sin(), 200.0 - 10.0 * (0.2 * t).sin().powi(2)]);
         assert_eq!(likely(&swing, 0, 300.0), "damped_pendulum");
+        // Thrown back at the foot of a slope, every 40 frames.
+        let slope = path(200, |t| [300.0 - 6.0 * (t % 40.0) + 0.15 * (t % 40.0).powi(2), 200.0 - (t % 40.0)]);
+        assert_eq!(likely(&slope, 0, 300.0), "constant_acceleration");
         let spring = path(200, |t| [150.0, 150.0 + 60.0 * (0.2 * t).sin()]);
         assert_eq!(likely(&spring, 0, 300.0), "mass_on_a_spring");
         assert_eq!(likely(&path(40, |t| [8.0 * t - 0.05 * t * t, 200.0]), 0, 300.0), "sliding_block");

@@ -8,17 +8,19 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
-use image::RgbImage;
-use paig::run::{Event, Mode, Observer, Program, Request, Stage};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::imageops;
+use paig::run::{Event, Mode, Observer, Preview, Program, Request, Stage};
 use paig::runs::names::CONFIG;
-use paig::support::atomic;
 use paig::training::layers::Overrides;
 use paig_video::run::execute;
 use serde::{Deserialize, Serialize};
 
 /// Shortest time between two notes, and between two pictures.
 const NOTE_EVERY: Duration = Duration::from_millis(700);
-const PICTURE_EVERY: Duration = Duration::from_secs(2);
+const PICTURE_EVERY: Duration = Duration::from_millis(1500);
+/// Largest width of the pictures, pixels.
+const PICTURE_WIDTH: u32 = 1400;
 
 /// Of the folder of a training.
 pub const TASK: &str = "task";
@@ -87,17 +89,30 @@ impl<'a> Notes<'a> {
 
     fn note(&mut self) -> Result<()> {
         self.noted = Some(Instant::now());
-        atomic::write_file(&self.folder.join(LIVE), |file| Ok(serde_json::to_writer(file, &self.live)?))
+        replace(&self.folder.join(LIVE), &serde_json::to_vec(&self.live)?)
     }
 
-    fn draw(&mut self, picture: &RgbImage) -> Result<()> {
+    fn draw(&mut self, preview: &Preview) -> Result<()> {
+        let picture = preview.picture()?;
+        let shrunk = f64::from(PICTURE_WIDTH.min(picture.width())) / f64::from(picture.width());
+        let [width, height] = [picture.width(), picture.height()].map(|it| (f64::from(it) * shrunk).round() as u32);
+        let small = imageops::thumbnail(&picture, width.max(1), height.max(1));
+        let mut bytes = Vec::new();
+        small.write_with_encoder(PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Sub))?;
+        replace(&self.folder.join(PICTURE), &bytes)?;
+        // From the end, so that drawing that takes long does not fill the time.
         self.drawn = Some(Instant::now());
         self.live.pictures += 1;
-        atomic::write_file(&self.folder.join(PICTURE), |file| {
-            Ok(picture.write_with_encoder(image::codecs::png::PngEncoder::new(file))?)
-        })?;
         self.note()
     }
+}
+
+/// Writes a file in one step. It is not synced, for which the training would wait: the page loses nothing with it.
+fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
+    let partial = path.with_extension("partial");
+    fs::write(&partial, bytes)
+        .and_then(|()| fs::rename(&partial, path))
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn is_due(last: Option<Instant>, every: Duration) -> bool {
@@ -111,8 +126,11 @@ impl Observer for Notes<'_> {
                 (self.live.done, self.live.of) = (*done, *of);
                 self.note_phase(phase)
             }
-            Event::Step { loss, model, seconds_left } => {
+            Event::Step { loss, model, preview, seconds_left } => {
                 self.live.done += 1;
+                if is_due(self.drawn, PICTURE_EVERY) {
+                    self.draw(preview)?;
+                }
                 if !is_due(self.noted, NOTE_EVERY) {
                     return Ok(());
                 }
@@ -121,9 +139,7 @@ impl Observer for Notes<'_> {
                     model.parameter_values().into_iter().map(|(name, value)| (name.into(), value)).collect();
                 self.note()
             }
-            Event::Recorded { preview: Some(preview), .. } if is_due(self.drawn, PICTURE_EVERY) => {
-                self.draw(&preview.picture()?)
-            }
+            Event::Recorded { preview: Some(preview), .. } if is_due(self.drawn, PICTURE_EVERY) => self.draw(preview),
             Event::Begun(Stage::Scoring) => self.note_phase("scoring"),
             Event::Begun(Stage::Pictures) => self.note_phase("pictures"),
             Event::Finished { .. } => self.note_phase("measuring"),

@@ -70,7 +70,7 @@ impl Observer for Screen<'_> {
                 self.progress =
                     Some(if *of > 0 { PhaseProgress::new(phase, *of, *done) } else { PhaseProgress::busy(phase) });
             }
-            Event::Step { loss, model, seconds_left } => {
+            Event::Step { loss, model, seconds_left, .. } => {
                 if let Some(progress) = &self.progress {
                     let values =
                         || model.parameter_values().into_iter().map(|(name, value)| format!("{name}={value:.3}"));

@@ -1,10 +1,12 @@
 //! Background and noise: robust statistics of each pixel over sampled frames.
 
+use std::array::from_fn;
 use std::ops::Range;
 
 use ndarray::{Array2, Array3};
 use rayon::prelude::*;
 
+use crate::covered::{covered, distance, fill};
 use crate::exposure::Exposure;
 use crate::mask::Mask;
 use crate::options::Region;
@@ -37,6 +39,15 @@ pub(crate) struct KeptFrames {
     /// Frame indices and bytes, `[height, width, 3]`.
     frames: Vec<(usize, Vec<u8>)>,
     exposures: Vec<Exposure>,
+    covered: Vec<CoveredPixel>,
+}
+
+/// Pixel that an object covers in most frames.
+struct CoveredPixel {
+    at: [usize; 2],
+    /// Level of the object, and what stands in the background instead.
+    object: [f32; 3],
+    scene: [f32; 3],
 }
 
 /// Scene without its moving objects.
@@ -61,7 +72,7 @@ impl KeptFrames {
     /// Samples from frame indices and bytes, `[height, width, 3]`.
     pub(crate) fn new(size: Size, frames: Vec<(usize, Vec<u8>)>) -> Self {
         let exposures = vec![Exposure::default(); frames.len()];
-        Self { size, frames, exposures }
+        Self { size, frames, exposures, covered: Vec::new() }
     }
 
     /// Frame indices of the samples.
@@ -76,14 +87,39 @@ impl KeptFrames {
 
     /// Background of all samples. The exposures of the samples are fitted on the way.
     pub(crate) fn background(&mut self, ignore: &[Region]) -> StaticScene {
-        let mut background = self.estimate(None);
+        let mut background = self.uncovered();
         self.expose(&background);
         let steady = self.exposures.iter().all(|e| e.change() < 0.5);
         if !steady {
-            background = self.estimate(None);
+            background = self.uncovered();
             self.expose(&background);
         }
         background.ignore(ignore);
+        background
+    }
+
+    /// Background of all samples without what stays in place or covers the same pixels all the time.
+    fn uncovered(&mut self) -> StaticScene {
+        let mut background = self.estimate(None);
+        let tables: Vec<[[f32; 256]; 3]> = self.exposures.iter().map(Exposure::tables).collect();
+        let limit = FAR * background.noise.clamp(1.5, 3.0);
+        let mut other = self.other_states(&background.levels, &tables, limit);
+        let places = covered(&background.levels, &other);
+        let at = |place: &usize| [place / self.size.width, place % self.size.width];
+        self.covered.clear();
+        let objects: Vec<[f32; 3]> = places.iter().map(|place| background.level(at(place))).collect();
+        fill(&mut background.levels, &places);
+        for (place, object) in places.iter().zip(objects) {
+            let [y, x] = at(place);
+            let (filled, seen) = (background.level([y, x]), [0, 1, 2].map(|c| other[[y, x, c]]));
+            // What is seen beside the object is the scene, or another part of the object.
+            let is_scene = !seen[0].is_nan() && distance(seen, filled) < distance(seen, object);
+            let scene = if is_scene { seen } else { filled };
+            background.set([y, x], scene);
+            self.covered.push(CoveredPixel { at: [y, x], object, scene });
+            (0..3).for_each(|c| other[[y, x, c]] = f32::NAN);
+        }
+        remove_resting(&mut background.levels, &mut other, 1.5 * limit);
         background
     }
 
@@ -96,14 +132,26 @@ impl KeptFrames {
     /// median of all.
     pub(crate) fn unoccupied(&self, occupied: &[Mask], ignore: &[Region]) -> StaticScene {
         let mut background = self.estimate(Some(occupied));
+        for &CoveredPixel { at, object, scene } in &self.covered {
+            // Masks with gaps leave the object in it.
+            let found = background.level(at);
+            if distance(found, object) < distance(found, scene) {
+                background.set(at, scene);
+            }
+        }
         background.ignore(ignore);
         background
+    }
+
+    /// Fewest samples in which a pixel is free that give its level.
+    fn least_free(&self) -> usize {
+        (self.frames.len() / 12).max(3)
     }
 
     fn estimate(&self, occupied: Option<&[Mask]>) -> StaticScene {
         let Size { width, height } = self.size;
         let tables: Vec<[[f32; 256]; 3]> = self.exposures.iter().map(Exposure::tables).collect();
-        let least = (self.frames.len() / 12).max(3);
+        let least = self.least_free();
         let mut levels = vec![0.0_f32; width * height * 3];
         let mut noise = vec![0.0_f32; width * height];
         levels.par_chunks_mut(width * 3).zip(noise.par_chunks_mut(width)).enumerate().for_each(
@@ -119,13 +167,17 @@ impl KeptFrames {
                     if free.len() < least {
                         continue;
                     }
-                    for place in 3 * x..3 * x + 3 {
-                        let channel = place - 3 * x;
-                        let level = |&i: &usize| tables[i][channel][self.frames[i].1[y * width * 3 + place] as usize];
-                        let mut values: Vec<f32> = free.iter().map(level).collect();
-                        values.sort_unstable_by(f32::total_cmp);
-                        (levels[place], spreads[place]) = level_and_noise(values.len(), |rank| values[rank]);
-                    }
+                    let mut values: Vec<[f32; 3]> = free
+                        .iter()
+                        .map(|&i| {
+                            let bytes = &self.frames[i].1[(y * width + x) * 3..];
+                            [0, 1, 2].map(|channel| tables[i][channel][bytes[channel] as usize])
+                        })
+                        .collect();
+                    sort_lanes(&mut values);
+                    let (level, noise) = level_and_noise(&values);
+                    levels[3 * x..3 * x + 3].copy_from_slice(&level);
+                    spreads[3 * x..3 * x + 3].copy_from_slice(&noise);
                 }
                 for (noise, spreads) in noise.iter_mut().zip(spreads.chunks(3)) {
                     *noise = spreads.iter().copied().fold(0.0, f32::max);
@@ -135,14 +187,8 @@ impl KeptFrames {
         let mut sorted: Vec<f64> = noise.iter().step_by(7).map(|&n| f64::from(n)).collect();
         let typical = (median(&mut sorted).unwrap_or(0.0) as f32).max(LEAST_NOISE);
         let precision = noise.iter().map(|&n| 1.0 / n.max(typical)).collect();
-        let mut levels = Array3::from_shape_vec((height, width, 3), levels).expect("one level for each sample");
-        if occupied.is_none() {
-            let limit = FAR * typical.clamp(1.5, 3.0);
-            let mut other = self.other_states(&levels, &tables, limit);
-            remove_resting(&mut levels, &mut other, 1.5 * limit);
-        }
         StaticScene {
-            levels,
+            levels: Array3::from_shape_vec((height, width, 3), levels).expect("one level for each sample"),
             precision: Array2::from_shape_vec((height, width), precision).expect("one value for each pixel"),
             noise: typical,
         }
@@ -162,9 +208,9 @@ impl KeptFrames {
                 }
             }
             sort_lanes(&mut sorted);
-            for place in start..start + lanes {
-                (levels[place], spreads[place]) = level_and_noise(count, |rank| sorted[rank][place - start]);
-            }
+            let (level, noise) = level_and_noise(&sorted);
+            levels[start..start + lanes].copy_from_slice(&level[..lanes]);
+            spreads[start..start + lanes].copy_from_slice(&noise[..lanes]);
         }
     }
 
@@ -191,6 +237,17 @@ impl StaticScene {
     /// Size of the frame.
     pub fn size(&self) -> Size {
         Size { width: self.levels.shape()[1], height: self.levels.shape()[0] }
+    }
+
+    /// Level of a row and column.
+    fn level(&self, [y, x]: [usize; 2]) -> [f32; 3] {
+        [0, 1, 2].map(|c| self.levels[[y, x, c]])
+    }
+
+    /// Sets a level that no sample shows.
+    fn set(&mut self, [y, x]: [usize; 2], level: [f32; 3]) {
+        (0..3).for_each(|c| self.levels[[y, x, c]] = level[c]);
+        self.precision[[y, x]] = 1.0 / self.noise;
     }
 
     fn ignore(&mut self, regions: &[Region]) {
@@ -241,7 +298,7 @@ fn partly_occupied(rows: &[&[(u32, u32, u32)]], width: usize) -> impl Iterator<I
 
 /// Sorts each lane by itself: the comparisons of a merge sort by odd and even places (Batcher 1968) depend on no value, so that all
 /// lanes go through them together.
-fn sort_lanes(rows: &mut [[f32; LANES]]) {
+fn sort_lanes<const N: usize>(rows: &mut [[f32; N]]) {
     let count = rows.len();
     let mut sorted = 1;
     while sorted < count {
@@ -253,7 +310,8 @@ fn sort_lanes(rows: &mut [[f32; LANES]]) {
                     if low / (2 * sorted) == high / (2 * sorted) {
                         let (before, after) = rows.split_at_mut(high);
                         for (a, b) in before[low].iter_mut().zip(&mut after[0]) {
-                            (*a, *b) = if *a < *b { (*a, *b) } else { (*b, *a) };
+                            // One comparison each: the instructions for minima and maxima.
+                            (*a, *b) = (if *a < *b { *a } else { *b }, if *a > *b { *a } else { *b });
                         }
                     }
                 }
@@ -264,31 +322,30 @@ fn sort_lanes(rows: &mut [[f32; LANES]]) {
     }
 }
 
-/// Level and noise of one channel of a pixel, from its values by rank: mean of the values near the median, and a low rank of the
-/// deviations.
-fn level_and_noise(count: usize, value: impl Fn(usize) -> f32) -> (f32, f32) {
-    let middle = count / 2;
-    let centre = value(middle);
+/// Level and noise of each lane, from its sorted values: mean of the values near the median, and a low rank of the deviations.
+fn level_and_noise<const N: usize>(sorted: &[[f32; N]]) -> ([f32; N], [f32; N]) {
+    let count = sorted.len();
+    let middle = sorted[count / 2];
     let rank = ((count - 1) as f64 * NOISE_SHARE).round() as usize;
-    let (mut total, mut near, mut deviation) = (centre, 1.0_f32, 0.0_f32);
-    // From the median outwards, by descending nearness.
-    let (mut below, mut above) = (middle, middle + 1);
-    for place in 1..count {
-        let left = if below > 0 { centre - value(below - 1) } else { f32::INFINITY };
-        let right = if above < count { value(above) - centre } else { f32::INFINITY };
-        let away = left.min(right);
-        if place <= rank {
-            deviation = away;
+    // Rounded levels repeat, so the mean of near ones is finer than the median.
+    let (mut total, mut near) = ([0.0_f32; N], [0.0_f32; N]);
+    for values in sorted {
+        for lane in 0..N {
+            let away = values[lane] - middle[lane];
+            let weight = if away.abs() <= NEAR { 1.0 } else { 0.0 };
+            (total[lane], near[lane]) = (total[lane] + weight * away, near[lane] + weight);
         }
-        // Rounded levels repeat, so the mean of near ones is finer than the median.
-        if away <= NEAR {
-            (total, near) = (total + if left <= right { centre - left } else { centre + right }, near + 1.0);
-        } else if place > rank {
-            break;
-        }
-        if left <= right { below -= 1 } else { above += 1 }
     }
-    (total / near, deviation / NOISE_RANK)
+    // The deviation of a rank is the least one within which so many sorted values lie.
+    let mut deviation = [f32::INFINITY; N];
+    for first in (count / 2).saturating_sub(rank)..=(count / 2).min(count - 1 - rank) {
+        for lane in 0..N {
+            let (below, above) = (middle[lane] - sorted[first][lane], sorted[first + rank][lane] - middle[lane]);
+            let away = if below > above { below } else { above };
+            deviation[lane] = if away < deviation[lane] { away } else { deviation[lane] };
+        }
+    }
+    (from_fn(|lane| middle[lane] + total[lane] / near[lane]), deviation.map(|away| away / NOISE_RANK))
 }
 
 #[cfg(test)]
@@ -346,7 +403,7 @@ mod tests {
     #[test]
     fn level_and_noise_are_those_near_the_median() {
         let values = [0.0, 10.0, 11.0, 11.0, 12.0, 30.0];
-        assert_eq!(level_and_noise(6, |rank| values[rank]), (11.0, 1.0 / NOISE_RANK));
+        assert_eq!(level_and_noise(&values.map(|value| [value])), ([11.0], [1.0 / NOISE_RANK]));
     }
 
     #[test]

@@ -41,6 +41,7 @@ mod camera;
 mod candidates;
 mod components;
 mod corners;
+mod covered;
 mod detection;
 mod difference;
 mod edges;

@@ -190,3 +190,19 @@ fn frames_are_flagged_while_the_object_enters_and_before() {
     assert!((20..50).all(|f| found.points[f].visibility == Visibility::Visible));
     assert_eq!(found.points[30].measurement.unwrap().method, Method::Template);
 }
+
+/// A mass that swings by less than its own size: its middle covers the background in every frame.
+#[test]
+fn a_swing_smaller_than_the_object_has_its_true_amplitude() {
+    for (radius, texture, amplitude) in [(12.0, 0.0, 0.2), (12.0, 20.0, 0.7), (25.0, 0.0, 1.0), (25.0, 20.0, 0.4)] {
+        let swing: Vec<f64> = (0..80).map(|frame| radius * amplitude * (0.31 * f64::from(frame)).sin()).collect();
+        let positions = swing.iter().map(|y| [150.2, 110.3 + y]).collect();
+        let mass = MovingEllipse { axes: [radius, radius], texture, ..MovingEllipse::at(positions) };
+        let (size, _, found) = accuracy(&SyntheticScene::of(mass));
+        assert!(size < 0.1, "radius {radius}, amplitude {amplitude}: {size}");
+        let seen = |frame: usize| found.points[frame].measurement.map(|it| it.position[1] - 110.3);
+        let pairs: Vec<(f64, f64)> = (0..80).filter_map(|frame| Some((swing[frame], seen(frame)?))).collect();
+        let gain = pairs.iter().map(|(x, y)| x * y).sum::<f64>() / pairs.iter().map(|(x, _)| x * x).sum::<f64>();
+        assert!((gain - 1.0).abs() < 0.02, "radius {radius}, amplitude {amplitude}: {gain} of the true amplitude");
+    }
+}

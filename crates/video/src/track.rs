@@ -2,6 +2,8 @@
 
 use std::io::Write;
 use std::path::Path;
+use std::sync::mpsc::sync_channel;
+use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
 use image::{Rgb, RgbImage};
@@ -18,6 +20,8 @@ use crate::import::sources::SourceVideo;
 
 /// Share of a frame's pixels in motion above which the camera, not an object, moves; before a background without marks.
 const MOVING_CAMERA: f64 = 0.2;
+/// Frames that are decoded while earlier ones are worked on.
+const DECODED_AHEAD: usize = 8;
 /// Colours of the paths, one for each object.
 const COLOURS: [[u8; 3]; 4] = [[230, 60, 50], [40, 120, 220], [50, 170, 80], [240, 160, 30]];
 
@@ -39,11 +43,27 @@ impl paig_track::FrameSource for TrackerFrames<'_> {
 
     fn visit(&self, wanted: &dyn Fn(usize) -> bool, visitor: &mut Visitor<'_>) -> Result<(), paig_track::TrackError> {
         let source = |error: anyhow::Error| paig_track::TrackError::Source(format!("{error:#}"));
-        let mut frames = self.0.decode().map_err(source)?;
-        for number in (0..self.0.frames).filter(|number| wanted(*number)) {
-            visitor(number, frames.frame(number).map_err(source)?.as_raw())?;
-        }
-        Ok(())
+        let numbers: Vec<usize> = (0..self.0.frames).filter(|number| wanted(*number)).collect();
+        let (ahead, frames) = sync_channel(DECODED_AHEAD);
+        let decode = move || {
+            let mut decoder = match self.0.decode() {
+                Ok(decoder) => decoder,
+                Err(error) => return drop(ahead.send(Err(error))),
+            };
+            for number in numbers {
+                // Nobody listens once the visitor has failed.
+                if ahead.send(decoder.frame(number).map(|frame| (number, frame))).is_err() {
+                    return;
+                }
+            }
+        };
+        thread::scope(|scope| {
+            scope.spawn(decode);
+            frames.into_iter().try_for_each(|decoded| {
+                let (number, frame) = decoded.map_err(source)?;
+                visitor(number, frame.as_raw())
+            })
+        })
     }
 }
 

@@ -16,12 +16,15 @@ use paig_video::measure::results::Measurement;
 use paig_video::measure::{VideoRequest, measure_videos};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 use self::kinds::{KINDS, MotionKind, TrueMotion};
 use self::report::SyntheticRow;
 use crate::trajectory::SampleTimes;
 use paig::tasks::equation_file::EquationFile;
 
+/// Videos between two reports; as many at a time as there are cores.
+const BETWEEN_REPORTS: usize = 8;
 /// Frame rates of the videos.
 const RATES: [f64; 4] = [24.0, 30.0, 50.0, 60.0];
 
@@ -51,27 +54,36 @@ pub fn run(arguments: &SyntheticVideoArguments) -> Result<()> {
     let temporary = tempfile::tempdir()?;
     let folder = arguments.keep.as_deref().unwrap_or(temporary.path());
     fs::create_dir_all(folder)?;
+    let numbers: Vec<u64> = (arguments.first..arguments.first + arguments.videos).collect();
     let mut rows = Vec::new();
-    for number in arguments.first..arguments.first + arguments.videos {
+    for some in numbers.chunks(BETWEEN_REPORTS) {
+        let measured: Vec<Vec<SyntheticRow>> =
+            some.par_iter().map(|&number| arguments.rows(number, folder)).collect::<Result<_>>()?;
+        rows.extend(measured.into_iter().flatten());
+        report::write(&arguments.out, &rows)?;
+    }
+    Ok(())
+}
+
+impl SyntheticVideoArguments {
+    /// Makes a video, measures it, and leaves it where that was asked for.
+    fn rows(&self, number: u64, folder: &Path) -> Result<Vec<SyntheticRow>> {
         let kind = &KINDS[number as usize % KINDS.len()];
-        let made = VideoPlan::new(kind, arguments.seed, number);
+        let made = VideoPlan::new(kind, self.seed, number);
         let video = folder.join(format!("{number}.mp4"));
         picture::film(&made.scene, made.clock.rate, made.quality, &video)?;
         let begun = Instant::now();
         let measured = measure(&video, kind);
-        let seconds = begun.elapsed().as_secs_f64();
-        let of_video = report::rows(number, kind, &made, measured.as_ref(), seconds);
-        of_video.iter().for_each(SyntheticRow::print);
+        let rows = report::rows(number, kind, &made, measured.as_ref(), begun.elapsed().as_secs_f64());
+        rows.iter().for_each(SyntheticRow::print);
         if let Err(error) = &measured {
             println!("{number} {}: {error:#}", kind.name);
         }
-        rows.extend(of_video);
-        if arguments.keep.is_none() {
+        if self.keep.is_none() {
             fs::remove_file(&video)?;
         }
-        report::write(&arguments.out, &rows)?;
+        Ok(rows)
     }
-    Ok(())
 }
 
 /// A video before it is filmed.

@@ -1,5 +1,7 @@
 //! Samples to RGB or grey, row by row. A chroma sample colours all pixels that it stands for, as in ffmpeg's default.
 
+use std::array::from_fn;
+
 use image::{GrayImage, RgbImage};
 
 use super::coefficients::Coefficients;
@@ -116,7 +118,8 @@ impl Converter {
 
 /// Working rows for samples of 8 bits, in 32nds of a grey level.
 struct Terms {
-    /// Parts of red, green and blue that come from chroma.
+    /// Parts of red, green and blue that come from chroma: of each chroma sample, and of each pixel.
+    samples: [Vec<i16>; 3],
     chroma: [Vec<i16>; 3],
     /// The row's levels, before they are interleaved.
     levels: [Vec<u8>; 3],
@@ -129,36 +132,40 @@ fn scaled(number: i16, coefficient: i16) -> i16 {
 
 impl Terms {
     fn new(width: usize) -> Self {
-        Terms { chroma: std::array::from_fn(|_| vec![0; width + 1]), levels: std::array::from_fn(|_| vec![0; width]) }
+        let terms = || from_fn(|_| vec![0; width + 1]);
+        Terms { samples: terms(), chroma: terms(), levels: from_fn(|_| vec![0; width]) }
     }
 
     fn set_chroma(
         &mut self,
         coefficients: &Coefficients,
-        u: impl Iterator<Item = i16>,
-        v: impl Iterator<Item = i16>,
+        u: impl Iterator<Item = i16> + Clone,
+        v: impl Iterator<Item = i16> + Clone,
         across: usize,
     ) {
         // Differences are shifted by 8 bits, coefficients by 13: 21 - 16 = 5 are left.
         let fixed = |coefficient: f64| (coefficient * f64::from(1 << 13)).round() as i16;
         let Coefficients { red_v, green_u, green_v, blue_u, .. } = *coefficients;
         let [red_v, green_u, green_v, blue_u] = [red_v, green_u, green_v, blue_u].map(fixed);
-        let terms = u.zip(v).map(|(u, v)| {
-            let (u, v) = ((u - 128) << 8, (v - 128) << 8);
-            [scaled(v, red_v), scaled(u, green_u) + scaled(v, green_v), scaled(u, blue_u)]
-        });
-        let [red, green, blue] = &mut self.chroma;
-        if across == 0 {
-            let places = red.iter_mut().zip(green).zip(blue);
-            for (((red, green), blue), term) in places.zip(terms) {
-                [*red, *green, *blue] = term;
-            }
-        } else {
-            let places = red.chunks_mut(2).zip(green.chunks_mut(2)).zip(blue.chunks_mut(2));
-            for (((red, green), blue), term) in places.zip(terms) {
-                red.fill(term[0]);
-                green.fill(term[1]);
-                blue.fill(term[2]);
+        let centred = |sample: i16| (sample - 128) << 8;
+        let [red, green, blue] = &mut self.samples;
+        // A loop for each channel: the compiler computes several samples at a time.
+        for (red, v) in red.iter_mut().zip(v.clone()) {
+            *red = scaled(centred(v), red_v);
+        }
+        for ((green, u), v) in green.iter_mut().zip(u.clone()).zip(v) {
+            *green = scaled(centred(u), green_u) + scaled(centred(v), green_v);
+        }
+        for (blue, u) in blue.iter_mut().zip(u) {
+            *blue = scaled(centred(u), blue_u);
+        }
+        for (row, samples) in self.chroma.iter_mut().zip(&self.samples) {
+            if across == 0 {
+                row.copy_from_slice(samples);
+            } else {
+                for (pair, &sample) in row.chunks_exact_mut(2).zip(samples) {
+                    pair.copy_from_slice(&[sample, sample]);
+                }
             }
         }
     }

@@ -17,7 +17,7 @@ use paig::tasks::video;
 
 /// Frames whose pictures are kept, and their longest side.
 const PICTURES: usize = 90;
-const LONGEST_SIDE: u32 = 960;
+const LONGEST_SIDE: u32 = 720;
 
 /// Some frames of one recording.
 #[derive(Debug, Default)]

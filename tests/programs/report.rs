@@ -122,7 +122,7 @@ fn all_runs_are_counted_and_nothing_is_selected() {
 
     let page = fs::read_to_string(out.join("report.md")).unwrap();
     for line in [
-        "**Run folders that cannot be read, in no count and listed at the end: 1.**",
+        "**Unreadable run folders, not counted and listed at the end: 1.**",
         "- spring_color, fast: **2 of 5** runs succeeded; k 4.000 [3.980, 4.200] (ERROR), l 6.000 [5.990, 6.010]",
         "| spring_color | fast | 1 | 5 | 4 | **2** |",
         "- spring_color: k within 1 %, l within 0.5 %",
@@ -133,7 +133,7 @@ fn all_runs_are_counted_and_nothing_is_selected() {
         "| spring_color | TF original, rerun, 500 epochs | no | 0.7 | 13.8 | 23.1 |",
         "| 4 | cut off after 50 steps | missing |",
         "| 1 | criterion missed | 4.200 (+5.00\u{a0}%) |",
-        "Seed 3 is in no plot",
+        "The plots lack seed 3",
         "paig train --task spring_color --recipe fast --set 'join.batch=50' --seed 0 \
          --out 'runs/spring_color/fast-wide/seed=0' --threads 1 --device cpu",
         "## Unreadable run folders",
@@ -309,13 +309,13 @@ fn changed_recipes_stand_beside_the_plain_one_with_a_verdict() {
         "- Where do the paper's errors come from? From the decoder's unit of length: **confirmed** for l of spring_color. \
          From the estimated velocity: **confirmed** for k of spring_color.",
         "| spring_color | l | 1.0283 | 1.0324 [1.0323, 1.0326] | 1.0323 | 0.9998 | 3, 3 | confirmed |",
-        "## Other parameters at the start: spring_color, fast",
+        "## Other initial values: spring_color, fast",
         "| fast, join.learning_rate=0.0006, join.max_steps=1000, model.refinement_steps=0 | 0.6000 | 0.8000 | 0.3000 | k | \
          +15.00\u{a0}% | +6.50\u{a0}% | 3 | confirmed |\n\
          |  | with: otherwise the same training | 0.7500 | 0.5000 | 0.3000 | k | -1.25\u{a0}% |  | 3 |  |",
-        "|  | with: the recipe as it is | 0.8795 [0.8790, 0.8800] | 0.2410 [0.2400, 0.2420] |",
+        "|  | with: the unchanged recipe | 0.8795 [0.8790, 0.8800] | 0.2410 [0.2400, 0.2420] |",
         "| start.k=0.2 | 3.980 |",
-        "in 3 such pairs the parameters differ at most: k by 0.01000, l by 0 (the same bits).",
+        "Largest differences in 3 such pairs: k by 0.01000, l by 0 (the same bits).",
         "| fast, model.exact_shift=false | **6.001 [6.000, 6.002]** (own unit: 6.195 [6.194, 6.196]) |",
         "| spring_color | fast | px | 0.07000 | 0.1500 | – | 0.2410 [0.2400, 0.2420] |",
         "| 10 | T_ext | 0.09900 [0.09800, 0.1000] | 0.9010 [0.9000, 0.9020] |",
@@ -323,7 +323,7 @@ fn changed_recipes_stand_beside_the_plain_one_with_a_verdict() {
         "generate --task spring_color --train 1000 --valid 100 --test 10 --seed 3",
         "sweep --task spring_color --recipe fast --seeds '0,1,2' --set 'model.exact_shift=false' --name shift",
         "| 1000, 100, 10 | Some Processor | 64 | 1 | cpu |",
-        "No run of the `paper` recipe is among the runs given",
+        "No run of the `paper` recipe is among the given runs",
         "| spring_color | l | 6 | 6.17 | +2.83\u{a0}% | fast, model.fixed.k=4.0 | **6.000** |",
     ] {
         assert!(page.contains(line), "{line:?} is not in:\n{page}");
@@ -361,14 +361,14 @@ fn runs_of_the_paper_recipe_that_were_cut_off_are_shown_as_far_as_they_went() {
     assert!(report(&[runs], &out).status.success());
     let page = fs::read_to_string(out.join("report.md")).unwrap();
     for line in [
-        "**Not answered by these runs: none of 1 went to the end.** The longest got to 5.5 of 500 epochs. Objects were \
+        "**Not answered by these runs: none of 1 finished.** The longest reached 5.5 of 500 epochs. Objects were \
          found in 1 of 1 runs. At the last record k was nearer to its truth than at the start in 0 of 1.",
         "| spring_color | 1 | 55 | 5.5 of 500 | no, cut off | 1.200 | yes | 14.00 | k 1.000 → 0.8000 → 0.4000, further \
          from its truth 4; l",
         "| 1 | cut off after 55 steps (5.5 epochs) | missing |",
         "| 1 | 8.2 min until it was cut off |",
         "| spring_color | paper | 1 | 1 | 0 | **0** |",
-        "Not run with this recipe: spring_color (not to its end), mnist_spring_color (not at all)",
+        "Not run with this recipe: spring_color (not finished), mnist_spring_color (not at all)",
         "generate --task spring_color --train 1000 --valid 100 --test 10 --seed 3",
     ] {
         assert!(page.contains(line), "{line:?} is not in:\n{page}");

@@ -33,9 +33,9 @@ pub fn print_measurement(it: &Measurement) {
     }
     let left = &it.residuals;
     let first = left.autocorrelation.first().copied().unwrap_or(0.0);
-    say!("left by the fit {:.4} {unit}; residuals of neighbouring frames correlate by {first:.2}", left.usual);
+    say!("residual {:.4} {unit}; residuals of neighbouring frames correlate by {first:.2}", left.usual);
     if !it.alternatives.is_empty() {
-        say!("\n{:<44}{:>9}{:>10}{:>10}{:>12}{:>12}", "equation", "unknowns", "left", "held out", "AIC", "BIC");
+        say!("\n{:<44}{:>9}{:>10}{:>10}{:>12}{:>12}", "equation", "unknowns", "residual", "held out", "AIC", "BIC");
     }
     for other in &it.alternatives {
         let name = &other.equation;

@@ -71,12 +71,11 @@ impl Report<'_> {
         let whole: Vec<&BaselineRow> = self.rows.iter().filter(|row| row.training_clips == self.clips).collect();
         let _ = writeln!(
             page,
-            "{TITLE}\n\nMade by `make baselines` ([docs/baselines.md](../../docs/baselines.md) says what is \
-             compared and how). The whole comparison is {models} models x {tasks} tasks x {seeds} seeds; **{} of these {} \
-             trainings are finished** on {} training clips of their task, and shown. The sizes of the other models are ours. The number in brackets behind a \
-             model is that of its seeds; a band reaches from the least to the greatest of them, a line is their \
-             median. Steps and minutes are those of a model's own training: the run that found the objects, with which all \
-             begin that see objects and have none of their own, took its own before, once for a task, a seed and a number of \
+            "{TITLE}\n\nMade by `make baselines` ([models and method](../../docs/baselines.md)). The whole comparison has {models} \
+             models x {tasks} tasks x {seeds} seeds; **{} of these {} trainings are finished** on {} training clips of their \
+             task. Unfinished ones are not shown. Sizes of the other models are ours. In figures the number in brackets counts \
+             a model's seeds; lines are medians, bands reach from the smallest to the largest seed. Steps and minutes are those \
+             of a model's own training, without the run that finds the objects for all models of a task, seed and number of \
              clips.\n",
             whole.len(),
             models * tasks * seeds,
@@ -84,7 +83,7 @@ impl Report<'_> {
         );
         if !self.pictures {
             page.push_str(
-                "The figures are left out: `paig baselines --report-only --add` with this folder draws them.\n\n",
+                "This page has no figures: `paig baselines --report-only --add` with this folder draws them.\n\n",
             );
         }
         self.sizes(&mut page);
@@ -102,7 +101,7 @@ impl Report<'_> {
         let (tasks, models) = (&self.list.tasks, &self.list.models);
         let _ = writeln!(
             page,
-            "## Sizes\n\nAll weights, times those of {}; in brackets the weights of what carries the positions on.\n\n\
+            "## Sizes\n\nAll weights, relative to {}; in brackets the weights of the dynamics.\n\n\
              | model | {} |\n|---|{}",
             models.first().map_or("-", |entry| &entry.label),
             tasks.join(" | "),
@@ -133,9 +132,8 @@ impl Report<'_> {
         let _ = writeln!(
             page,
             "\n## Search of the learning rates\n\nL_pred on the validation clips of `{}` at the end of a training with \
-             seed {} (of an end-to-end baseline the error of all frames after the input), for each rate. The best is \
-             taken for all tasks, and a rate at which the training failed is the worst; a model whose search has not \
-             finished is trained at its recipe's rate.\n\n| model | key | {} | taken |\n|---|---|{}---|",
+             seed {}, for each rate; end-to-end baselines: the error of all frames after the input. All tasks use the best \
+             rate. A rate at which training failed ranks last; a model without a finished search uses its recipe's rate.\n\n| model | key | {} | taken |\n|---|---|{}---|",
             self.list.search.task,
             self.list.search.seed,
             tried.iter().map(|rate| format!("{rate:e}")).collect::<Vec<_>>().join(" | "),

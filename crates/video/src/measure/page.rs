@@ -28,7 +28,7 @@ pub(super) fn write(folder: &Path, measured: &MeasuredSubject) -> Result<()> {
     atomic::write_file(&folder.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
 }
 
-/// The first object of the first video along its way, seen and fitted, and what is left between.
+/// Position of the first object of the first video along its way, measured and fitted, and the residual.
 fn charts(measured: &MeasuredSubject) -> Vec<Chart> {
     let recording = &measured.scene.recordings[0];
     let objects = measured.explained.dynamics.system.objects;
@@ -47,7 +47,7 @@ fn charts(measured: &MeasuredSubject) -> Vec<Chart> {
     let (trained, all) = (recording.trained, fitted.len());
     let left: Vec<f64> = seen_along.iter().zip(fitted).map(|(seen, fitted)| seen - fitted).collect();
     let spans = vec![
-        Span { name: "learned from".into(), first: 0.0, last: second * recording.times[trained.min(all - 1)] },
+        Span { name: "fitted".into(), first: 0.0, last: second * recording.times[trained.min(all - 1)] },
         Span {
             name: "held out".into(),
             first: second * recording.times[trained.min(all - 1)],
@@ -69,12 +69,15 @@ fn charts(measured: &MeasuredSubject) -> Vec<Chart> {
         chart(
             "position along the way, pixels of the video",
             vec![
-                line("seen", GREEN, Stroke::Pale, points(seen_along, 0, all)),
+                line("measured", GREEN, Stroke::Pale, points(seen_along, 0, all)),
                 line("fitted", BLUE, Stroke::Plain, points(fitted, 0, trained)),
                 line("predicted", ORANGE, Stroke::Plain, points(fitted, trained, all)),
             ],
         ),
-        chart("seen minus fitted, pixels of the video", vec![line("left", GREY, Stroke::Plain, points(&left, 0, all))]),
+        chart(
+            "residual: measured minus fitted, pixels of the video",
+            vec![line("residual", GREY, Stroke::Plain, points(&left, 0, all))],
+        ),
     ]
 }
 
@@ -96,23 +99,23 @@ fn text(measured: &MeasuredSubject) -> Result<String> {
     if beginnings > 0 {
         writeln!(
             page,
-            "{beginnings} frames are of videos that were held out whole: they only say how these begin, and teach no parameter.\n"
+            "{beginnings} frames are of videos held out whole: they fix only the initial states of these, no parameter.\n"
         )?;
     }
     writeln!(page, "{}", quantities(&it.quantities)?)?;
     writeln!(
         page,
-        "The interval is meant to hold the value in 95 % of such videos: a bootstrap over time, with what is said of scale and time. "
+        "The intervals are from a block bootstrap over time, with the stated uncertainties of scale and time. "
     )?;
     writeln!(
         page,
-        "It knows nothing of what is always wrong: a lens that bends, a camera beside the plane of the motion.\n"
+        "They do not cover systematic errors: lens distortion, a camera that looks obliquely at the plane of the motion.\n"
     )?;
     for note in &it.notes {
         writeln!(page, "- {note}")?;
     }
     let held_out = &it.held_out;
-    writeln!(page, "\n## Prediction of the {} frames that were held out\n", held_out.frames)?;
+    writeln!(page, "\n## Prediction of the {} held-out frames\n", held_out.frames)?;
     writeln!(page, "| predicted by | distance, {} |\n|---|---|", held_out.unit)?;
     writeln!(
         page,
@@ -122,22 +125,22 @@ fn text(measured: &MeasuredSubject) -> Result<String> {
     )?;
     writeln!(page, "| constant velocity | {} |", digits(held_out.constant_velocity))?;
     if let Some(error) = held_out.tracker_fit {
-        writeln!(page, "| the equation fitted to a colour tracker, of its own positions | {} |", digits(error))?;
+        writeln!(page, "| the equation fitted to a colour tracker, at its own positions | {} |", digits(error))?;
     }
     if let Some(metres) = held_out.metres_per_unit {
         writeln!(page, "\nA pixel of the video is {metres:.6} m.")?;
     }
     writeln!(page, "\n![positions]({POSITIONS})\n\n![overlay](overlay.gif)\n")?;
-    writeln!(page, "Green: seen. Blue: fitted. Orange: predicted.\n\n## What the fit leaves\n")?;
+    writeln!(page, "Green: measured. Blue: fitted. Orange: predicted.\n\n## Residuals\n")?;
     let left = &it.residuals;
     let in_pieces = match left.usual_in_pieces {
-        Some(usual) => format!("{} {} in short parts with a state of their own", digits(usual), left.unit),
-        None => "too short a video for parts with a state of their own, against which it could be held".into(),
+        Some(usual) => format!("{} {} in short parts with initial states of their own", digits(usual), left.unit),
+        None => "the video is too short for parts to compare it with".into(),
     };
     writeln!(
         page,
-        "Usually {} {unit} of a coordinate ({in_pieces}). Neighbouring frames' residuals correlate by {:.2}; {:.1} frames together \
-         hold as much as one independent one. Blocks of the bootstrap had {} frames.\n",
+        "Typically {} {unit} of a coordinate ({in_pieces}). Residuals of neighbouring frames correlate by {:.2}; {:.1} frames \
+         count as one independent frame. Blocks of the bootstrap have {} frames.\n",
         digits(left.usual),
         left.autocorrelation.first().copied().unwrap_or(0.0),
         left.frames_in_one,
@@ -184,7 +187,7 @@ fn quantities(quantities: &[Quantity]) -> Result<String> {
 
 fn alternatives(alternatives: &[Alternative], unit: &str) -> Result<String> {
     let mut table = format!(
-        "| equation | unknowns | left, {unit} | held out, {unit} | AIC | BIC | parameters |\n|---|---|---|---|---|---|---|\n"
+        "| equation | unknowns | residual, {unit} | held-out error, {unit} | AIC | BIC | parameters |\n|---|---|---|---|---|---|---|\n"
     );
     for it in alternatives {
         let parameters = it.parameters.iter().map(|(name, value)| format!("{name} {}", digits(*value)));

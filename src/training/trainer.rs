@@ -172,7 +172,7 @@ mod tests {
         let block = include_str!("../../configs/gallery/sliding_block.toml");
         let text = block.replace("tanh(norm(v) / slow) * unit(v)", "sqrt(norm(p - vec(16, 16)) / hole - 1) * unit(v)");
         let text = text.replace(
-            "slow = { unit = [1, -1], fixed = 0.2 }",
+            "slow = { unit = [1, -1], fixed = 0.05 }",
             &format!("hole = {{ unit = [1, 0], fixed = {radius:?} }}"),
         );
         Config::load_task(Task::from_toml(&text).unwrap(), None, &Overrides::default()).unwrap()

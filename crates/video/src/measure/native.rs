@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use anyhow::{Result, bail};
 use paig_track::{
-    CameraMotion, Finding, HALF_PIXEL, Method, Point, Role, Segment, Track, Tracking, TrackingOptions, Visibility,
+    CameraMotion, Finding, HALF_PIXEL, Method, Point, Segment, Track, Tracking, TrackingOptions, Visibility,
 };
 
 use super::proposals::{Proposal, proposals};
@@ -22,6 +22,8 @@ const LEAST_WEIGHT: f64 = 0.1;
 const PANS: f64 = 0.35;
 /// Factor beyond which a speed that changes at once, in the same direction, is slow motion rather than a blow.
 const SLOW_MOTION: f64 = 4.0;
+/// Factor of the second, lower threshold.
+const FAINTER: f32 = 3.0;
 /// Most tracks that are looked for beyond the objects: shadows, hands, and what else moves.
 const OTHERS: usize = 3;
 
@@ -59,9 +61,14 @@ impl TrackedVideo {
     /// As [`track`], and fewer objects than the system has.
     pub fn of(video: &SourceVideo, options: &TrackingOptions, objects: usize) -> Result<Self> {
         let options = TrackingOptions { objects: objects + OTHERS, ..options.clone() };
-        let Followed { tracking: Tracking { tracks, camera, time, .. }, segments } = track(video, &options)?;
-        let (mut tracks, mut others): (Vec<_>, Vec<_>) = (tracks, Vec::new());
-        tracks.retain(|track| track.role == Role::Object);
+        let mut followed = track(video, &options)?;
+        if followed.tracking.tracks.len() < objects {
+            // A faint or small object is below the threshold that a bright one sets.
+            let fainter = TrackingOptions { threshold: options.threshold / FAINTER, ..options };
+            followed = track(video, &fainter)?;
+        }
+        let Followed { tracking: Tracking { mut tracks, camera, time, .. }, segments } = followed;
+        let mut others = Vec::new();
         if tracks.len() < objects {
             bail!(
                 "video {}: {} of {objects} objects found; look at the paths with `paig track`, and name a point on each object \

@@ -6,6 +6,8 @@
 
 use ndarray::Array3;
 
+use crate::resting::neighbours;
+
 /// Fewest pixels of a part with two states.
 const LEAST_AREA: usize = 10;
 /// Size of the smaller of two parts of one object, relative to the larger.
@@ -98,28 +100,9 @@ impl PixelStates<'_> {
     /// The largest parts of the pixels with two states.
     fn parts(&self) -> Vec<TwoStatePart> {
         let [width, height] = self.size();
-        let mut visited = vec![false; width * height];
-        let mut parts = Vec::new();
-        for seed in 0..width * height {
-            if visited[seed] || self.other(seed).is_none() {
-                continue;
-            }
-            visited[seed] = true;
-            let mut pixels = vec![seed];
-            let mut next = 0;
-            while next < pixels.len() {
-                for beside in around(pixels[next], width, height) {
-                    if !visited[beside] && self.other(beside).is_some() {
-                        visited[beside] = true;
-                        pixels.push(beside);
-                    }
-                }
-                next += 1;
-            }
-            if pixels.len() >= LEAST_AREA {
-                parts.push(self.part(pixels));
-            }
-        }
+        let two: Vec<usize> = (0..width * height).filter(|&place| self.other(place).is_some()).collect();
+        let found = connected(&two, width, height, around).into_iter().filter(|part| part.len() >= LEAST_AREA);
+        let mut parts: Vec<TwoStatePart> = found.map(|pixels| self.part(pixels)).collect();
         parts.sort_by_key(|part| std::cmp::Reverse(part.pixels.len()));
         parts.truncate(MOST_PARTS);
         parts
@@ -144,16 +127,19 @@ impl PixelStates<'_> {
     /// What an object covers of a group of parts and between them; `None` where the median shows no object.
     fn covered_within(&self, group: &[TwoStatePart]) -> Option<Vec<usize>> {
         let [width, height] = self.size();
+        let states = group[0].states;
+        if distance(states[0], states[1]) < LEAST_CONTRAST {
+            return None;
+        }
         let two: Vec<usize> = group.iter().flat_map(|part| part.pixels.iter().copied()).collect();
         let within: Vec<usize> = two.iter().copied().chain(enclosed(&two, width, height)).collect();
-        let states = group[0].states;
-        if (two.len() as f64) < LEAST_MOVING * within.len() as f64 || distance(states[0], states[1]) < LEAST_CONTRAST {
+        if (two.len() as f64) < LEAST_MOVING * within.len() as f64 {
             return None;
         }
         let mut is_within = vec![false; width * height];
         within.iter().for_each(|&place| is_within[place] = true);
         let has_first = |place: usize| distance(self.level(place), states[0]) < distance(self.level(place), states[1]);
-        let is_outermost = |place: &usize| beside(*place, width, height).any(|it| !is_within[it]);
+        let is_outermost = |place: &usize| neighbours(*place, width, height).any(|it| !is_within[it]);
         let outermost: Vec<usize> = two.iter().copied().filter(is_outermost).collect();
         let outer = outermost.iter().filter(|&&place| has_first(place)).count() as f64 / outermost.len().max(1) as f64;
         if outer.min(1.0 - outer) > OPEN {
@@ -161,7 +147,7 @@ impl PixelStates<'_> {
         }
         let is_surroundings = outer > 0.5;
         let held: Vec<usize> = within.into_iter().filter(|&place| has_first(place) != is_surroundings).collect();
-        let bodies = connected(&held, width, height);
+        let bodies = connected(&held, width, height, neighbours);
         let largest = bodies.iter().max_by_key(|body| body.len())?;
         if (largest.len() as f64) < LEAST_HELD * two.len() as f64 || aspect(largest, width) < LEAST_ASPECT {
             return None;
@@ -231,8 +217,13 @@ fn enclosed(two: &[usize], width: usize, height: usize) -> Vec<usize> {
         .collect()
 }
 
-/// The connected parts of some pixels.
-fn connected(pixels: &[usize], width: usize, height: usize) -> Vec<Vec<usize>> {
+/// The connected parts of some pixels, by the pixels that count as `beside` one.
+fn connected<I: Iterator<Item = usize>>(
+    pixels: &[usize],
+    width: usize,
+    height: usize,
+    beside: impl Fn(usize, usize, usize) -> I,
+) -> Vec<Vec<usize>> {
     let mut left = vec![false; width * height];
     pixels.iter().for_each(|&place| left[place] = true);
     let part = |&seed: &usize| {
@@ -261,11 +252,6 @@ fn around(place: usize, width: usize, height: usize) -> impl Iterator<Item = usi
     let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
     rows.flat_map(move |row| (x.saturating_sub(1)..=(x + 1).min(width - 1)).map(move |column| row * width + column))
         .filter(move |&it| it != place)
-}
-
-/// The four neighbours of a pixel within the frame.
-fn beside(place: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
-    around(place, width, height).filter(move |&it| it % width == place % width || it / width == place / width)
 }
 
 #[cfg(test)]

@@ -95,7 +95,8 @@ fn steps(region: &RestingRegion, inner: &Array3<f32>, outer: &Array3<f32>) -> f6
     region.border.iter().map(pair).sum()
 }
 
-fn neighbours(place: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
+/// The four neighbours of a pixel within the frame.
+pub(crate) fn neighbours(place: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
     let (x, y) = (place % width, place / width);
     [
         (x > 0).then(|| place - 1),

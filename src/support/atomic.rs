@@ -6,6 +6,7 @@ use std::ffi::OsStr;
 use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::{Context, Result, ensure};
 
@@ -161,7 +162,8 @@ pub fn is_partial(name: &OsStr) -> bool {
     Path::new(name).extension().is_some_and(|extension| extension == PARTIAL)
 }
 
-fn remove_leftovers(path: &Path) {
+/// Removes what processes that are gone left half-written of a file or folder.
+pub fn remove_leftovers(path: &Path) {
     let (folder, name) = (path.parent().unwrap_or(Path::new("")), path.file_name().unwrap_or_default());
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     remove_abandoned(folder, |file| file == name);
@@ -180,15 +182,19 @@ fn remove_abandoned(folder: &Path, meant: impl Fn(&OsStr) -> bool) {
     }
 }
 
-/// The final name and the process of `NAME.PROCESS.partial`.
+/// The final name and the process of `NAME.PROCESS-COUNT.partial`.
 fn split_partial(name: &str) -> Option<(&str, u32)> {
-    let (file, process) = name.strip_suffix(PARTIAL)?.strip_suffix('.')?.rsplit_once('.')?;
+    let (file, writer) = name.strip_suffix(PARTIAL)?.strip_suffix('.')?.rsplit_once('.')?;
+    let process = writer.split_once('-').map_or(writer, |(process, _)| process);
     Some((file, process.parse().ok()?))
 }
 
-fn partial_name(path: &Path) -> PathBuf {
+/// A new name beside a place, for what is written there: no two writes share one.
+pub fn partial_name(path: &Path) -> PathBuf {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
     let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(format!(".{}.{PARTIAL}", std::process::id()));
+    name.push(format!(".{}-{count}.{PARTIAL}", std::process::id()));
     path.with_file_name(name)
 }
 
@@ -291,7 +297,7 @@ mod tests {
     fn what_a_dead_process_left_goes_and_what_a_living_one_writes_stays() {
         let folder = tempfile::tempdir().unwrap();
         // No process has a number as large as the kernel's limit of them (4194304).
-        let (dead, other, living) = ("a.4194305.partial", "b.4194305.partial", format!("a.{}.partial", 1));
+        let (dead, other, living) = ("a.4194305-7.partial", "b.4194305.partial", format!("a.{}-0.partial", 1));
         for name in [dead, other, &living] {
             fs::write(folder.path().join(name), "half").unwrap();
         }
@@ -301,5 +307,19 @@ mod tests {
         remove_partials(folder.path());
         assert_eq!([there(other), there(&living)], [false, true]);
         assert!(is_partial(OsStr::new(dead)) && !is_partial(OsStr::new("a")));
+    }
+
+    #[test]
+    fn threads_that_write_one_file_leave_it_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        let texts: Vec<_> = (0..8).map(|number| number.to_string().repeat(1000 * (number + 1))).collect();
+        std::thread::scope(|scope| {
+            for text in &texts {
+                scope.spawn(|| (0..20).for_each(|_| write(&path, text).unwrap()));
+            }
+        });
+        assert!(texts.contains(&fs::read_to_string(&path).unwrap()));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "something half-written was left");
     }
 }

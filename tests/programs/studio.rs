@@ -220,6 +220,29 @@ fn a_damaged_file_ends_its_own_job_and_a_large_one_is_refused() {
     }
 }
 
+/// Pictures whose names differ in their endings alone, and two of one name: none is mixed with another.
+#[test]
+fn uploads_at_the_same_time_stay_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = Server::start(folder.path(), &[]);
+    let name = server.ask("POST", "/api/projects", &json!({ "title": "pictures" })).json()["name"].clone();
+    let name = name.as_str().unwrap();
+    let files = ["a.jpg", "a.png", "b.jpg", "b.jpg"];
+    let content = |number: usize| vec![b'0' + number as u8; 3_000_000];
+    std::thread::scope(|scope| {
+        for (number, file) in files.iter().enumerate() {
+            let path = format!("/api/projects/{name}/source/{file}");
+            let server = &server;
+            scope.spawn(move || assert_eq!(server.send("PUT", &path, &server.head(), &content(number)).status, 201));
+        }
+    });
+    let source = folder.path().join("projects").join(name).join("source");
+    let read = |file: &str| fs::read(source.join(file)).unwrap();
+    assert!(read("a.jpg") == content(0) && read("a.png") == content(1), "mixed");
+    assert!([content(2), content(3)].contains(&read("b.jpg")), "mixed");
+    assert_eq!(fs::read_dir(source).unwrap().count(), 3, "something half-written was left");
+}
+
 /// A generated throw, measured by the command that the page shows; the server is killed meanwhile.
 #[test]
 fn a_measurement_survives_its_server_and_equals_the_commands() {

@@ -18,6 +18,8 @@ use crate::project::{Project, file_name};
 /// How often it is looked whether the server is to stop.
 const TICK: Duration = Duration::from_millis(100);
 const THREADS: usize = 2;
+/// Threads that read and write files; by default there would be one for each request, up to 512.
+const FILE_THREADS: usize = 16;
 
 /// How the page is served.
 #[derive(Debug, Clone)]
@@ -47,8 +49,8 @@ impl Studio {
         let ServerOptions { workspace, port, upload_limit, program } = options;
         fs::create_dir_all(&workspace).with_context(|| format!("cannot make the folder {}", workspace.display()))?;
         let mut runtime = tokio::runtime::Builder::new_multi_thread();
-        let runtime =
-            runtime.worker_threads(THREADS).enable_all().build().context("cannot start the server's threads")?;
+        runtime.worker_threads(THREADS).max_blocking_threads(FILE_THREADS).enable_all();
+        let runtime = runtime.build().context("cannot start the server's threads")?;
         let listener = runtime.block_on(TcpListener::bind(("127.0.0.1", port)));
         let listener =
             listener.with_context(|| format!("port {port} of 127.0.0.1 is not free; choose another with --port"))?;

@@ -1,29 +1,38 @@
 //! Uploaded files, streamed to disk.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 use axum::body::Body;
 use axum::http::StatusCode;
 use http_body_util::BodyExt;
+use paig::support::atomic;
 use tokio::fs::{self, File};
 use tokio::io::AsyncWriteExt;
 
 use crate::answers::Refusal;
 
-/// Writes a request's body into a new file of at most so many bytes; half a file is never left under its name.
+/// A file that is removed unless it got its name.
+struct HalfWritten(PathBuf);
+
+impl Drop for HalfWritten {
+    /// Also where the request's task is dropped with its connection.
+    fn drop(&mut self) {
+        // It may never have been made, or have its name already.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// Writes a request's body into a new file of at most so many bytes; half a file is never left under its name. The last one of
+/// several that arrive together stays.
 ///
 /// # Errors
 /// A body that is too large or ends early, a full disk.
 pub async fn receive(body: Body, path: &Path, limit: u64) -> Result<(), Refusal> {
-    let partial = path.with_extension("partial");
-    let received = write(body, &partial, limit).await;
-    if received.is_err() {
-        // It may never have been made.
-        let _ = fs::remove_file(&partial).await;
-    }
-    received?;
-    Ok(fs::rename(&partial, path).await?)
+    atomic::remove_leftovers(path);
+    let partial = HalfWritten(atomic::partial_name(path));
+    write(body, &partial.0, limit).await?;
+    Ok(fs::rename(&partial.0, path).await?)
 }
 
 async fn write(mut body: Body, path: &Path, limit: u64) -> Result<(), Refusal> {

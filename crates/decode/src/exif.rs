@@ -31,6 +31,10 @@ fn of(tiff: &[u8]) -> Option<f64> {
     let numbers: Option<Vec<i64>> = taken.split([':', ' ']).map(|number| number.trim().parse().ok()).collect();
     let [year, month, day, hour, minute, second] = numbers?[..] else { return None };
     let days = days(year, month, day)?;
+    // A leap second has the number 60.
+    if !((0..24).contains(&hour) && (0..60).contains(&minute) && (0..=60).contains(&second)) {
+        return None;
+    }
     Some((((days * 24 + hour) * 60 + minute) * 60 + second) as f64 + parts)
 }
 
@@ -117,6 +121,7 @@ mod tests {
         let after = of(&tiff("2024:02:29 00:00:00", "15")).unwrap();
         assert!((after - before - 0.25).abs() < 1e-6, "{}", after - before);
         assert_eq!(of(&tiff("0000:00:00 00:00:00", "1")), None);
+        assert_eq!(of(&tiff("2024:02:29 9223372036854775807:00:00", "1")), None);
         assert_eq!(of(b"II\x2a\0\xff\xff\xff\xff"), None);
     }
 }

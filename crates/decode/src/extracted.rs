@@ -1,5 +1,6 @@
 //! Archives of the program Tracker (`.trz`): a zip with a `.trk` and the video, or its pictures, in a folder.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -54,12 +55,7 @@ impl Extracted {
             Some(film) => (vec![film], folder.path().join(&film.name)),
             None => (pictures(&entries)?, folder.path().to_path_buf()),
         };
-        let bytes: u64 = wanted.iter().map(|entry| entry.bytes).sum();
-        if bytes > MOST_BYTES {
-            return Err(DecodeError::too_large(format!(
-                "its video has {bytes} bytes; at most {MOST_BYTES} are extracted"
-            )));
-        }
+        check_bytes(&wanted)?;
         for entry in wanted {
             let mut file = archive.by_index(entry.number).map_err(damaged)?;
             // Not more than the archive states, whatever it holds.
@@ -76,6 +72,16 @@ impl Extracted {
     }
 }
 
+/// Refuses to extract more than the limit.
+fn check_bytes(wanted: &[&ArchiveEntry]) -> Result<()> {
+    // Any sizes may be stated: their sum must not overflow.
+    let bytes = wanted.iter().fold(0u64, |sum, entry| sum.saturating_add(entry.bytes));
+    if bytes > MOST_BYTES {
+        return Err(DecodeError::too_large(format!("its video has {bytes} bytes; at most {MOST_BYTES} are extracted")));
+    }
+    Ok(())
+}
+
 /// A film or picture in an archive.
 struct ArchiveEntry {
     number: usize,
@@ -88,12 +94,12 @@ struct ArchiveEntry {
 /// The pictures of the series with most of them: in one folder, and alike in their names but for the numbers. Tracker adds
 /// small pictures of its window.
 fn pictures(entries: &[ArchiveEntry]) -> Result<Vec<&ArchiveEntry>> {
-    let series = |entry: &ArchiveEntry| {
-        let letters: String = entry.name.chars().filter(|letter| !letter.is_ascii_digit()).collect();
-        (entry.folder.clone(), letters)
-    };
-    let of = |entry: &ArchiveEntry| entries.iter().filter(|other| series(other) == series(entry)).collect::<Vec<_>>();
-    let largest = entries.iter().map(of).max_by_key(Vec::len).filter(|found| found.len() > 1);
+    let mut series: BTreeMap<(&Path, String), Vec<&ArchiveEntry>> = BTreeMap::new();
+    for entry in entries {
+        let letters = entry.name.chars().filter(|letter| !letter.is_ascii_digit()).collect();
+        series.entry((&entry.folder, letters)).or_default().push(entry);
+    }
+    let largest = series.into_values().filter(|found| found.len() > 1).max_by_key(Vec::len);
     largest.ok_or_else(|| DecodeError::Unsupported {
         what: "a Tracker archive without a video".into(),
         remedy: CONVERT.into(),
@@ -143,5 +149,35 @@ mod tests {
         assert_eq!(levels, [0, 40, 80, 120]);
         std::fs::write(&path, b"no zip").unwrap();
         assert!(VideoFile::open(&path).is_err());
+    }
+
+    /// The sum of these sizes is 0 in 64 bits.
+    #[test]
+    fn sizes_that_overflow_are_refused() {
+        let entry = |name: &str| super::ArchiveEntry {
+            number: 0,
+            name: name.into(),
+            folder: "videos".into(),
+            bytes: 1 << 63,
+            is_video: false,
+        };
+        let entries = [entry("f0.png"), entry("f1.png")];
+        let wanted = super::pictures(&entries).unwrap();
+        assert_eq!(wanted.len(), 2);
+        assert!(matches!(super::check_bytes(&wanted), Err(crate::DecodeError::TooLarge { .. })));
+    }
+
+    /// One series of each kind of ending; comparing each with every other would take 10^11 steps.
+    #[test]
+    fn a_series_is_found_among_many_pictures() {
+        let entry = |number: usize| super::ArchiveEntry {
+            number,
+            name: format!("{}{number}.png", if number % 3 == 0 { "f" } else { "g" }),
+            folder: "videos".into(),
+            bytes: 1,
+            is_video: false,
+        };
+        let entries: Vec<_> = (0..300_000).map(entry).collect();
+        assert_eq!(super::pictures(&entries).unwrap().len(), 200_000);
     }
 }

@@ -39,6 +39,8 @@ const REFERENCE: u32 = 0xfb;
 const USUAL_TICK: u64 = 1_000_000;
 /// Header stripping among the algorithms of compression.
 const STRIPPING: u64 = 3;
+/// Most bytes that are stored once and precede each frame; they are copied for each.
+const LONGEST_PREFIX: usize = 1024;
 
 /// Reads the tracks and finds the blocks of the first video track.
 pub(super) fn read(file: &mut BufReader<File>, length: u64) -> Result<VideoTrack> {
@@ -212,6 +214,9 @@ fn prefix(entry: &[u8]) -> Result<Vec<u8>> {
             .filter(|it| unsigned(it, CONTENT_ALGORITHM).unwrap_or(0) == STRIPPING)
             .ok_or_else(|| DecodeError::unsupported("a compressed or encrypted Matroska track"))?;
         prefix = [find(stripped, CONTENT_SETTINGS).unwrap_or_default(), &prefix].concat();
+        if prefix.len() > LONGEST_PREFIX {
+            return Err(DecodeError::too_large(format!("{} bytes precede each of its frames", prefix.len())));
+        }
     }
     Ok(prefix)
 }
@@ -250,4 +255,28 @@ fn projection(video: &[u8]) -> bool {
     let Some(projection) = find(video, 0x7670) else { return false };
     let turned = |id: u32| float(projection, id).is_some_and(|angle| angle != 0.0);
     unsigned(projection, 0x7671).unwrap_or(0) != 0 || [0x7673, 0x7674, 0x7675].into_iter().any(turned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An element with a size of four bytes.
+    fn element(id: u32, payload: &[u8]) -> Vec<u8> {
+        let id = id.to_be_bytes();
+        let id = &id[id.iter().position(|byte| *byte != 0).unwrap()..];
+        [id, &(0x1000_0000 | payload.len() as u32).to_be_bytes(), payload].concat()
+    }
+
+    #[test]
+    fn stripped_bytes_precede_each_frame_if_they_are_few() {
+        let encoding = |bytes: &[u8]| {
+            let settings = [element(CONTENT_ALGORITHM, &[STRIPPING as u8]), element(CONTENT_SETTINGS, bytes)].concat();
+            element(CONTENT_ENCODING, &element(CONTENT_COMPRESSION, &settings))
+        };
+        let entry = |encodings: &[u8]| element(CONTENT_ENCODINGS, encodings);
+        assert_eq!(prefix(&entry(&[encoding(&[2]), encoding(&[1])].concat())).unwrap(), [1, 2]);
+        let many = encoding(&[7; 100]).repeat(11);
+        assert!(matches!(prefix(&entry(&many)), Err(DecodeError::TooLarge { .. })));
+    }
 }

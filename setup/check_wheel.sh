@@ -24,6 +24,8 @@ step() {
 step "fresh environment" "${PYTHON:-python3}" -m venv "$work/environment"
 bin=$work/environment/bin
 step "install the wheel" "$bin/python" -m pip install --quiet "$root"/dist/paig-*.whl
+# The server's library is one that only the program has.
+grep -q '"pkg:cargo/axum@' "$work"/environment/lib/python*/site-packages/paig-*.dist-info/sboms/paig.cyclonedx.json
 demo() { (cd "$work" && "$bin/paig" demo) > "$work/demo.txt" || { cat "$work/demo.txt"; return 1; }; tail -n 3 "$work/demo.txt"; }
 step "paig demo" demo
 grep -q '^found' "$work/demo.txt"

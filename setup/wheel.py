@@ -83,11 +83,14 @@ def main():
     else:
         (PACKAGE / "bin").mkdir(exist_ok=True)
         shutil.copy(TARGET / "release" / "paig", PACKAGE / "bin" / "paig")
+    # Maturin's own would lack the crates that only the program has.
+    bill = CRATE / "paig.cyclonedx.json"
+    run(sys.executable, ROOT / "setup" / "crates.py", "--sbom", bill)
     for wheel in arguments.out.glob("paig-*.whl"):
         wheel.unlink()
     paths = os.pathsep.join([str(tools), os.environ.get("PATH", "")])
     run(tools / "maturin", "build", "--release", "--manifest-path", CRATE / "Cargo.toml", "--out", arguments.out,
-        "--interpreter", sys.executable, *options, env={**os.environ, "PATH": paths})
+        "--interpreter", sys.executable, "--sbom-include", bill, *options, env={**os.environ, "PATH": paths})
 
 
 if __name__ == "__main__":

@@ -14,6 +14,9 @@
 # make ablations  the recipe without each of its parts: runs, reports/ablations (hours; goes on)
 # make gallery   the equations of configs/gallery, learned from generated clips: runs, reports/gallery (an hour; goes on)
 # make torture   kills, faults, fuzzing and bad calls; reports/torture (an hour; KILLS=n, FUZZ=seconds)
+# make sanitize  AddressSanitizer and UndefinedBehaviorSanitizer over decoders, tracker and kernels (an hour)
+# make fuzz      coverage-guided fuzzing of videos (FUZZ=seconds)
+# make torture-server  the page's server under load, and killed (some minutes)
 # make engines   sweeps of 200 tiny runs by GNU parallel, HyperQueue and Slurm on this machine (an hour; as root)
 # make control   a pendulum that is learned from few clips is swung up by what is seen (a few minutes)
 # make compare   port, PyTorch and TensorFlow side by side on fresh numbers (SEED=n)
@@ -43,7 +46,7 @@ JOBS ?= 2
 # Stands where the references' Python environment is complete.
 COMPARE_READY := compare/.venv/installed
 
-.PHONY: demo test test-vector-paths test-studio lint format clippy documentation book libtorch build wheel test-wheel data stress baselines gallery torture engines control compare bench cost compare-defects ablations clean help
+.PHONY: demo test test-vector-paths test-studio lint format clippy documentation book libtorch build wheel test-wheel data stress baselines gallery torture engines sanitize fuzz torture-server control compare bench cost compare-defects ablations clean help
 
 demo: libtorch
 	@if [ -f $(DEMO)/config.toml ]; then resume=--resume; fi; \
@@ -146,6 +149,19 @@ torture: build
 	-$(CARGO) xtask resources 10000 > $(TORTURE)/resources.txt
 	-$(CARGO) xtask torture $(KILLS) 3600 > $(TORTURE)/kills.txt
 	$(CARGO) xtask torture-report
+
+# Parts of the report of `make torture` that run on their own.
+sanitize: libtorch
+	mkdir -p $(TORTURE)
+	CARGO="$(CARGO)" setup/sanitize.sh address | tee $(TORTURE)/sanitize.txt
+	CARGO="$(CARGO)" setup/sanitize.sh kernels | tee -a $(TORTURE)/sanitize.txt
+
+fuzz:
+	CARGO="$(CARGO)" ADDRESS=1 fuzz/run.sh video $(FUZZ)
+
+torture-server: build
+	mkdir -p $(TORTURE)
+	$(PYTHON) tests/server/load.py | tee $(TORTURE)/server.txt
 
 # Needs the engines (tests/engines/engines.py says which), Slurm as root. `torture_report` shows what it prints.
 ENGINES ?= parallel hyperqueue slurm

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 /// # Errors
 /// A folder that cannot be written.
@@ -41,6 +41,12 @@ impl PrintedParts {
         lines.map(|line| Ok(serde_json::from_str(line)?)).collect()
     }
 
+    /// All keys of its lines of JSON, the last value of each.
+    fn merged(&self, name: &str) -> Result<Map<String, Value>> {
+        let objects = self.records(name)?.into_iter();
+        Ok(objects.filter_map(|record| record.as_object().cloned()).flatten().collect())
+    }
+
     /// The numbers before a word at the ends of its lines, together.
     fn sum(&self, name: &str, word: &str) -> u64 {
         let text = self.said(name);
@@ -57,7 +63,7 @@ impl PrintedParts {
         let last = |name: &str| Ok::<_, anyhow::Error>(self.records(name)?.pop().unwrap_or(json!({})));
         let (torn, fuzz) = (last("kills.txt")?, last("fuzz.txt")?);
         let of_programs = torn["kills"].as_object().cloned().unwrap_or_default();
-        Ok(json!({
+        let mut results = json!({
             "kills": of_programs.values().filter_map(Value::as_u64).sum::<u64>(),
             "kills_of": of_programs,
             "kill_seconds": torn["seconds"],
@@ -72,7 +78,12 @@ impl PrintedParts {
             "wrong": u64::from(self.failed("invocations.txt")),
             "resources": last("resources.txt")?,
             "engines": self.records("engines.txt")?,
-        }))
+        });
+        let all = results.as_object_mut().expect("it was written as an object");
+        for part in ["sanitize.txt", "fuzz_coverage.txt", "server.txt"] {
+            all.extend(self.merged(part)?);
+        }
+        Ok(results)
     }
 }
 
@@ -87,6 +98,8 @@ fn page(results: &Value) -> String {
         tried("Faults of the storage", results, "faults_injected", "violations", "promises broken"),
         tried("Inputs of the fuzzer", results, "fuzz_executions", "crashes", "that broke a reader"),
         tried("Bad invocations", results, "bad_invocations", "wrong", "tests failed"),
+        sanitizers(results),
+        server(results),
         resources(&results["resources"]),
         engines(&results["engines"]),
     ]
@@ -123,6 +136,45 @@ fn list(title: &str, items: &Value) -> String {
     let items = items.as_array().map(Vec::as_slice).unwrap_or_default();
     let lines: String = items.iter().filter_map(Value::as_str).map(|item| format!("- {}\n", item.trim())).collect();
     if lines.is_empty() { lines } else { format!("{title}:\n\n{lines}") }
+}
+
+/// Tests under each sanitizer, and its reports.
+fn sanitizers(results: &Value) -> String {
+    const SANITIZERS: [(&str, &str); 5] = [
+        ("asan", "AddressSanitizer and LeakSanitizer: decoders, tracker, resizing"),
+        ("ubsan", "the same of the kernels, and UndefinedBehaviorSanitizer in their C++"),
+        ("tsan", "ThreadSanitizer: decoding ahead"),
+        ("miri", "Miri: threads and products of the kernels"),
+        ("valgrind", "valgrind memcheck: `paig import`"),
+    ];
+    let row = |(key, what): &(&str, &str)| {
+        let tests = results[format!("{key}_tests")].as_u64()?;
+        Some(format!("| {what} | {tests} | {} |\n", results[format!("{key}_reports")]))
+    };
+    let rows: String = SANITIZERS.iter().filter_map(row).collect();
+    if rows.is_empty() { rows } else { format!("| sanitizer | tests | reports |\n|---|---|---|\n{rows}") }
+}
+
+/// The server of `paig studio` under load, and killed.
+fn server(results: &Value) -> String {
+    if results["server_requests"].is_null() {
+        return String::new();
+    }
+    let number = |key: &str| &results[key];
+    format!(
+        "Server: {} parallel requests, {} slow and {} idle clients, {} aborted and {} colliding uploads, {} parallel starts \
+         of a job, {} kills; lost: {}, orphan processes: {}, wrong in all: {}.\n",
+        number("server_requests"),
+        number("slow_clients"),
+        number("idle_clients"),
+        number("aborted_uploads"),
+        number("colliding_uploads"),
+        number("parallel_starts"),
+        number("server_kills"),
+        number("server_lost"),
+        number("orphans"),
+        number("server_wrong"),
+    )
 }
 
 /// What a long training held, and whether a dataset larger than its memory was learned from.

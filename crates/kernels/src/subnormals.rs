@@ -9,11 +9,11 @@
 use std::marker::PhantomData;
 
 /// Whether a thread reads and writes subnormal numbers as 0: two bits of the vector unit's control register. Elsewhere than on
-/// x86-64 there is none, and nothing is changed.
+/// x86-64, and under Miri, there is none, and nothing is changed.
 #[derive(Debug, Clone, Copy)]
-pub struct Control(#[cfg(target_arch = "x86_64")] u32);
+pub struct Control(#[cfg(all(target_arch = "x86_64", not(miri)))] u32);
 
-#[cfg(target_arch = "x86_64")]
+#[cfg(all(target_arch = "x86_64", not(miri)))]
 mod register {
     use std::arch::asm;
 
@@ -37,22 +37,22 @@ mod register {
 
 impl Control {
     pub fn of_this_thread() -> Self {
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", not(miri)))]
         return Control(register::read());
-        #[cfg(not(target_arch = "x86_64"))]
+        #[cfg(not(all(target_arch = "x86_64", not(miri))))]
         Control()
     }
 
     /// This thread computes like that from now on, and those that it begins.
     pub fn take_over(self) {
-        #[cfg(target_arch = "x86_64")]
+        #[cfg(all(target_arch = "x86_64", not(miri)))]
         register::set_flush(self.0);
     }
 }
 
 /// From now on subnormal numbers are read and written as 0 by this thread, and by those that it begins.
 pub fn flush_subnormals() {
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
     register::set_flush(register::FLUSH);
 }
 

@@ -26,8 +26,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PAIG = Path(os.environ.get("PAIG", ROOT / "target/release/paig"))
 VIDEO = ROOT / "tests/data/numbered.mp4"
-# Seconds after which an answer counts as missing, on a busy machine.
+# Seconds after which an answer, and a job, count as missing, on a busy machine.
 PATIENCE = 60
+JOB_PATIENCE = 600
 
 
 class Server:
@@ -74,7 +75,7 @@ class Server:
 
     def wait(self, name):
         """The project's state once its preview was made."""
-        end = time.time() + PATIENCE
+        end = time.time() + JOB_PATIENCE
         while time.time() < end:
             state = self.state(name)
             if state["preview_work"]["state"] != "running":
@@ -337,13 +338,14 @@ def main():
             place.mkdir()
         server = Server(places["load"])
         counts |= requests(server, arguments.requests, wrong)
-        for part in [slow_clients, uploads, settings, starts, hostile]:
+        for part in [slow_clients, uploads, settings, hostile, starts]:
             counts |= part(server, wrong)
+            print(f"{part.__name__}: {len(wrong)} wrong so far", file=sys.stderr, flush=True)
         counts["files_threads_megabytes"] = server.held()
         server.end()
         counts |= full_of_connections(places["full"], wrong)
         counts |= kills(places["kills"], arguments.kills, wrong)
-        end = time.time() + 2 * PATIENCE
+        end = time.time() + JOB_PATIENCE
         while orphans(folder) and time.time() < end:
             time.sleep(0.5)
         counts["orphans"] = len(orphans(folder))

@@ -144,7 +144,7 @@ fn sanitizers(results: &Value) -> String {
         ("asan", "AddressSanitizer and LeakSanitizer: decoders, tracker, resizing"),
         ("ubsan", "the same of the kernels, and UndefinedBehaviorSanitizer in their C++"),
         ("tsan", "ThreadSanitizer: decoding ahead"),
-        ("miri", "Miri: threads and products of the kernels"),
+        ("miri", "Miri: threads and activations of the kernels"),
         ("valgrind", "valgrind memcheck: `paig import`"),
     ];
     let row = |(key, what): &(&str, &str)| {

@@ -4,14 +4,16 @@
 //! far to say anything is counted as uninformative and fails only if its tensor's single steps do (see
 //! `tolerances.rs`).
 
-use std::fmt::Write;
-use std::fs;
+use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use paig::kernels::Kernels;
+use paig::support::atomic;
+use paig::support::output::{FileKind, has_keys};
 use tch::Kind;
 
 use crate::harness::case::{Case, CaseRun, RoundingNoise};
@@ -42,6 +44,15 @@ pub struct ParityArguments {
     weights: Option<PathBuf>,
 }
 
+/// Comparisons as a file that the program recognizes.
+const ROWS: FileKind = FileKind {
+    name: "comparisons of `paig compare`",
+    recognizes: |lines| {
+        let first = lines.split(|byte| *byte == b'\n').next().unwrap_or_default();
+        has_keys(first, &["file", "tensor", "tolerance", "verdict"])
+    },
+};
+
 /// Compares and prints.
 ///
 /// # Errors
@@ -56,6 +67,7 @@ pub fn run(arguments: &ParityArguments) -> Result<ExitCode> {
 fn compare(arguments: &ParityArguments) -> Result<bool> {
     let kind = if arguments.f64 { Kind::Double } else { Kind::Float };
     let files = golden_files(&arguments.goldens, arguments.file_filter.as_deref().unwrap_or_default())?;
+    let rows_file = arguments.rows.as_deref().map(|path| ROWS.check(path, &[&arguments.goldens])).transpose()?;
     let mut table = Table::new(&files);
     let mut lines = String::new();
     for path in &files {
@@ -67,8 +79,8 @@ fn compare(arguments: &ParityArguments) -> Result<bool> {
         }
         table.add(path, judged.as_deref());
     }
-    if let Some(path) = &arguments.rows {
-        fs::write(path, lines).with_context(|| format!("cannot write {}", path.display()))?;
+    if let Some(path) = rows_file {
+        atomic::write_file(&path, |file| Ok(file.write_all(lines.as_bytes())?))?;
     }
     Ok(table.finish())
 }

@@ -55,8 +55,11 @@ impl RunFolder {
             entries => entries.with_context(|| format!("cannot begin a run in {}", path.display()))?,
         };
         for entry in entries {
-            let name = entry.with_context(|| format!("cannot list {}", path.display()))?.file_name();
-            let ours = BEFORE.iter().any(|known| name == *known) || atomic::is_partial(&name);
+            let entry = entry.with_context(|| format!("cannot list {}", path.display()))?;
+            let name = entry.file_name();
+            // The mark of a finished run is empty.
+            let marks = name != DONE || entry.metadata().is_ok_and(|described| described.len() == 0);
+            let ours = BEFORE.iter().any(|known| name == *known) && marks || atomic::is_partial(&name);
             ensure!(
                 ours,
                 "{} holds {name:?}, which is of no run, and a run would write among it; choose a new folder with --out",
@@ -85,11 +88,15 @@ impl RunFolder {
         Self::open(path)
     }
 
-    /// Opens a folder for a training that keeps its config there itself, or goes on in it.
+    /// Opens a folder for a training that keeps its config there itself in a file of this name, or goes on in it.
     ///
     /// # Errors
-    /// A folder that cannot be made, or that another process runs in.
-    pub fn enter(path: &Path) -> Result<Self> {
+    /// A folder without that file that holds another run or files of someone else, one that cannot be made, or that another
+    /// process runs in.
+    pub fn enter(path: &Path, config: &str) -> Result<Self> {
+        if !path.join(config).exists() {
+            Self::ensure_free(path)?;
+        }
         storage().create_folder(path).with_context(|| format!("cannot create the run folder {}", path.display()))?;
         Self::open(path)
     }

@@ -30,21 +30,6 @@ pub(crate) fn ensure_free(bytes: u64) -> Result<()> {
     Err(Error::new(ErrorKind::Resources, short).into())
 }
 
-/// Refuses to go on where the limit of addresses (`ulimit -v`) leaves this process less.
-///
-/// # Errors
-/// A limit that leaves fewer bytes.
-pub fn ensure_addresses(bytes: u64) -> Result<()> {
-    match left_of_addresses() {
-        Some(left) if left < bytes => {
-            let (bytes, left) = (gib(bytes), gib(left));
-            let short = anyhow!("ulimit -v leaves {left} of addresses, at least {bytes} are needed; raise it");
-            Err(Error::new(ErrorKind::Resources, short).into())
-        }
-        _ => Ok(()),
-    }
-}
-
 /// The memory that this process holds now, bytes: all of it, and the most so far.
 pub fn resident() -> Option<(u64, u64)> {
     let status = fs::read_to_string("/proc/self/status").ok()?;

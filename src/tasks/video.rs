@@ -85,6 +85,9 @@ pub struct Source {
     /// The first frame that no training clip holds: the first of all where it was held out whole, the one after the last
     /// where it was not held out at all.
     pub held_out_from: usize,
+    /// Checksum of the file, or of a folder's pictures; empty in files of earlier versions.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub checksum: String,
 }
 
 impl Source {
@@ -141,10 +144,14 @@ impl Video {
         self.sources.iter().map(name).collect()
     }
 
-    /// Whether all is the same but where the files lie.
+    /// Whether all is the same but which files they are.
     pub fn says_the_same(&self, other: &Video) -> bool {
         let without_files = |video: &Video| {
-            let sources = video.sources.iter().map(|source| Source { file: String::new(), ..source.clone() }).collect();
+            let sources = video
+                .sources
+                .iter()
+                .map(|source| Source { file: String::new(), checksum: String::new(), ..source.clone() })
+                .collect();
             Video { sources, ..video.clone() }
         };
         without_files(self) == without_files(other)
@@ -202,6 +209,7 @@ impl Video {
         );
         let finite = self.origin.into_iter().flatten().chain([self.angle]).all(f64::is_finite);
         ensure!(finite, "video.origin = {:?}, video.angle = {}: must be finite", self.origin, self.angle);
+        ensure!(self.angle.abs() <= 360.0, "video.angle = {:e}: expected -360 to 360 degrees", self.angle);
         Ok(())
     }
 }
@@ -225,7 +233,13 @@ mod tests {
             origin: None,
             angle: 0.0,
             y_up: false,
-            sources: vec![Source { file: "a.mp4".into(), frames: [0, 60], first_seconds: 0.0, held_out_from: 45 }],
+            sources: vec![Source {
+                file: "a.mp4".into(),
+                frames: [0, 60],
+                first_seconds: 0.0,
+                held_out_from: 45,
+                checksum: String::new(),
+            }],
         };
         for (unit, dt) in [("s", 0.1), ("ms", 100.0), ("frames", 3.0)] {
             video(unit).check(dt).unwrap();

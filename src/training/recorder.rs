@@ -3,6 +3,7 @@
 use anyhow::{Context, Result};
 
 use super::observer::{TrainingEvent, TrainingObserver};
+use crate::runs::checkpoint::Store;
 use crate::runs::folder::RunFolder;
 use crate::runs::metrics::{Record, RecordKind};
 use crate::runs::names::LOG;
@@ -13,13 +14,16 @@ use crate::support::storage::StorageOutput;
 pub struct Recorder {
     log: Box<dyn StorageOutput>,
     metrics: Box<dyn StorageOutput>,
+    /// Checksum of the run's config.
+    config: String,
 }
 
 impl Recorder {
     /// # Errors
     /// Files that cannot be opened.
     pub fn new(folder: &RunFolder) -> Result<Self> {
-        Ok(Recorder { log: folder.log()?, metrics: folder.metrics()? })
+        let config = Store::new(folder.path()).config_checksum()?;
+        Ok(Recorder { log: folder.log()?, metrics: folder.metrics()?, config })
     }
 
     fn log(&mut self, line: &str) -> Result<()> {
@@ -51,7 +55,7 @@ impl<M> TrainingObserver<M> for Recorder {
         match event {
             TrainingEvent::Recorded { record, .. } => {
                 if self.metrics.length()? == 0 {
-                    Record::begin().write(&mut self.metrics)?;
+                    Record::begin(&self.config).write(&mut self.metrics)?;
                 }
                 line(record).map_or(Ok(()), |line| self.log(&line))?;
                 record.write(&mut self.metrics)

@@ -243,6 +243,11 @@ fn mistakes_are_told_with_their_place() {
         ("acceleration = \"-k * p\"\nparameters.k.start = -2.0", "parameters.k: start = -2: must be a positive number"),
         ("acceleration = \"-k * p\"\nparameters.k = { high = 3.0, fixed = 4.0 }", "must be a number between 0 and 3"),
         ("acceleration = \"-k * p\"\nparameters.k = { start = 1.0, fixed = 1.0 }", "start and fixed are both given"),
+        (
+            "acceleration = \"-k * p\"\nparameters.k = { unit = [0, -2], unit_name = \"m\" }",
+            "unit and unit_name are both given",
+        ),
+        ("acceleration = \"-k * p\"\nparameters.k.unit_name = \"\"", "unit_name = \"\": 1 to 16 characters"),
         ("acceleration = \"-k * p\"\nparameters.k.unit = [0.5, 1]", "expected i32"),
         ("acceleration = \"-k * p\"\nparameters.k.units = [1, 1]", "unknown field `units`"),
         ("acceleration = \"-v2 * p\"\nparameters.v2 = {}", "parameters.v2: the name means something else"),

@@ -156,6 +156,7 @@ fn a_record_that_contradicts_itself_is_refused() {
         ("crop = [0, 0, 480]", "crop = [0, 0, 2000000000]", "about the picture of 640 x 480"),
         ("crop = [0, 0, 480]", "crop = [-9000, 0, 480]", "about the picture"),
         ("first_seconds = 0.0", "first_seconds = nan", "first_seconds"),
+        ("angle = 3.0", "angle = 1e300", "video.angle = 1e300"),
         ("origin = [10.0, 20.0]", "origin = [10.0]", "expected 2 values, found 1"),
         ("size = [640, 480]", "size = [0, 480]", "video.size"),
         ("dt = 0.04", "dt = 0.08", "import the video again with --fps"),

@@ -36,5 +36,6 @@ mod report;
 mod signals;
 mod strange_files;
 mod studio;
+mod swapped_files;
 mod sweep;
 mod training;

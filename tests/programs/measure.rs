@@ -211,6 +211,38 @@ fn film(folder: &Path) {
     }
 }
 
+/// A mass on a spring, and a larger and brighter thing that wanders beside it: the likeliest mover obeys no spring, the other one does.
+#[test]
+fn what_obeys_the_equation_is_measured_beside_a_larger_mover() {
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = folder.path().join("beside");
+    fs::create_dir(&pictures).unwrap();
+    for frame in 0..72 {
+        let time = f64::from(frame);
+        let mass = [60.3 + 25.0 * (0.3 * time).cos(), 70.2];
+        let wide = [180.0 + 14.0 * (0.37 * time).sin() + 9.0 * (0.91 * time).sin(), 70.0 + 11.0 * (0.53 * time).cos()];
+        let picture = RgbImage::from_fn(240, 140, |px, py| {
+            let from = |[x, y]: [f64; 2]| [f64::from(px) + 0.5 - x, f64::from(py) + 0.5 - y];
+            let disc = (8.0 - from(mass)[0].hypot(from(mass)[1])).clamp(0.0, 1.0);
+            let [x, y] = from(wide);
+            let block = (22.0 - x.abs()).clamp(0.0, 1.0) * (30.0 - y.abs()).clamp(0.0, 1.0);
+            let wall = 90.0 + f64::from((px * 7 + py * 13) % 17);
+            let level = |of_disc: f64| (block * 250.0 + (1.0 - block) * (disc * of_disc + (1.0 - disc) * wall)) as u8;
+            Rgb([level(170.0), level(70.0), level(60.0)])
+        });
+        picture.save(pictures.join(format!("f{frame:02}.png"))).unwrap();
+    }
+    let options = ["beside", "--equation", "mass_on_a_spring", "--fps", "30", "--out", "measured", "--threads", "1"];
+    let said = run(folder.path(), "measure", &options);
+    assert!(
+        said.contains("verdict: found") && said.contains("the largest mover does not follow the equation"),
+        "{said}"
+    );
+    let k = Measurement::read(&folder.path().join("measured")).unwrap().quantity("k").unwrap().value;
+    let truth = (0.3_f64 * 30.0).powi(2);
+    assert!((k / truth - 1.0).abs() < 0.01, "{k} instead of {truth}");
+}
+
 /// What makes a training take seconds; nothing is found by it, but everything is written.
 const SHORT: [&str; 8] = [
     "discover.frames=8",

@@ -12,13 +12,14 @@ use rayon::prelude::*;
 
 use crate::common::{dataset, spring, write_config};
 use crate::programs::{paig, run, text};
+use crate::project::project;
 use crate::tiny::TINY;
 
 /// What a stranger's file holds.
 const DIARY: &str = "dear diary";
 
 /// Outputs that are one file: the call, which writes `OUT`, and the ending of its name.
-const FILES: [(&str, &str); 7] = [
+const FILES: [(&str, &str); 9] = [
     ("evaluate run --threads 1 --json OUT", "json"),
     ("evaluate run --threads 1 --picture OUT", "png"),
     ("convert --task spring_color --force run OUT", "npz"),
@@ -26,9 +27,11 @@ const FILES: [(&str, &str); 7] = [
     ("measurements measured --json OUT", "json"),
     ("track throw --picture other.png --out OUT", "csv"),
     ("track throw --out other.csv --picture OUT", "png"),
+    ("compare-track measured track.csv --json OUT", "json"),
+    ("compare --goldens goldens --file-filter cell_spring --rows OUT", "jsonl"),
 ];
 /// Outputs that are a folder.
-const FOLDERS: [&str; 7] = [
+const FOLDERS: [&str; 8] = [
     "predict run --threads 1 --frames 3 --out OUT",
     "measure throw --fps 30 --threads 1 --out OUT",
     "report run --no-pictures --out OUT",
@@ -36,6 +39,7 @@ const FOLDERS: [&str; 7] = [
     "generate --task spring_color --train 2 --valid 1 --test 1 --threads 1 --force --out OUT",
     "control --task pendulum --planner zero --episodes 1 --steps 3 --out OUT",
     "train --task spring_color --config test.toml --data data --threads 1 --out OUT",
+    "batch videos.toml --out OUT",
 ];
 
 fn call(place: &Path, line: &str, out: &str) -> Output {
@@ -70,6 +74,10 @@ fn prepared() -> tempfile::TempDir {
     assert!(done.status.success(), "{}", text(&done));
     throw(&place.join("throw"));
     run(place, "measure", &["throw", "--fps", "30", "--threads", "1", "--out", "measured"]);
+    run(place, "track", &["throw", "--out", "track.csv"]);
+    let videos = "[measure]\nfps = 30\nequation = \"falling\"\n[[video]]\nfile = \"throw\"\n";
+    fs::write(place.join("videos.toml"), videos).unwrap();
+    symlink(project("compare/goldens"), place.join("goldens")).unwrap();
     folder
 }
 
@@ -103,6 +111,7 @@ fn a_file_that_the_program_did_not_write_is_never_replaced() {
     let folder = prepared();
     let place = folder.path();
     let before = contents(&place.join("run"));
+    let mut tried = 0;
     for (number, (line, ending)) in FILES.into_iter().enumerate() {
         let name = format!("own{number}.{ending}");
         let done = call(place, line, &name);
@@ -117,6 +126,7 @@ fn a_file_that_the_program_did_not_write_is_never_replaced() {
         let pictures = ["throw/f00.png", "measured/measurement-positions.png", "run/losses.png"];
         for out in strange.iter().map(String::as_str).chain(others).chain(pictures) {
             let kept = fs::read(place.join(out)).unwrap();
+            tried += 1;
             assert_refused(&call(place, line, out), &format!("{line}: {out}"));
             assert!(fs::read(place.join(out)).unwrap() == kept, "{line}: {out} was replaced");
         }
@@ -127,6 +137,7 @@ fn a_file_that_the_program_did_not_write_is_never_replaced() {
     let convert = "convert --task spring_color --force run OUT";
     assert_refused(&call(place, convert, out.to_str().unwrap()), "the run's own weights");
     assert!(contents(&place.join("run")) == before, "the run was changed");
+    println!("{tried} outputs of a file onto another file");
 }
 
 /// In the place of each file that a command writes into a folder lies another one.
@@ -162,7 +173,7 @@ fn a_folder_with_a_strangers_file_is_left_alone() {
             assert_eq!(fs::read_to_string(out.join(name)).unwrap(), DIARY, "{line}: {}", name.display());
         });
     }
-    println!("{tried} files of strangers");
+    println!("{tried} outputs of a folder with another file in it");
 }
 
 /// A run's folder is no place for other results, and its files no targets of links.
@@ -172,10 +183,16 @@ fn a_run_folder_is_no_output_of_other_commands() {
     let place = folder.path();
     let before = contents(&place.join("run"));
     // Datasets get a folder of their own in it.
-    for line in FOLDERS.into_iter().filter(|line| !line.starts_with("generate")) {
+    let sweep = "sweep --task spring_color --data data --threads-per-run 1 --out OUT";
+    for line in FOLDERS.into_iter().filter(|line| !line.starts_with("generate")).chain([sweep]) {
         assert_refused(&call(place, line, "run"), line);
         assert!(contents(&place.join("run")) == before, "{line}: the run was changed");
     }
+    // A training of its own kind of model reports errors of work.
+    let baseline = "train-baseline ddpae --task spring_color --data data --steps 1 --threads 1 --out OUT";
+    let done = call(place, baseline, "run");
+    assert!(!done.status.success() && text(&done).contains("holds a run already"), "{}", text(&done));
+    assert!(contents(&place.join("run")) == before, "{baseline}: the run was changed");
 }
 
 /// What was edited and what others put into the folder of a task: an import replaces its own files as a whole, and leaves the rest.

@@ -179,6 +179,6 @@ fn what_is_no_file_is_refused_and_never_waited_for() {
             }
         })
         .collect();
-    println!("{} calls, {} failures", cases.len(), failures.len());
+    println!("{} calls with something else in place of a file, {} failures", cases.len(), failures.len());
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }

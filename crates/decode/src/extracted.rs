@@ -172,7 +172,7 @@ mod tests {
     fn a_series_is_found_among_many_pictures() {
         let entry = |number: usize| super::ArchiveEntry {
             number,
-            name: format!("{}{number}.png", if number % 3 == 0 { "f" } else { "g" }),
+            name: format!("{}{number}.png", if number.is_multiple_of(3) { "f" } else { "g" }),
             folder: "videos".into(),
             bytes: 1,
             is_video: false,

@@ -1,17 +1,15 @@
-//! The process's surroundings in which no command can work. Tried first: the libraries below end the process without a line of ours.
+//! The process's surroundings in which no command can work. On Linux the program `paig` tries the working directory and the limit of
+//! addresses before, since libtorch's and oneMKL's constructors end the process.
 
 use std::fs;
 
 use anyhow::{Result, bail, ensure};
-use paig::support::memory;
 
-/// Addresses that libtorch and its threads take at the least, bytes.
-const LEAST_ADDRESSES: u64 = 1 << 30;
 /// Permissions of the owner, without which a program cannot read what it wrote.
 const OWNER: u32 = 0o700;
 
 /// # Errors
-/// A working directory that was removed, a umask that denies the owner, too small a limit of addresses.
+/// A working directory that was removed, a umask that denies the owner.
 pub fn check() -> Result<()> {
     if let Err(error) = std::env::current_dir() {
         bail!("the working directory cannot be used: {error}; change to another one");
@@ -19,7 +17,7 @@ pub fn check() -> Result<()> {
     if let Some(mask) = umask() {
         ensure!(mask & OWNER == 0, "umask {mask:03o} denies you your own files; set umask 022");
     }
-    memory::ensure_addresses(LEAST_ADDRESSES)
+    Ok(())
 }
 
 fn umask() -> Option<u32> {

@@ -30,6 +30,10 @@ const LEAST_OTHER: f32 = 0.15;
 const NEAR: f32 = 2.5;
 /// Values that are sorted side by side.
 const LANES: usize = 16;
+/// Change of exposure, levels, up to which the samples count as equally exposed.
+const STEADY: f64 = 0.5;
+/// Change of exposure, levels, that may be taken for another state of a pixel: [`FAR`] times the least noise that counts there.
+const ANOTHER_STATE: f64 = 9.0;
 /// Least noise, levels: rounding and compression.
 const LEAST_NOISE: f32 = 0.7;
 
@@ -87,10 +91,16 @@ impl KeptFrames {
 
     /// Background of all samples. The exposures of the samples are fitted on the way.
     pub(crate) fn background(&mut self, ignore: &[Region]) -> StaticScene {
+        // A large change of exposure looks like a second state of every pixel.
+        self.expose(&self.estimate(None));
+        if self.exposures.iter().all(|e| e.change() < ANOTHER_STATE) {
+            self.exposures.fill(Exposure::default());
+        } else {
+            self.expose(&self.estimate(None));
+        }
         let mut background = self.uncovered();
         self.expose(&background);
-        let steady = self.exposures.iter().all(|e| e.change() < 0.5);
-        if !steady {
+        if self.exposures.iter().any(|e| e.change() >= STEADY) {
             background = self.uncovered();
             self.expose(&background);
         }

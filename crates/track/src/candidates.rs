@@ -14,8 +14,6 @@ use crate::video::Size;
 
 /// Fewest regions of a mover.
 const LEAST_NODES: usize = 5;
-/// Paths looked for.
-const MOST_PATHS: usize = 6;
 /// Longest plausible step of one frame, as a share of the frame's diagonal.
 const LONGEST_STEP: f64 = 0.25;
 /// Extent of a path over the object's diameter from which on the path counts fully.
@@ -79,7 +77,7 @@ pub(crate) fn candidates(detections: &[Detection], size: Size, options: &Trackin
         }
     }
     let scale = LONGEST_STEP * (size.width as f64).hypot(size.height as f64);
-    let mut found: Vec<PathCandidate> = paths(&nodes, &options.hints, scale, MOST_PATHS)
+    let mut found: Vec<PathCandidate> = paths(&nodes, &options.hints, scale, options.movers)
         .into_iter()
         .flat_map(|path| {
             let stop = |&node: &usize| {

@@ -14,8 +14,6 @@ use crate::shadow::{Core, core};
 use crate::statistics::{median, quantile};
 use crate::video::{FrameSource, map_frames};
 
-/// Most regions kept of a frame.
-const MOST_BLOBS: usize = 6;
 /// Fewest pixels of a region.
 const LEAST_AREA: usize = 5;
 /// Share of the largest peak below which a frame shows nothing.
@@ -78,7 +76,7 @@ pub(crate) fn detect(
         let exposure = exposure(bytes, background);
         let image = difference(bytes, background, &exposure, &kernel);
         let moving = image.iter().filter(|&&value| value > threshold).count();
-        let blobs = components(&image, width, threshold, LEAST_AREA, MOST_BLOBS)
+        let blobs = components(&image, width, threshold, LEAST_AREA, options.movers)
             .into_iter()
             .map(|blob| {
                 let core = core(bytes, background, &exposure, &blob.mask);

@@ -30,6 +30,8 @@ pub struct TrackingOptions {
     pub frames: Option<Range<usize>>,
     /// Most objects to return.
     pub objects: usize,
+    /// Most moving regions kept of a frame, and most paths that are looked for.
+    pub movers: usize,
     /// Points on the object.
     pub hints: Vec<Hint>,
     /// Regions in which nothing is looked for.
@@ -56,6 +58,7 @@ impl Default for TrackingOptions {
         Self {
             frames: None,
             objects: 4,
+            movers: 6,
             hints: Vec::new(),
             ignore: Vec::new(),
             slow_motion: None,

@@ -70,6 +70,16 @@ fn a_shadow_drift_and_flicker_do_not_move_a_thrown_ball() {
     assert!((0.4..3.0).contains(&variance), "{variance}");
 }
 
+/// Automatic exposure: brighter by 45 % at the end, so that a bright background saturates.
+#[test]
+fn a_large_change_of_exposure_does_not_hide_a_pendulum() {
+    for background in [[120.0, 125.0, 118.0], [190.0, 200.0, 185.0]] {
+        let scene = SyntheticScene { drift: 0.45, background, ..SyntheticScene::of(MovingEllipse::at(pendulum(120))) };
+        let (size, _, _) = accuracy(&scene);
+        assert!(size < 0.1, "{background:?}: {size}");
+    }
+}
+
 #[test]
 fn a_small_fast_ball_with_motion_blur_is_found() {
     let ball = MovingEllipse { axes: [4.0, 4.0], texture: 0.0, ..MovingEllipse::at(throw(50)) };

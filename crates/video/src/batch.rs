@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use image::imageops::thumbnail;
+use paig::support::output::{FileSet, has_keys};
 use paig::support::significant::significant;
 use paig::support::{atomic, storage};
 use paig_report::{cell, html};
@@ -18,6 +19,12 @@ use crate::measure::results::{Measurement, Quantity};
 pub const CSV: &str = "batch.csv";
 pub const JSON: &str = "batch.json";
 pub const PAGE: &str = "batch.html";
+/// The table as files that are replaced together.
+pub const FILES: FileSet = FileSet {
+    name: "a table of `paig batch`",
+    files: &[CSV, PAGE, JSON],
+    recognizes: |json| has_keys(json, &["name", "video", "verdict", "reason"]),
+};
 /// Picture of a video in its folder, and its longer side, pixels.
 const THUMBNAIL: &str = "thumbnail.png";
 const SIDE: u32 = 160;
@@ -68,13 +75,15 @@ pub fn videos_of(folder: &Path) -> Result<Vec<PathBuf>> {
 /// Writes the table into the folder of the batch.
 ///
 /// # Errors
-/// A folder that cannot be written.
+/// A folder that cannot be written, or that holds other files of the table's names.
 pub fn write(folder: &Path, entries: &[BatchEntry]) -> Result<()> {
     let rows: Vec<BatchRow> = entries.iter().map(BatchEntry::row).collect();
-    atomic::write_file(&folder.join(JSON), |file| Ok(serde_json::to_writer_pretty(file, &rows)?))?;
-    atomic::write_file(&folder.join(CSV), |file| Ok(file.write_all(csv(&rows).as_bytes())?))?;
     let page = html::render("Measured videos", &page(folder, entries, &rows)?, folder)?;
-    atomic::write_file(&folder.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
+    FILES.replace(folder, |folder| {
+        atomic::write_file(&folder.join(JSON), |file| Ok(serde_json::to_writer_pretty(file, &rows)?))?;
+        atomic::write_file(&folder.join(CSV), |file| Ok(file.write_all(csv(&rows).as_bytes())?))?;
+        atomic::write_file(&folder.join(PAGE), |file| Ok(file.write_all(page.as_bytes())?))
+    })
 }
 
 /// Entries of the batch in a folder; none of a folder that is no batch's.

@@ -11,8 +11,8 @@ use paig::support::output::FileKind;
 use paig::support::significant::significant;
 use paig::support::{atomic, picture_file};
 use paig_track::{
-    CameraMotion, HALF_PIXEL, Point, Role, Segment, Size, StatedTime, Tracking, TrackingOptions, Visibility, Visitor,
-    segments,
+    CameraMotion, HALF_PIXEL, Hint, Point, Region, Role, Segment, Size, StatedTime, Tracking, TrackingOptions,
+    Visibility, Visitor, segments,
 };
 
 use crate::calibration::Calibration;
@@ -74,12 +74,34 @@ pub struct Followed {
     pub segments: Vec<Segment>,
 }
 
+/// Holds points and regions that a person names against the video.
+fn check_places(video: &SourceVideo, options: &TrackingOptions) -> Result<()> {
+    let (width, height) = (video.width, video.height);
+    for Hint { frame, position } in &options.hints {
+        // As a person gives it: from the corner of the first pixel.
+        let [x, y] = position.map(|place| place + HALF_PIXEL);
+        ensure!(*frame < video.frames, "--at {frame}:{x},{y}: it has {} frames, counted from 0", video.frames);
+        ensure!(
+            (0.0..=f64::from(width)).contains(&x) && (0.0..=f64::from(height)).contains(&y),
+            "--at {frame}:{x},{y}: the point is outside the picture of {width} x {height} pixels"
+        );
+    }
+    for Region { first: [x, y], .. } in &options.ignore {
+        ensure!(
+            *x < width as usize && *y < height as usize,
+            "--ignore {x},{y},..: the rectangle is outside the picture of {width} x {height} pixels"
+        );
+    }
+    Ok(())
+}
+
 /// Tracks the objects of a video. Shadows, hands and arms are told apart from objects and left out.
 ///
 /// # Errors
 /// Damage, frames outside the video, nothing that moves or can be followed, a camera that moves so that frames cannot be
 /// registered.
 pub fn track(video: &SourceVideo, options: &TrackingOptions) -> Result<Followed> {
+    check_places(video, options).with_context(|| format!("video {}", video.name()))?;
     let mut tracking =
         paig_track::track(&TrackerFrames(video), options).with_context(|| format!("video {}", video.name()))?;
     ensure!(

@@ -59,7 +59,7 @@ impl Bounds {
     }
 
     /// Whether a value lies within the bounds.
-    pub(crate) fn contain(self, value: f64) -> bool {
+    pub fn contain(self, value: f64) -> bool {
         self.unconstrained(value).is_finite()
     }
 }
@@ -85,6 +85,8 @@ pub struct PhysicalParameter {
     pub length_power: i32,
     /// Power of a time in its unit; none where the unit is not known.
     pub time_power: Option<i32>,
+    /// Name of the unit where constants of the equation fix it; such a value is the same at any scale.
+    pub unit_name: Option<Cow<'static, str>>,
     /// The value it is fixed at, instead of being learned, unless the config says otherwise (`model.fixed`).
     pub fixed: Option<f64>,
     /// In the model's unit of length.
@@ -102,6 +104,7 @@ impl PhysicalParameter {
             variable: Cow::Borrowed(variable),
             length_power,
             time_power: None,
+            unit_name: None,
             fixed: None,
             bounds: Bounds::POSITIVE,
             start: None,

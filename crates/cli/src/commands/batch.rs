@@ -7,11 +7,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, FromArgMatches};
+use paig::runs::find::is_run;
 use paig::runs::names::DONE;
 use paig::support::{atomic, device, storage};
 use paig_experiments::sweep::{self, JobStage, Work};
 use paig_terminal::{interrupt, say};
-use paig_video::batch::{BatchEntry, PAGE, videos_of, write};
+use paig_video::batch::{BatchEntry, FILES, PAGE, videos_of, write};
 use paig_video::measure::results::Measurement;
 use serde::Deserialize;
 
@@ -79,6 +80,10 @@ pub fn run(arguments: BatchArguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let jobs = jobs(&arguments)?;
     let program = sweep::training_program()?;
+    ensure!(!is_run(&arguments.out), "{} is a run folder; choose another folder with --out", arguments.out.display());
+    FILES.settle(&arguments.out)?;
+    FILES.check(&arguments.out)?;
+    jobs.iter().try_for_each(BatchJob::check_folder)?;
     storage::storage().create_folder(&arguments.out).with_context(|| format!("folder {}", arguments.out.display()))?;
     for job in jobs.iter().filter(|job| job.stage().is_ok_and(|stage| stage == JobStage::New)) {
         job.begin()?;
@@ -179,6 +184,26 @@ fn check(words: &[OsString]) -> Result<()> {
 }
 
 impl BatchJob {
+    /// # Errors
+    /// A folder with files that no batch wrote.
+    fn check_folder(&self) -> Result<()> {
+        let (folder, command) = (&self.folder, self.folder.join(COMMAND));
+        let ours = |text: &[u8]| {
+            serde_json::from_slice::<Vec<String>>(text)
+                .is_ok_and(|words| words.first().is_some_and(|it| it == "measure"))
+        };
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let entry = entries.map(|entry| entry.file_name()).find(|name| !atomic::is_partial(name));
+        let Some(entry) = entry.filter(|_| !storage::read(&command).is_ok_and(|text| ours(&text))) else {
+            return Ok(());
+        };
+        bail!(
+            "{} holds {:?}, and no measurement of `paig batch`; choose another folder with --out",
+            folder.display(),
+            entry
+        )
+    }
+
     /// Notes what is measured, for another time.
     fn begin(&self) -> Result<()> {
         let named = || format!("folder {}", self.folder.display());

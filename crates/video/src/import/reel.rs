@@ -13,7 +13,7 @@ use super::crop::{CropChoice, CropRectangle, Square};
 use super::hold_out::HoldOut;
 use super::motion::{self, MovingArea, spread};
 use super::request::ImportRequest;
-use super::sources::{Passes, SourceVideo};
+use super::sources::{Passes, SourceVideo, check_slow_motion};
 use super::time_base::{Kept, VideoPart};
 use super::{ImportProgress, MOST_KEPT};
 use paig::tasks::video;
@@ -39,6 +39,8 @@ pub(super) struct VideoTake {
     pub parts: HoldOut,
     /// The same as is kept at every frame, or at every `film_step`-th.
     film: Kept,
+    /// Of the video, see [`SourceVideo::checksum`].
+    checksum: String,
 }
 
 /// Takes of one size and one time between frames.
@@ -53,6 +55,7 @@ pub(super) struct Reel {
 impl Reel {
     /// Reads what the videos say of themselves, and chooses frames. A clip has at least `needed`.
     pub(super) fn open(request: &ImportRequest, needed: usize) -> Result<Self> {
+        request.slow_motion.map_or(Ok(()), check_slow_motion)?;
         let open = |path: &PathBuf| {
             let video = SourceVideo::open(path)?;
             Ok(Rc::new(if request.fps.is_some() { video } else { video.timed(request.slow_motion) }))
@@ -86,10 +89,12 @@ impl Reel {
         let (film, film_step) = if fits { (all, 1) } else { (kept.clone(), request.step) };
         let most = MOST_KEPT.min(MOST_BYTES / request.frame_bytes().max(1));
         let frames = count(&kept);
-        let takes = parts().zip(kept).zip(film).map(|(((video, _), kept), film)| {
+        let checksums = videos.iter().map(|video| video.checksum()).collect::<Result<Vec<_>>>()?;
+        let checksums = checksums.iter().flat_map(|sum| request.parts.iter().map(move |_| sum.clone()));
+        let takes = parts().zip(kept).zip(film).zip(checksums).map(|((((video, _), kept), film), checksum)| {
             // Decided by `hold_out`, once it is known which takes are left.
             let parts = HoldOut::of(kept.frames.len());
-            VideoTake { video: video.clone(), kept, parts, film }
+            VideoTake { video: video.clone(), kept, parts, film, checksum }
         });
         let mut reel = Reel { takes: takes.collect(), film_step, left_out: Vec::new() };
         reel.check_apart()?;
@@ -301,6 +306,7 @@ impl VideoTake {
             frames,
             first_seconds: self.kept.first_seconds,
             held_out_from: self.kept.frames.get(self.parts.train.end).copied().unwrap_or(frames[1]),
+            checksum: self.checksum.clone(),
         }
     }
 

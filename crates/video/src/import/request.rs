@@ -108,6 +108,7 @@ impl ImportRequest {
         Stated {
             pixels_per_metre: self.pixels_per_metre,
             scale_percent: self.scale_percent,
+            time_percent: self.time_percent,
             origin: self.origin,
             angle: self.angle,
             fps: self.fps,

@@ -6,11 +6,13 @@ use super::sources::SourceVideo;
 use super::tracker::TrackerFile;
 
 /// Widths of a picture that can be, metres: from a few atoms to the inner solar system.
-const WIDTHS: [f64; 2] = [1e-9, 1e12];
+pub(super) const WIDTHS: [f64; 2] = [1e-9, 1e12];
 /// Frames a second that can be: one in a month, and a streak camera.
 const RATES: [f64; 2] = [1e-7, 1e12];
 /// Picture sides by which the origin of the axes may lie outside.
 const FAR: f64 = 1000.0;
+/// Degrees of a full turn.
+const FULL_TURN: f64 = 360.0;
 /// Part by which the frame rate of a Tracker file may differ from the video's.
 const SAME_RATE: f64 = 0.02;
 
@@ -20,6 +22,7 @@ pub struct Stated {
     /// See [`Video`](paig::tasks::video::Video).
     pub pixels_per_metre: Option<f64>,
     pub scale_percent: f64,
+    pub time_percent: f64,
     pub origin: Option<[f64; 2]>,
     pub angle: f64,
     /// Frames a second.
@@ -39,7 +42,10 @@ impl Stated {
         if let Some(fps) = self.fps {
             ensure!((RATES[0]..=RATES[1]).contains(&fps), "--fps {fps:e}: expected {:e} to {:e}", RATES[0], RATES[1]);
         }
-        ensure!(self.angle.is_finite(), "--angle {}: must be finite", self.angle);
+        ensure!(self.angle.abs() <= FULL_TURN, "--angle {:e}: expected -360 to 360 degrees", self.angle);
+        for (option, percent) in [("scale", self.scale_percent), ("time", self.time_percent)] {
+            ensure!((0.0..=100.0).contains(&percent), "--{option}-percent {percent:e}: expected 0 to 100 per cent");
+        }
         ensure!(
             self.scale_percent == 0.0 || self.pixels_per_metre.is_some(),
             "--scale-percent {}: no scale is given; add --scale or --pixels-per-metre",
@@ -117,6 +123,10 @@ mod tests {
             (Stated { origin: Some([1e300, 0.0]), ..stated.clone() }, "--origin"),
             (Stated { scale_percent: 1.0, ..stated.clone() }, "no scale is given"),
             (Stated { angle: f64::NAN, ..stated.clone() }, "--angle"),
+            (Stated { angle: 1e300, ..stated.clone() }, "--angle 1e300"),
+            (Stated { time_percent: 1e9, ..stated.clone() }, "--time-percent 1e9"),
+            (Stated { time_percent: -1.0, ..stated.clone() }, "--time-percent"),
+            (Stated { scale_percent: f64::NAN, pixels_per_metre: Some(1.0), ..stated.clone() }, "--scale-percent"),
             (Stated { fps: Some(1e300), ..stated.clone() }, "--fps"),
         ] {
             let error = wrong.check(&video).unwrap_err().to_string();

@@ -19,11 +19,29 @@ pub(super) struct Attempts<'a> {
     pub begun: Instant,
 }
 
+/// Most movers that are measured after the first.
+const MOST_OTHERS: usize = 2;
+
 impl Attempts<'_> {
+    /// The likeliest mover of the videos. Where nothing is found, the longest part of a video by itself; then, if nobody pointed at the
+    /// object, the next movers: a tree in the wind or a person may be larger than what obeys the equation.
+    pub(super) fn best(&self) -> Result<Finished> {
+        let best = self.best_part(self.films, None);
+        let [film] = self.films else { return best };
+        if is_found(&best) {
+            return best;
+        }
+        let others = || if self.videos.hints.is_empty() { film.others() } else { Vec::new() };
+        let again = film.longest_alone().into_iter().chain(std::iter::once_with(others).flatten().take(MOST_OTHERS));
+        let found = again.map(|(film, note)| self.best_part(&[film], Some(note))).find(is_found);
+        found.unwrap_or(best)
+    }
+
     /// The parts of free motion together; where that finds nothing, the longest of them; where that does not either, the whole
     /// videos. The best of the three.
-    pub(super) fn best(&self) -> Result<Finished> {
-        let (subject, equation) = self.videos.subject(self.films, MeasuredParts::Free)?;
+    fn best_part(&self, films: &[TrackedPart], note: Option<String>) -> Result<Finished> {
+        let (mut subject, equation) = self.videos.subject(films, MeasuredParts::Free)?;
+        subject.notes.extend(note.clone());
         let mut best = self.measured(&subject, &equation);
         let count = subject.scene.recordings.len();
         if count > 1 && !is_found(&best) {
@@ -33,8 +51,9 @@ impl Attempts<'_> {
             alone.notes.push(note);
             best = better(best, self.measured(&alone, &equation));
         }
-        if !is_found(&best) && self.films.iter().any(TrackedPart::has_parts) {
-            let (whole, equation) = self.videos.subject(self.films, MeasuredParts::Whole)?;
+        if !is_found(&best) && films.iter().any(TrackedPart::has_parts) {
+            let (mut whole, equation) = self.videos.subject(films, MeasuredParts::Whole)?;
+            whole.notes.extend(note);
             best = better(best, self.measured(&whole, &equation));
         }
         best

@@ -66,8 +66,11 @@ pub fn judge(evidence: &Evidence, quantities: &mut [Quantity]) -> Judgement {
         against.extend(reason.map(|reason| (own, reason)));
     }
     against.sort_by_key(|(outcome, _)| std::cmp::Reverse(*outcome));
-    // A number that is badly known leaves the others found; the run is found where one is.
-    let best = quantities.iter().filter_map(|quantity| quantity.outcome).min().unwrap_or(of_all);
+    // A number that is badly known leaves the others found; the run is found where one is. A place is known of any motion.
+    let best = |geometric: bool| {
+        quantities.iter().filter(|it| it.geometric == geometric).filter_map(|quantity| quantity.outcome).min()
+    };
+    let best = best(false).or(best(true)).unwrap_or(of_all);
     Judgement { outcome: best, reasons: against.into_iter().map(|(_, reason)| reason).collect() }
 }
 
@@ -183,4 +186,56 @@ fn of_quantity(quantity: &Quantity, evidence: &Evidence) -> (Outcome, Option<Str
         return (Outcome::Doubtful, Some(format!("{name} differs by {percent:.0} % from the other observation's")));
     }
     (Outcome::Found, None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A quantity with an interval of this share of its value to each side.
+    fn quantity(name: &str, share: f64) -> Quantity {
+        Quantity::new(name, 1.0, vec![1.0 - share, 1.0 + share])
+    }
+
+    #[test]
+    fn a_place_alone_is_no_finding() {
+        let held_out = HeldOut {
+            frames: 10,
+            unit: "px".into(),
+            error: 0.1,
+            constant_velocity: 9.0,
+            tracker_fit: None,
+            percent_of_amplitude: 0.1,
+            metres_per_unit: None,
+        };
+        let residuals = Residuals {
+            unit: "px".into(),
+            usual: 0.1,
+            usual_in_pieces: None,
+            distance: 0.1,
+            autocorrelation: Vec::new(),
+            frames_in_one: 1.0,
+            block: 1,
+        };
+        let evidence = Evidence {
+            doubts: &[],
+            seen: 1.0,
+            chance: Some(0.01),
+            held_out: &held_out,
+            residuals: &residuals,
+            amplitude: 100.0,
+            noise: 0.1,
+            missing: None,
+            checked: false,
+        };
+        let outcome = |length: f64, place: f64| {
+            let mut quantities = [quantity("l", length), quantity("x", place).geometric(true)];
+            judge(&evidence, &mut quantities).outcome
+        };
+        assert_eq!(outcome(0.9, 0.01), Outcome::NotFound);
+        assert_eq!(outcome(0.3, 0.01), Outcome::Doubtful);
+        assert_eq!(outcome(0.01, 0.9), Outcome::Found);
+        // An equation of lengths alone.
+        assert_eq!(judge(&evidence, &mut [quantity("x", 0.01).geometric(true)]).outcome, Outcome::Found);
+    }
 }

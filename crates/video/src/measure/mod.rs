@@ -21,6 +21,7 @@ mod fits;
 pub mod free_motion;
 pub mod identifiability;
 pub mod judgement;
+mod jumps;
 mod measured;
 mod missing_term;
 pub mod motion;
@@ -44,6 +45,7 @@ pub mod takes;
 pub mod trials;
 mod trust;
 mod view;
+mod walls;
 
 use std::ops::Range;
 use std::path::Path;
@@ -165,6 +167,7 @@ fn measured_run(folder: &Path, request: &MeasureRequest, out: &Path, device: Dev
     for (video, recording) in scene.recordings.iter().enumerate() {
         match filmed(record, &learned.film, video) {
             Some((film, numbers)) => {
+                notes.extend(pictures::other_times(record, &film, &numbers));
                 let first = *numbers.iter().min().unwrap_or(&0);
                 let end = numbers.iter().max().unwrap_or(&0) + 1;
                 let options = paig_track::TrackingOptions { frames: Some(first..end), ..Default::default() };
@@ -372,6 +375,7 @@ impl Subject {
         }
         let mut doubts = self.doubts.clone();
         doubts.extend(scene.left_out(&main.cell, &self.scene)?);
+        doubts.extend(scene.jumps(&observations[0], &self.diameters));
         let Fits { observation, tracks, judged, whole_tracks, whole } = fits?;
         let uncertainty = bootstrap(&whole.dynamics, &whole_tracks, &whole.learned, &whole.fitted, self.seed)?;
         let other = observations.get(1).filter(|_| self.first_counts).map(|other| {

@@ -1,10 +1,11 @@
 //! Observation of a video at its own resolution: the tracks of [`paig_track`], without an equation and without a model.
 
+use std::collections::HashMap;
 use std::ops::Range;
 
 use anyhow::{Result, bail};
 use paig_track::{
-    CameraMotion, Finding, HALF_PIXEL, Method, Point, Segment, Track, Tracking, TrackingOptions, Visibility,
+    CameraMotion, CameraPath, Finding, HALF_PIXEL, Method, Point, Segment, Track, Tracking, TrackingOptions, Visibility,
 };
 
 use super::proposals::{Proposal, proposals};
@@ -24,6 +25,14 @@ const PANS: f64 = 0.35;
 const SLOW_MOTION: f64 = 4.0;
 /// Factor of the second, lower threshold.
 const FAINTER: f32 = 3.0;
+/// Extent of a path over the mover's diameter from which on it may be the object in place of a larger one.
+const TRAVELS: f64 = 0.2;
+/// Median second difference of its positions over that in shuffled order, up to which it may.
+const SMOOTH: f64 = 0.2;
+/// Most movers, and moving regions of a frame, of the search for others than the likeliest.
+const SMALLER_MOVERS: usize = 16;
+/// Extents, in diameters, beyond which a longer way makes a mover no likelier.
+const FAR: f64 = 4.0;
 /// Most tracks that are looked for beyond the objects: shadows, hands, and what else moves.
 const OTHERS: usize = 3;
 
@@ -79,11 +88,7 @@ impl TrackedVideo {
         }
         others.extend(tracks.drain(objects..));
         let first = tracks[0].points[0].frame;
-        // From the frame of the background to the camera's reference frame.
-        for point in tracks.iter_mut().chain(&mut others).flat_map(|track| &mut track.points) {
-            let places = point.measurement.iter_mut().map(|it| &mut it.position).chain(&mut point.centroid);
-            places.for_each(|place| *place = [place[0] - camera.origin[0], place[1] - camera.origin[1]]);
-        }
+        tracks.iter_mut().chain(&mut others).for_each(|track| to_reference(track, &camera));
         let name = video.name();
         let far = PANS * video.width.min(video.height) as f64;
         let pans = (camera.motion == CameraMotion::Panning && camera.displacement > far).then(|| {
@@ -102,6 +107,42 @@ impl TrackedVideo {
             notes.push(format!("camera: {}", camera.line()));
         }
         Ok(TrackedVideo { tracks, others, segments, first, times: time.times, notes, doubts })
+    }
+
+    /// Each of the other movers of a video alone, the likeliest first: those of a search with a lower threshold and more regions, so
+    /// that a large mover hides no smaller one. Without those that hardly move or jump, and those whose path is `self`'s.
+    ///
+    /// # Errors
+    /// As [`track`].
+    pub fn others(&self, video: &SourceVideo, options: &TrackingOptions) -> Result<Vec<Self>> {
+        let options = TrackingOptions {
+            objects: SMALLER_MOVERS,
+            movers: SMALLER_MOVERS,
+            threshold: options.threshold / FAINTER,
+            ..options.clone()
+        };
+        let Followed { tracking: Tracking { tracks, camera, time, .. }, segments } = track(video, &options)?;
+        let mut found = Vec::new();
+        for (index, mut track) in tracks.into_iter().enumerate() {
+            to_reference(&mut track, &camera);
+            let Some(first) = track.points.first().map(|point| point.frame) else { continue };
+            let moves = track.quality.extent > TRAVELS && track.quality.chance.is_none_or(|chance| chance < SMOOTH);
+            if !moves || self.tracks.iter().any(|own| same_path(own, &track)) {
+                continue;
+            }
+            let own = segments.iter().filter(|segment| segment.track == index);
+            found.push(TrackedVideo {
+                segments: own.map(|segment| Segment { track: 0, ..segment.clone() }).collect(),
+                tracks: vec![track],
+                others: Vec::new(),
+                first,
+                times: time.times.clone(),
+                notes: self.notes.clone(),
+                doubts: self.doubts.clone(),
+            });
+        }
+        found.sort_by(|a, b| likelihood(&b.tracks[0]).total_cmp(&likelihood(&a.tracks[0])));
+        Ok(found)
     }
 
     /// Parts in which all objects move freely, at least so many frames each.
@@ -189,6 +230,31 @@ impl TrackedVideo {
         }
         self.others = left;
     }
+}
+
+/// Moves a track from the frame of the background to the camera's reference frame.
+fn to_reference(track: &mut Track, camera: &CameraPath) {
+    for point in &mut track.points {
+        let places = point.measurement.iter_mut().map(|it| &mut it.position).chain(&mut point.centroid);
+        places.for_each(|place| *place = [place[0] - camera.origin[0], place[1] - camera.origin[1]]);
+    }
+}
+
+/// Whether two tracks are the same place, to half a diameter, in most frames of the shorter one.
+fn same_path(one: &Track, other: &Track) -> bool {
+    let places = |track: &Track| -> HashMap<usize, [f64; 2]> {
+        track.points.iter().filter_map(|point| Some((point.frame, point.measurement?.position))).collect()
+    };
+    let reach = 0.5 * other.diameter;
+    let (one, other) = (places(one), places(other));
+    let near = |frame: &usize, a: &[f64; 2]| other.get(frame).is_some_and(|b| (a[0] - b[0]).hypot(a[1] - b[1]) < reach);
+    2 * one.iter().filter(|(frame, place)| near(frame, place)).count() > one.len().min(other.len())
+}
+
+/// How likely a mover is the object: frames in which it is seen, times its way in diameters.
+fn likelihood(track: &Track) -> f64 {
+    let seen = track.points.iter().filter(|point| point.measurement.is_some()).count();
+    seen as f64 * track.quality.extent.min(FAR)
 }
 
 /// Position in a frame, where the object is seen as a whole.

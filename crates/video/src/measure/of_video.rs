@@ -75,6 +75,9 @@ pub(super) enum EquationChoice {
 pub(super) struct TrackedPart {
     video: Rc<sources::SourceVideo>,
     tracked: Rc<TrackedVideo>,
+    options: TrackingOptions,
+    /// Whether a person named the part.
+    named: bool,
     /// Parts in which the objects move freely; none where a person named the part.
     free: Vec<Proposal>,
 }
@@ -160,6 +163,7 @@ impl VideoRequest {
             frames: [take.numbers[0], take.numbers[take.numbers.len() - 1] + 1],
             first_seconds: take.first_seconds,
             held_out_from: take.numbers[trained(take)],
+            checksum: String::new(),
         };
         let record = Video {
             size,
@@ -249,6 +253,7 @@ impl VideoRequest {
         Stated {
             pixels_per_metre: self.pixels_per_metre,
             scale_percent: self.scale_percent,
+            time_percent: self.time_percent,
             origin: self.origin,
             angle: self.angle,
             fps: self.filming.fps,
@@ -261,7 +266,7 @@ impl VideoRequest {
     fn film(&self, path: &Path, part: VideoPart, objects: usize) -> Result<TrackedPart> {
         let video = self.filming.open(path)?;
         let named = || format!("video {}", path.display());
-        let whole = part == VideoPart::All;
+        let named_part = part != VideoPart::All;
         let part = range(video.frames, video.times.as_deref(), None, part).with_context(named)?;
         let calibration = self.filming.calibration(&video).context("--plane").with_context(named)?;
         let hint = |hint: &Hint| match &calibration {
@@ -278,12 +283,51 @@ impl VideoRequest {
         };
         let video = calibration.iter().fold(video, sources::SourceVideo::rectified);
         let tracked = TrackedVideo::of(&video, &options, objects)?;
-        let free = if whole { tracked.proposals(LEAST_FRAMES) } else { Vec::new() };
-        Ok(TrackedPart { video: Rc::new(video), tracked: Rc::new(tracked), free })
+        Ok(TrackedPart::new(Rc::new(video), tracked, options, named_part))
     }
 }
 
 impl TrackedPart {
+    fn new(video: Rc<sources::SourceVideo>, tracked: TrackedVideo, options: TrackingOptions, named: bool) -> Self {
+        let free = if named { Vec::new() } else { tracked.proposals(LEAST_FRAMES) };
+        TrackedPart { video, tracked: Rc::new(tracked), options, named, free }
+    }
+
+    /// The longest part in which the objects move freely, tracked again by itself: an object that rests elsewhere in the video, and is
+    /// taken for background there, is not in this one's. None of a video that is one part.
+    pub(super) fn longest_alone(&self) -> Option<(Self, String)> {
+        let TrackedPart { video, tracked, options, .. } = self;
+        let Proposal { frames, reason } = self.free.iter().max_by_key(|part| part.frames.len())?;
+        let all = options.frames.as_ref().map_or(video.frames, Range::len);
+        let alone = TrackingOptions { frames: Some(frames.clone()), ..options.clone() };
+        let tracked = (frames.len() < all).then(|| TrackedVideo::of(video, &alone, tracked.tracks.len()).ok())??;
+        let Range { start, end } = *frames;
+        let note = format!(
+            "{}: frames {start}..{end} are taken and tracked by themselves, {reason} (--frames chooses a part)",
+            video.name()
+        );
+        Some((Self::new(video.clone(), tracked, alone, true), note))
+    }
+
+    /// The other movers in place of the object, the likeliest first, each with a line that says so. None of several objects.
+    pub(super) fn others(&self) -> Vec<(Self, String)> {
+        let TrackedPart { video, tracked, options, named, .. } = self;
+        if tracked.tracks.len() > 1 {
+            return Vec::new();
+        }
+        let part = |tracked: TrackedVideo| {
+            let Range { start, end } = tracked.range(None);
+            let note = format!(
+                "{}: the largest mover does not follow the equation; another one, in frames {start}..{end}, does and is measured \
+                 (--at names the object, --ignore a rectangle)",
+                video.name()
+            );
+            (Self::new(video.clone(), tracked, options.clone(), *named), note)
+        };
+        // Errors of a lower threshold are none of the video's.
+        tracked.others(video, options).unwrap_or_default().into_iter().map(part).collect()
+    }
+
     /// Whether the objects move freely in a part of it only.
     pub(super) fn has_parts(&self) -> bool {
         let whole = self.tracked.range(None);

@@ -6,6 +6,7 @@ use std::rc::Rc;
 use anyhow::Result;
 use image::{RgbImage, imageops};
 use ndarray::{Array4, s};
+use paig_track::TimeBase;
 
 use super::recording::Recording;
 use super::scale::Scale;
@@ -13,11 +14,14 @@ use crate::import::motion::spread;
 use crate::import::sources;
 use crate::import::time_base::{Kept, VideoPart};
 use paig::datasets::film::FilmFile;
+use paig::support::significant::significant;
 use paig::tasks::video;
 
 /// Frames whose pictures are kept, and their longest side.
 const PICTURES: usize = 90;
 const LONGEST_SIDE: u32 = 720;
+/// Part by which the time between two frames may differ from the video's.
+const SAME_TIMES: f64 = 0.01;
 
 /// Some frames of one recording.
 #[derive(Debug, Default)]
@@ -60,8 +64,28 @@ pub fn filmed(record: &video::Video, film: &FilmFile, video: usize) -> Option<(s
     let said: Vec<_> = film.numbers[video].iter().map(|number| *number as usize).collect();
     let count = film.videos[video].dim().0;
     let numbers = if said.is_empty() { chosen_again(record, source, &filmed, count) } else { said };
-    let same = (filmed.width, filmed.height) == (record.size[0], record.size[1]);
+    let known = source.checksum.is_empty() || filmed.checksum().is_ok_and(|checksum| checksum == source.checksum);
+    let same = known && (filmed.width, filmed.height) == (record.size[0], record.size[1]);
     (same && numbers.iter().all(|number| *number < filmed.frames)).then_some((filmed, numbers))
+}
+
+/// A note where a task has another time between the frames of its film than the video shows, as after `--fps` or an edit of the
+/// task file.
+pub fn other_times(record: &video::Video, filmed: &sources::SourceVideo, numbers: &[usize]) -> Option<String> {
+    let times = TimeBase::new(&filmed.clock, None).times?;
+    let (first, last) = (*times.get(*numbers.first()?)?, *times.get(*numbers.last()?)?);
+    let shown = (last - first) / (numbers.len() - 1).max(1) as f64;
+    let stated = record.frame_seconds * record.film_step.unwrap_or(record.step) as f64 / record.step as f64;
+    let same = (stated / shown - 1.0).abs() <= SAME_TIMES;
+    (!same && shown > 0.0).then(|| {
+        format!(
+            "{}: {} s between two frames by the task, {} s by the video: right only where --fps or an edit of the task file \
+             corrects the video",
+            filmed.name(),
+            significant(stated, 4),
+            significant(shown, 4)
+        )
+    })
 }
 
 impl Pictures {
@@ -145,6 +169,7 @@ mod tests {
             frames: [10, 38],
             first_seconds: 1.0,
             held_out_from: 30,
+            checksum: String::new(),
         };
         let record = video::Video {
             size: [8, 8],
@@ -167,6 +192,16 @@ mod tests {
         };
         let (video, found) = super::filmed(&record, &film, 0).unwrap();
         assert_eq!(found, numbers);
+        let with = |checksum: String| {
+            let source = video::Source { checksum, ..record.sources[0].clone() };
+            super::filmed(&video::Video { sources: vec![source], ..record.clone() }, &film, 0)
+        };
+        assert!(with(video.checksum().unwrap()).is_some());
+        assert!(with("0000000000000000".into()).is_none(), "another video was taken");
+        assert_eq!(super::other_times(&record, &video, &numbers), None);
+        let doubled = video::Video { frame_seconds: 0.8, ..record.clone() };
+        let note = super::other_times(&doubled, &video, &numbers).unwrap();
+        assert!(note.contains("0.2000 s between two frames by the task, 0.1000 s by the video"), "{note}");
         let system = paig::tasks::builtin("falling").unwrap().system;
         let shown = Pictures::filmed(&video, &numbers, &Scale::new(&record, &system)).unwrap().pictures;
         let seen: Vec<usize> = shown.iter().map(|(_, picture)| usize::from(picture[(3, 3)].0[0]) / 4).collect();

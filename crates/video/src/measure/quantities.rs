@@ -52,7 +52,8 @@ impl RecordedSystem {
             let draws = draws
                 .map(|draw| value(&draw.unconstrained) * powers.map_or(1.0, |powers| self.scale.drawn(powers, draw)));
             Quantity::new(&parameter.name, factor * in_frames, draws.collect())
-                .in_unit(powers.map_or("?".into(), |powers| self.scale.unit(powers)))
+                .in_unit(self.scale.unit_of(parameter))
+                .geometric(is_geometric(parameter))
                 .in_frames(in_frames)
         });
         let mut quantities: Vec<Quantity> = parameters.collect();
@@ -70,7 +71,7 @@ impl RecordedSystem {
         let quantity = |place: usize| {
             let draws = of_shown(uncertainty, place).map(|draw| times * draw.unconstrained[place]);
             let value = times * explained.fitted.unconstrained[place];
-            Quantity::new(&explained.dynamics.name(place), value, draws.collect()).in_unit(unit.into())
+            Quantity::new(&explained.dynamics.name(place), value, draws.collect()).in_unit(unit.into()).geometric(true)
         };
         let learned = (system.cell.parameters.len()..explained.learned.len()).filter(|place| explained.learned[*place]);
         learned.map(quantity).collect()
@@ -114,8 +115,16 @@ impl RecordedSystem {
         );
         let mut quantities = vec![Quantity::new("period", second * frames, periods).in_unit("s".into())];
         quantities.extend(length);
-        quantities.push(amplitude.in_unit(unit.into()));
+        quantities.push(amplitude.in_unit(unit.into()).geometric(true));
         quantities
+    }
+}
+
+/// Whether a parameter is a length or an angle of either sign.
+fn is_geometric(parameter: &PhysicalParameter) -> bool {
+    match Scale::powers(parameter) {
+        Some([0, 0]) => parameter.bounds.contain(-f64::MIN_POSITIVE),
+        powers => powers == Some([1, 0]),
     }
 }
 

@@ -93,6 +93,9 @@ pub struct Quantity {
     /// Whether the value can be quoted with its interval; none in files of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<Outcome>,
+    /// Where something is, how long or how it is turned, rather than how it moves: the verdict does not rest on it.
+    #[serde(skip)]
+    pub geometric: bool,
 }
 
 /// A quantity by one take alone.
@@ -226,6 +229,7 @@ impl Quantity {
             tracker_high: None,
             takes: Vec::new(),
             outcome: None,
+            geometric: false,
         }
     }
 
@@ -242,6 +246,11 @@ impl Quantity {
     #[must_use]
     pub fn in_frames(self, value: f64) -> Self {
         Quantity { in_frames: Some(value), ..self }
+    }
+
+    #[must_use]
+    pub fn geometric(self, geometric: bool) -> Self {
+        Quantity { geometric, ..self }
     }
 
     /// The same with what another observation says of it.

@@ -74,6 +74,12 @@ impl Scale {
         }
     }
 
+    /// Unit of a parameter's value, for people; `?` where the equation does not state it.
+    pub fn unit_of(&self, parameter: &PhysicalParameter) -> String {
+        let named = || parameter.unit_name.as_deref().unwrap_or("?").to_string();
+        Self::powers(parameter).map_or_else(named, |powers| self.unit(powers))
+    }
+
     /// The powers of a parameter, if its unit is known.
     pub fn powers(parameter: &PhysicalParameter) -> Option<Powers> {
         parameter.time_power.map(|time| [parameter.length_power, time])
@@ -87,7 +93,8 @@ impl Scale {
         let names: Vec<_> = unknown.map(|parameter| &*parameter.name).collect();
         let text = || {
             format!(
-                "the equation does not say the unit of {}: the interval holds nothing of what is said of scale and time",
+                "{}: the interval holds nothing of the stated uncertainty of scale and time, since the equation states no powers of \
+                 length and time for its unit",
                 names.join(", ")
             )
         };
@@ -191,7 +198,7 @@ mod tests {
             (PhysicalParameter::learned("l", "log_l", 0), PhysicalParameter::learned("v", "log_v", 1).with_time(-1));
         let mut metres = scale(0.0, Some(100.0));
         let said = metres.unsaid([&length, &speed].into_iter()).unwrap();
-        assert!(said.contains("unit of l:"), "{said}");
+        assert!(said.starts_with("l: the interval holds nothing"), "{said}");
         assert_eq!(metres.unsaid([&speed].into_iter()), None);
         (metres.video.scale_percent, metres.video.time_percent) = (0.0, 0.0);
         assert_eq!(metres.unsaid([&length].into_iter()), None);

@@ -10,7 +10,8 @@ use rand::Rng;
 
 use super::dynamics::Dynamics;
 use super::fit::{Observations, Start};
-use paig::network::cells::text::{TableNumber, WallTable};
+use super::walls;
+use paig::network::cells::text::TableNumber;
 use paig::network::cells::{Bounds, Build};
 use paig::support::least_squares;
 use paig::support::random::{named_generator, normal};
@@ -41,8 +42,6 @@ const INSTANT: f64 = 1e-4;
 const HUBER: f64 = 2.0;
 /// Residual, in units of the usual acceleration, beyond which all are equally bad.
 const MOST_COUNTED: f64 = 1.0;
-/// Share of a wall's side on which positions lie beyond the wall by noise alone.
-const BEYOND_WALL: f64 = 0.02;
 
 /// A parameter that is known from elsewhere.
 #[derive(Debug, Clone, PartialEq)]
@@ -122,6 +121,8 @@ struct Matching<'a> {
     learned: Vec<usize>,
     /// Raw numbers of parameters that are walls, where the tracks turn, or the distance of a contact, where objects come closest.
     walls: Vec<(usize, f64)>,
+    /// Walls that lie beyond all positions, since none of the frames shows an impact.
+    beyond: Vec<(usize, f64)>,
     /// What an acceleration usually is.
     usual: f64,
 }
@@ -138,9 +139,10 @@ impl<'a> Matching<'a> {
         let samples = samples(tracks, coordinates)?;
         let sizes = samples.iter().flat_map(|sample| sample.acceleration.iter().map(|a| a.abs()));
         let usual = upper_median(sizes).filter(|usual| *usual > 0.0)?;
-        let walls = walls(dynamics, turning).into_iter().chain(contact(dynamics, tracks)).collect();
+        let walls = walls::furthest(dynamics, turning).into_iter().chain(contact(dynamics, tracks)).collect();
+        let beyond = walls::beyond(dynamics, turning);
         let learned = (0..learned.len()).filter(|place| learned[*place]).collect();
-        Some(Matching { dynamics, samples, learned, walls, usual })
+        Some(Matching { dynamics, samples, learned, walls, beyond, usual })
     }
 
     /// The best distinct unconstrained parameters, from `file` and from random starting values.
@@ -168,7 +170,15 @@ impl<'a> Matching<'a> {
                 best.push(unconstrained);
             }
         }
-        best
+        if self.beyond.is_empty() {
+            return best;
+        }
+        let with_walls_beyond = |unconstrained: Vec<f64>| {
+            let mut other = unconstrained.clone();
+            self.beyond.iter().for_each(|(place, wall)| other[*place] = *wall);
+            [unconstrained, other]
+        };
+        best.into_iter().flat_map(with_walls_beyond).collect()
     }
 
     /// A positive parameter is drawn about the start, over orders of magnitude; a bounded one over its range.
@@ -288,31 +298,6 @@ fn smooth(track: &Observations, frames: std::ops::Range<usize>, coordinates: usi
     let of_power = |power: usize, times: f64| solved.row(power).iter().map(|x| x * times).collect::<Vec<_>>();
     let state = [of_power(0, 1.0), of_power(1, half.recip())].concat();
     Some((left.sqrt(), StateSample { time: middle, state, acceleration: of_power(2, 2.0 / half.powi(2)) }))
-}
-
-/// Where the tracks turn at walls whose places are parameters: unconstrained parameters by the parameters' places.
-fn walls(dynamics: &Dynamics, tracks: &[Observations]) -> Vec<(usize, f64)> {
-    let cell = &dynamics.system.cell;
-    let Build::Text(equation) = &cell.build else { return Vec::new() };
-    let WallTable::At(sides) = &equation.table().walls else { return Vec::new() };
-    let coordinates = dynamics.coordinates();
-    let furthest = |axis: usize, far: bool| {
-        let positions = tracks.iter().filter(|track| track.teaches).flat_map(|track| &track.positions);
-        let along = positions.enumerate().filter(|(place, x)| place % coordinates % 2 == axis && !x.is_nan());
-        let mut along: Vec<f64> = along.map(|(_, x)| *x).collect();
-        along.sort_by(f64::total_cmp);
-        let place = ((along.len().max(1) - 1) as f64 * if far { 1.0 - BEYOND_WALL } else { BEYOND_WALL }).round();
-        along.get(place as usize).copied()
-    };
-    let all = [(&sides.left, 0, false), (&sides.right, 0, true), (&sides.top, 1, false), (&sides.bottom, 1, true)];
-    all.into_iter()
-        .filter_map(|(given, axis, far)| {
-            let Some(TableNumber::Parameter(name)) = given else { return None };
-            let place = cell.parameters.iter().position(|parameter| parameter.name == name.as_str())?;
-            let unconstrained = cell.parameters[place].bounds.unconstrained(furthest(axis, far)?);
-            unconstrained.is_finite().then_some((place, unconstrained))
-        })
-        .collect()
 }
 
 /// The raw number of the parameter that is the distance of a contact: the least one between two objects.

@@ -21,6 +21,7 @@ pub(super) struct Declared {
     pub unit: Unit,
     pub length_power: i32,
     pub time_power: Option<i32>,
+    pub unit_name: Option<String>,
     pub bounds: Bounds,
     pub start: Option<f64>,
     pub fixed: Option<f64>,
@@ -90,6 +91,7 @@ impl Parameters {
             variable: format!("log_{}", declared.name).into(),
             length_power: declared.length_power,
             time_power: declared.time_power,
+            unit_name: declared.unit_name.clone().map(Into::into),
             fixed: declared.fixed,
             bounds: declared.bounds,
             start: declared.start,
@@ -121,7 +123,7 @@ pub(super) fn check_name(name: &str) -> Result<()> {
 }
 
 fn declared(name: &str, entry: &ParameterTable) -> Result<Declared> {
-    let ParameterTable { unit, start, low, high, fixed, .. } = entry;
+    let ParameterTable { unit, unit_name, start, low, high, fixed, .. } = entry;
     for (key, value) in [("low", low), ("high", high), ("start", start), ("fixed", fixed)] {
         ensure!(value.is_none_or(f64::is_finite), "{key} must be a finite number");
     }
@@ -140,11 +142,22 @@ fn declared(name: &str, entry: &ParameterTable) -> Result<Declared> {
         }
     }
     ensure!(unit.is_none_or(|powers| powers.iter().all(|power| power.abs() <= 12)), "unit: powers of -12 to 12 can be");
+    ensure!(
+        unit.is_none() || unit_name.is_none(),
+        "unit and unit_name are both given; unit_name is of a value that no scale changes"
+    );
+    if let Some(unit) = unit_name {
+        ensure!(
+            (1..=16).contains(&unit.chars().count()) && !unit.contains(char::is_control),
+            "unit_name = {unit:?}: 1 to 16 characters, none of control, such as \"m\" or \"kg\""
+        );
+    }
     Ok(Declared {
         name: name.into(),
         unit: unit.map_or(Unit::Any, |powers| Unit::Of(powers.map(f64::from))),
         length_power: unit.map_or(0, |powers| powers[0]),
         time_power: unit.map(|powers| powers[1]),
+        unit_name: unit_name.clone(),
         bounds,
         start: *start,
         fixed: *fixed,

@@ -155,6 +155,9 @@ pub struct ParameterTable {
     /// Powers of a length and of a time; without it units are not checked where the parameter takes part.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "exact_if_given")]
     pub unit: Option<[i32; 2]>,
+    /// Name of the unit of its value, such as `m`, where constants of the equation fix it, so that no scale changes the value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit_name: Option<String>,
     /// Where learning starts, lengths in pixels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start: Option<f64>,

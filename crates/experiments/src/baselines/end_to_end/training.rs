@@ -97,7 +97,7 @@ impl<M> TrainingObserver<M> for Validations<'_> {
 /// Takes a folder for this run, or finds it there; for this program alone while the folder is open.
 fn open(config: &EndToEndConfig, folder: &Path) -> Result<RunFolder> {
     let text = toml::to_string_pretty(config)?;
-    let run = RunFolder::enter(folder)?;
+    let run = RunFolder::enter(folder, MODEL)?;
     match config::read(folder)? {
         Some(saved) => {
             ensure!(saved == *config, "{} was begun with other options; choose another folder", folder.display());

@@ -6,6 +6,7 @@ mod filming;
 mod npz;
 mod rectified;
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -14,9 +15,11 @@ use paig_decode::{Note, VideoDecoder};
 use paig_track::{Finding, StatedTime, TimeBase};
 
 use self::film::FilmPass;
+pub(super) use self::filming::check_slow_motion;
 pub use self::filming::{Filming, ReferenceRectangle};
 use self::rectified::{Rectified, Samples};
 use crate::calibration::Calibration;
+use paig::support::random::Fnv1a;
 
 pub use paig_decode::quiet_decoders;
 
@@ -46,6 +49,13 @@ pub struct SourceVideo {
 enum OpenedSource {
     Film(paig_decode::VideoFile),
     Array(npz::FrameArray),
+}
+
+/// Whether a file of a folder is a picture of the series, or its times.
+fn is_part_of_series(path: &Path) -> bool {
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_lowercase();
+    let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+    !hidden && path.is_file() && ["png", "jpg", "jpeg", "csv"].contains(&ending.as_str())
 }
 
 /// Decodes the frames of one video.
@@ -98,6 +108,35 @@ impl SourceVideo {
             Some(samples) => Box::new(Rectified { frames, samples }),
             None => frames,
         })
+    }
+
+    /// Checksum of the file, or of the names and bytes of a folder's pictures.
+    ///
+    /// # Errors
+    /// A file that cannot be read any more.
+    pub fn checksum(&self) -> Result<String> {
+        let named = || format!("video {}", self.path.display());
+        let mut files = vec![self.path.clone()];
+        if self.path.is_dir() {
+            let entries = std::fs::read_dir(&self.path).with_context(named)?;
+            files = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<_>>().with_context(named)?;
+            files.retain(|path| is_part_of_series(path));
+            files.sort();
+        }
+        let mut sum = Fnv1a::default();
+        let mut buffer = vec![0; 1 << 16];
+        for path in files {
+            let mut file = paig_decode::open_regular(&path).with_context(named)?;
+            sum.add(path.file_name().unwrap_or_default().as_encoded_bytes().iter().filter(|_| path != self.path));
+            loop {
+                let count = file.read(&mut buffer).with_context(named)?;
+                if count == 0 {
+                    break;
+                }
+                sum.add(&buffer[..count]);
+            }
+        }
+        Ok(format!("{:016x}", sum.sum()))
     }
 
     /// The same with each frame of an interlaced video split into its two fields, which have times of their own.

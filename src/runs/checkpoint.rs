@@ -337,16 +337,14 @@ impl Store {
             path.display(),
             state.metrics_bytes
         );
-        let bytes = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        super::metrics::check_run(&path, &bytes)?;
-        super::metrics::parse(&bytes)
+        super::metrics::read(&path)
             .map(drop)
             .or_else(|error| {
                 // What comes after the checkpoint is cut off.
+                let bytes = storage::read(&path)?;
                 let kept = bytes.get(..state.metrics_bytes as usize).unwrap_or(&bytes);
                 super::metrics::parse(kept).map(drop).map_err(|_| error)
             })
-            .with_context(|| path.display().to_string())
             .context(advice)
     }
 

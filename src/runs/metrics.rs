@@ -7,8 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::checkpoint::checksum;
-use super::names::{CONFIG, METRICS};
+use super::names::METRICS;
 use crate::network::cells::PhysicalParameter;
 use crate::support::storage;
 
@@ -45,9 +44,6 @@ pub struct Record {
     pub step: u64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub format: Option<u32>,
-    /// Checksum of the run's config, in the first record; none in files of earlier versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub config: Option<String>,
     /// Passes over the training clips, as the original counts them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub epoch: Option<u64>,
@@ -92,12 +88,11 @@ fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String
 }
 
 /// What a record has beside the parameters.
-const KEYS: [&str; 17] = [
+const KEYS: [&str; 16] = [
     "kind",
     "phase",
     "step",
     "format",
-    "config",
     "epoch",
     "train_loss",
     "score",
@@ -132,10 +127,9 @@ impl Record {
         Record { kind, phase: phase.into(), step, ..Record::default() }
     }
 
-    /// The first record of a file, of the run whose config has this checksum; empty for a run without a config.
-    pub fn begin(config: &str) -> Self {
-        let config = (!config.is_empty()).then(|| config.into());
-        Record { format: Some(FORMAT), config, ..Record::new(RecordKind::Begin, "", 0) }
+    /// The first record of a file.
+    pub fn begin() -> Self {
+        Record { format: Some(FORMAT), ..Record::new(RecordKind::Begin, "", 0) }
     }
 
     /// A number of the record by its key, if it has it.
@@ -177,26 +171,6 @@ impl Record {
 pub fn read(path: &Path) -> Result<Vec<Record>> {
     let bytes = storage::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     parse(&bytes).with_context(|| path.display().to_string())
-}
-
-/// Checks that a file with these bytes is of the run whose config lies beside it. Files of earlier versions, or without a config
-/// beside them, are taken as they are.
-///
-/// # Errors
-/// A file of another run, or a config that was edited since.
-pub(super) fn check_run(path: &Path, bytes: &[u8]) -> Result<()> {
-    let first = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
-    let known = serde_json::from_slice(first).ok().and_then(|record: Record| record.config);
-    let config = path.with_file_name(CONFIG);
-    let Some(known) = known.filter(|_| config.exists()) else { return Ok(()) };
-    let now = checksum(&storage::read(&config).with_context(|| format!("cannot read {}", config.display()))?);
-    ensure!(
-        known == now,
-        "{} and {} are of different runs, or the config was edited; put them back as they were",
-        path.display(),
-        config.display()
-    );
-    Ok(())
 }
 
 /// The same of the bytes of a file.
@@ -264,7 +238,6 @@ mod tests {
     fn the_keys_of_a_record_are_known() {
         let full = Record {
             format: Some(1),
-            config: Some("73511757acd08f57".into()),
             epoch: Some(1),
             iterations: Some(1),
             offsets: Some(Vec::new()),

@@ -6,7 +6,7 @@
 //! use paig::runs::metrics::{Record, RecordKind, parse, points};
 //!
 //! let mut file = Vec::new();
-//! Record::begin("").write(&mut file)?;
+//! Record::begin().write(&mut file)?;
 //! Record { pred_loss: Some(0.09), ..Record::new(RecordKind::Valid, "join", 40) }.write(&mut file)?;
 //! assert_eq!(points(&parse(&file)?, Some(RecordKind::Valid), "pred_loss"), [(40.0, 0.09)]);
 //! # Ok::<(), anyhow::Error>(())

@@ -110,6 +110,6 @@ mod tests {
         let event = EventMessage::decode(&bytes[12..bytes.len() - 4]).unwrap();
         let tags: Vec<_> = event.summary.unwrap().value.into_iter().map(|value| value.tag).collect();
         assert_eq!((tags, event.step), (vec!["train/train_loss".to_string(), "parameters/k".into()], 7));
-        assert!(scalars(&Record::begin(""), 1.0).is_empty());
+        assert!(scalars(&Record::begin(), 1.0).is_empty());
     }
 }

@@ -3,7 +3,6 @@
 use anyhow::{Context, Result};
 
 use super::observer::{TrainingEvent, TrainingObserver};
-use crate::runs::checkpoint::Store;
 use crate::runs::folder::RunFolder;
 use crate::runs::metrics::{Record, RecordKind};
 use crate::runs::names::LOG;
@@ -14,16 +13,13 @@ use crate::support::storage::StorageOutput;
 pub struct Recorder {
     log: Box<dyn StorageOutput>,
     metrics: Box<dyn StorageOutput>,
-    /// Checksum of the run's config.
-    config: String,
 }
 
 impl Recorder {
     /// # Errors
     /// Files that cannot be opened.
     pub fn new(folder: &RunFolder) -> Result<Self> {
-        let config = Store::new(folder.path()).config_checksum()?;
-        Ok(Recorder { log: folder.log()?, metrics: folder.metrics()?, config })
+        Ok(Recorder { log: folder.log()?, metrics: folder.metrics()? })
     }
 
     fn log(&mut self, line: &str) -> Result<()> {
@@ -55,7 +51,7 @@ impl<M> TrainingObserver<M> for Recorder {
         match event {
             TrainingEvent::Recorded { record, .. } => {
                 if self.metrics.length()? == 0 {
-                    Record::begin(&self.config).write(&mut self.metrics)?;
+                    Record::begin().write(&mut self.metrics)?;
                 }
                 line(record).map_or(Ok(()), |line| self.log(&line))?;
                 record.write(&mut self.metrics)

@@ -12,9 +12,8 @@ use crate::programs::{paig, run, text};
 use crate::tiny::TINY;
 
 /// Files of a run or of its task, and folders of files, that are exchanged. `LAST` is the last checkpoint.
-const FILES: [&str; 10] = [
+const FILES: [&str; 9] = [
     "run/config.toml",
-    "run/metrics.jsonl",
     "run/summary.json",
     "run/checkpoints",
     "run/checkpoints/best.safetensors",

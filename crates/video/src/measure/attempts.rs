@@ -6,10 +6,11 @@ use std::time::Instant;
 use anyhow::Result;
 
 use super::finished::Finished;
+use super::motion::TrackMotion;
 use super::of_video::{EquationChoice, MeasuredParts, TrackedPart};
 use super::recording::Observation;
 use super::results::Outcome;
-use super::{MeasureRequest, Subject, VideoRequest, make_folder};
+use super::{ComparedEquation, MeasureRequest, Subject, VideoRequest, make_folder};
 
 /// Videos with their objects tracked, to be measured.
 pub(super) struct Attempts<'a> {
@@ -19,6 +20,8 @@ pub(super) struct Attempts<'a> {
     pub begun: Instant,
 }
 
+/// Error of the held-out frames, as a share of the amplitude, up to which another part or mover is worth a measurement.
+const PROMISING: f64 = 0.3;
 /// Most movers that are measured after the first.
 const MOST_OTHERS: usize = 2;
 
@@ -26,22 +29,32 @@ impl Attempts<'_> {
     /// The likeliest mover of the videos. Where nothing is found, the longest part of a video by itself; then, if nobody pointed at the
     /// object, the next movers: a tree in the wind or a person may be larger than what obeys the equation.
     pub(super) fn best(&self) -> Result<Finished> {
-        let best = self.best_part(self.films, None);
+        let best = self.best_part();
         let [film] = self.films else { return best };
         if is_found(&best) {
             return best;
         }
         let others = || if self.videos.hints.is_empty() { film.others() } else { Vec::new() };
         let again = film.longest_alone().into_iter().chain(std::iter::once_with(others).flatten().take(MOST_OTHERS));
-        let found = again.map(|(film, note)| self.best_part(&[film], Some(note))).find(is_found);
+        let found = again.filter_map(|(film, note)| self.again(film, note)).find(is_found);
         found.unwrap_or(best)
+    }
+
+    /// A part or a mover that is tried after another one; none where a first fit shows that the equation does not explain it.
+    fn again(&self, film: TrackedPart, note: String) -> Option<Result<Finished>> {
+        let (mut subject, equation) = self.videos.subject(&[film], MeasuredParts::Free).ok()?;
+        subject.notes.push(note);
+        let promises = match &equation {
+            EquationChoice::Given(own) => subject.promises(own),
+            EquationChoice::OneOf(_) => true,
+        };
+        promises.then(|| self.measured(&subject, &equation))
     }
 
     /// The parts of free motion together; where that finds nothing, the longest of them; where that does not either, the whole
     /// videos. The best of the three.
-    fn best_part(&self, films: &[TrackedPart], note: Option<String>) -> Result<Finished> {
-        let (mut subject, equation) = self.videos.subject(films, MeasuredParts::Free)?;
-        subject.notes.extend(note.clone());
+    fn best_part(&self) -> Result<Finished> {
+        let (subject, equation) = self.videos.subject(self.films, MeasuredParts::Free)?;
         let mut best = self.measured(&subject, &equation);
         let count = subject.scene.recordings.len();
         if count > 1 && !is_found(&best) {
@@ -51,9 +64,8 @@ impl Attempts<'_> {
             alone.notes.push(note);
             best = better(best, self.measured(&alone, &equation));
         }
-        if !is_found(&best) && films.iter().any(TrackedPart::has_parts) {
-            let (mut whole, equation) = self.videos.subject(films, MeasuredParts::Whole)?;
-            whole.notes.extend(note);
+        if !is_found(&best) && self.films.iter().any(TrackedPart::has_parts) {
+            let (whole, equation) = self.videos.subject(self.films, MeasuredParts::Whole)?;
             best = better(best, self.measured(&whole, &equation));
         }
         best
@@ -103,6 +115,13 @@ fn better(first: Result<Finished>, second: Result<Finished>) -> Result<Finished>
 }
 
 impl Subject {
+    /// Whether an equation predicts what is held out, to a share of the amplitude, with no part left out.
+    fn promises(&self, equation: &ComparedEquation) -> bool {
+        let Ok(fits) = self.scene.fits(&equation.cell, &self.observations[..1], &self.known) else { return false };
+        let motion = TrackMotion::of(&fits.tracks[0], fits.judged.dynamics.coordinates());
+        fits.judged.errors.held_out < PROMISING * motion.amplitude
+    }
+
     /// The same with one of its recordings.
     fn alone(&self, place: usize) -> Subject {
         let mut alone = self.clone();

@@ -66,11 +66,10 @@ pub fn judge(evidence: &Evidence, quantities: &mut [Quantity]) -> Judgement {
         against.extend(reason.map(|reason| (own, reason)));
     }
     against.sort_by_key(|(outcome, _)| std::cmp::Reverse(*outcome));
-    // A number that is badly known leaves the others found; the run is found where one is. A place is known of any motion.
-    let best = |geometric: bool| {
-        quantities.iter().filter(|it| it.geometric == geometric).filter_map(|quantity| quantity.outcome).min()
-    };
-    let best = best(false).or(best(true)).unwrap_or(of_all);
+    // A number that is badly known leaves the others found; the run is found where one of the first kind is.
+    let kind = quantities.iter().map(|quantity| quantity.kind).min();
+    let of_kind = quantities.iter().filter(|quantity| Some(quantity.kind) == kind);
+    let best = of_kind.filter_map(|quantity| quantity.outcome).min().unwrap_or(of_all);
     Judgement { outcome: best, reasons: against.into_iter().map(|(_, reason)| reason).collect() }
 }
 
@@ -190,6 +189,7 @@ fn of_quantity(quantity: &Quantity, evidence: &Evidence) -> (Outcome, Option<Str
 
 #[cfg(test)]
 mod tests {
+    use super::super::results::QuantityKind;
     use super::*;
 
     /// A quantity with an interval of this share of its value to each side.
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_alone_is_no_finding() {
+    fn the_verdict_rests_on_what_drives_the_motion() {
         let held_out = HeldOut {
             frames: 10,
             unit: "px".into(),
@@ -228,14 +228,16 @@ mod tests {
             missing: None,
             checked: false,
         };
-        let outcome = |length: f64, place: f64| {
-            let mut quantities = [quantity("l", length), quantity("x", place).geometric(true)];
-            judge(&evidence, &mut quantities).outcome
+        let outcome = |shares: &[(QuantityKind, f64)]| {
+            let quantities = shares.iter().map(|(kind, share)| quantity("l", *share).of_kind(*kind));
+            judge(&evidence, &mut quantities.collect::<Vec<_>>()).outcome
         };
-        assert_eq!(outcome(0.9, 0.01), Outcome::NotFound);
-        assert_eq!(outcome(0.3, 0.01), Outcome::Doubtful);
-        assert_eq!(outcome(0.01, 0.9), Outcome::Found);
-        // An equation of lengths alone.
-        assert_eq!(judge(&evidence, &mut [quantity("x", 0.01).geometric(true)]).outcome, Outcome::Found);
+        let (force, other, place) = (QuantityKind::Force, QuantityKind::Other, QuantityKind::Place);
+        assert_eq!(outcome(&[(force, 0.9), (other, 0.01), (place, 0.01)]), Outcome::NotFound);
+        assert_eq!(outcome(&[(place, 0.01), (force, 0.3)]), Outcome::Doubtful);
+        assert_eq!(outcome(&[(force, 0.01), (other, 0.9), (place, 0.9)]), Outcome::Found);
+        // Equations without a force.
+        assert_eq!(outcome(&[(other, 0.01), (place, 0.9)]), Outcome::Found);
+        assert_eq!(outcome(&[(place, 0.01)]), Outcome::Found);
     }
 }

@@ -12,7 +12,7 @@ use super::fit::Observations;
 use super::identifiability::Identifiability;
 use super::motion;
 use super::recording::RecordedSystem;
-use super::results::Quantity;
+use super::results::{Quantity, QuantityKind};
 use super::scale::Scale;
 use paig::network::cells::PhysicalParameter;
 
@@ -53,7 +53,7 @@ impl RecordedSystem {
                 .map(|draw| value(&draw.unconstrained) * powers.map_or(1.0, |powers| self.scale.drawn(powers, draw)));
             Quantity::new(&parameter.name, factor * in_frames, draws.collect())
                 .in_unit(self.scale.unit_of(parameter))
-                .geometric(is_geometric(parameter))
+                .of_kind(kind_of(parameter))
                 .in_frames(in_frames)
         });
         let mut quantities: Vec<Quantity> = parameters.collect();
@@ -71,7 +71,9 @@ impl RecordedSystem {
         let quantity = |place: usize| {
             let draws = of_shown(uncertainty, place).map(|draw| times * draw.unconstrained[place]);
             let value = times * explained.fitted.unconstrained[place];
-            Quantity::new(&explained.dynamics.name(place), value, draws.collect()).in_unit(unit.into()).geometric(true)
+            Quantity::new(&explained.dynamics.name(place), value, draws.collect())
+                .in_unit(unit.into())
+                .of_kind(QuantityKind::Place)
         };
         let learned = (system.cell.parameters.len()..explained.learned.len()).filter(|place| explained.learned[*place]);
         learned.map(quantity).collect()
@@ -115,16 +117,19 @@ impl RecordedSystem {
         );
         let mut quantities = vec![Quantity::new("period", second * frames, periods).in_unit("s".into())];
         quantities.extend(length);
-        quantities.push(amplitude.in_unit(unit.into()).geometric(true));
+        quantities.push(amplitude.in_unit(unit.into()).of_kind(QuantityKind::Place));
         quantities
     }
 }
 
-/// Whether a parameter is a length or an angle of either sign.
-fn is_geometric(parameter: &PhysicalParameter) -> bool {
+fn kind_of(parameter: &PhysicalParameter) -> QuantityKind {
     match Scale::powers(parameter) {
-        Some([0, 0]) => parameter.bounds.contain(-f64::MIN_POSITIVE),
-        powers => powers == Some([1, 0]),
+        Some([_, time]) if time <= -2 => QuantityKind::Force,
+        Some([1, 0]) => QuantityKind::Place,
+        // An angle may be negative.
+        Some([0, 0]) if parameter.bounds.contain(-f64::MIN_POSITIVE) => QuantityKind::Place,
+        None if parameter.unit_name.is_some() => QuantityKind::Force,
+        _ => QuantityKind::Other,
     }
 }
 

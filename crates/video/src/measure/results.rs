@@ -93,9 +93,20 @@ pub struct Quantity {
     /// Whether the value can be quoted with its interval; none in files of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub outcome: Option<Outcome>,
-    /// Where something is, how long or how it is turned, rather than how it moves: the verdict does not rest on it.
     #[serde(skip)]
-    pub geometric: bool,
+    pub kind: QuantityKind,
+}
+
+/// What a quantity is about. The verdict rests on the first kind that there is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum QuantityKind {
+    /// What drives the motion: `time^-2` in its unit, or a length beside gravity in an equation that states its unit.
+    Force,
+    /// Friction, restitution, ratios of masses, times. A friction is known of anything that moves evenly.
+    #[default]
+    Other,
+    /// Where something is, how long, how it is turned: known of any motion.
+    Place,
 }
 
 /// A quantity by one take alone.
@@ -229,7 +240,7 @@ impl Quantity {
             tracker_high: None,
             takes: Vec::new(),
             outcome: None,
-            geometric: false,
+            kind: QuantityKind::default(),
         }
     }
 
@@ -249,8 +260,8 @@ impl Quantity {
     }
 
     #[must_use]
-    pub fn geometric(self, geometric: bool) -> Self {
-        Quantity { geometric, ..self }
+    pub fn of_kind(self, kind: QuantityKind) -> Self {
+        Quantity { kind, ..self }
     }
 
     /// The same with what another observation says of it.

@@ -151,8 +151,10 @@ mod tests {
 
     use super::*;
 
+    /// A shell cannot trap a signal that was ignored when it began, as SIGINT is in the background of a script.
     fn shell(job: &ProjectJob, text: &str) -> Result<()> {
-        job.start(Path::new("/bin/sh"), &["-c".into(), text.into()])
+        let words = ["--default-signal=INT", "sh", "-c", text];
+        job.start(Path::new("/usr/bin/env"), &words.map(Into::into))
     }
 
     fn wait(job: &ProjectJob) {

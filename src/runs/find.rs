@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 use super::names::{CHECKPOINTS, CONFIG, LOCK, METRICS, SUMMARY};
 use super::run::StoredRun;
@@ -22,6 +22,13 @@ const MARKS: [&str; 5] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS, LOCK];
 /// Whether a folder is a run's, finished or not.
 pub fn is_run(folder: &Path) -> bool {
     MARKS.iter().filter(|mark| folder.join(mark).exists()).count() >= 2
+}
+
+/// # Errors
+/// A run's folder, which takes no output of other commands.
+pub fn ensure_no_run(out: &Path) -> Result<()> {
+    ensure!(!is_run(out), "{} is a run folder; choose another folder with --out", out.display());
+    Ok(())
 }
 
 /// The runs in and under some folders, in the order of their names. What `skip` names is not entered.

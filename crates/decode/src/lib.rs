@@ -45,6 +45,7 @@ pub use frame::Frame;
 pub use guard::quiet_decoders;
 pub use info::{Fields, Info, Note, VideoDecoder};
 pub use open::open_regular;
+pub use pictures::{TIMES, is_picture};
 pub use stream::Frames;
 pub use timeline::EditSegment;
 pub use upright::Orientation;

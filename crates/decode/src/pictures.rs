@@ -19,8 +19,15 @@ use crate::picture::DecodedPicture;
 use crate::stream::Sink;
 
 /// Table of the pictures' times.
-const TIMES: &str = "times.csv";
+pub const TIMES: &str = "times.csv";
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// Whether a file of a folder is one of its pictures, by its name. Names that begin with a dot are of other programs.
+pub fn is_picture(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let hidden = path.file_name().unwrap_or_default().as_encoded_bytes().starts_with(b".");
+    EXTENSIONS.contains(&extension.as_str()) && !hidden
+}
 
 /// The pictures of a folder in the order of their numbers, `f2.png` before `f10.png`, and their size.
 ///
@@ -30,11 +37,8 @@ pub(crate) fn list(folder: &Path) -> Result<(Vec<PathBuf>, (u32, u32))> {
     let mut series: Vec<(Name, PathBuf)> = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-        // Names that begin with a dot are of other programs.
-        if EXTENSIONS.contains(&extension.as_str()) && !name.starts_with('.') {
-            let stem = name[..name.len() - extension.len() - 1].to_string();
+        if is_picture(&path) {
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             series.push((Name::of(&stem), path));
             check_frames(series.len())?;
         }

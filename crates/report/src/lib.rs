@@ -27,7 +27,7 @@ use anyhow::{Result, ensure};
 use self::groups::RunGroup;
 use self::results::Results;
 use paig::Error;
-use paig::runs::find::is_run;
+use paig::runs::find::ensure_no_run;
 use paig::support::output::FileSet;
 use paig::support::{atomic, json_lines};
 
@@ -53,7 +53,7 @@ pub fn write(folders: &[PathBuf], out: &Path, shown: WithPictures) -> Result<Run
 }
 
 fn written(folders: &[PathBuf], out: &Path, shown: WithPictures) -> Result<RunCounts> {
-    ensure!(!is_run(out), "{} is a run folder; choose another folder with --out", out.display());
+    ensure_no_run(out)?;
     FILES.settle(out)?;
     FILES.check(out)?;
     let found = records::find(folders, out)?;

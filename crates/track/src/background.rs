@@ -92,25 +92,26 @@ impl KeptFrames {
     /// Background of all samples. The exposures of the samples are fitted on the way.
     pub(crate) fn background(&mut self, ignore: &[Region]) -> StaticScene {
         // A large change of exposure looks like a second state of every pixel.
-        self.expose(&self.estimate(None));
+        let mut median = self.estimate(None);
+        self.expose(&median);
         if self.exposures.iter().all(|e| e.change() < ANOTHER_STATE) {
             self.exposures.fill(Exposure::default());
         } else {
             self.expose(&self.estimate(None));
+            median = self.estimate(None);
         }
-        let mut background = self.uncovered();
+        let mut background = self.uncovered(median);
         self.expose(&background);
         if self.exposures.iter().any(|e| e.change() >= STEADY) {
-            background = self.uncovered();
+            background = self.uncovered(self.estimate(None));
             self.expose(&background);
         }
         background.ignore(ignore);
         background
     }
 
-    /// Background of all samples without what stays in place or covers the same pixels all the time.
-    fn uncovered(&mut self) -> StaticScene {
-        let mut background = self.estimate(None);
+    /// The median of all samples without what stays in place or covers the same pixels all the time.
+    fn uncovered(&mut self, mut background: StaticScene) -> StaticScene {
         let tables: Vec<[[f32; 256]; 3]> = self.exposures.iter().map(Exposure::tables).collect();
         let limit = FAR * background.noise.clamp(1.5, 3.0);
         let mut other = self.other_states(&background.levels, &tables, limit);

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, FromArgMatches};
-use paig::runs::find::is_run;
+use paig::runs::find::ensure_no_run;
 use paig::runs::names::DONE;
 use paig::support::{atomic, device, storage};
 use paig_experiments::sweep::{self, JobStage, Work};
@@ -80,7 +80,7 @@ pub fn run(arguments: BatchArguments) -> Result<ExitCode> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let jobs = jobs(&arguments)?;
     let program = sweep::training_program()?;
-    ensure!(!is_run(&arguments.out), "{} is a run folder; choose another folder with --out", arguments.out.display());
+    ensure_no_run(&arguments.out)?;
     FILES.settle(&arguments.out)?;
     FILES.check(&arguments.out)?;
     jobs.iter().try_for_each(BatchJob::check_folder)?;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use paig::runs::find::is_run;
+use paig::runs::find::ensure_no_run;
 use paig::support::device;
 use paig::tasks;
 use paig_experiments::sweep::{self, JobState, RunStatus, SweepPlan, SweepRequest, parse_seeds};
@@ -107,8 +107,7 @@ pub fn run(arguments: SweepArguments) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let out = &plans[0].out;
-    ensure!(!is_run(out), "{} is a run folder; choose another folder with --out", out.display());
+    ensure_no_run(&plans[0].out)?;
     let program = sweep::training_program()?;
     interrupt::catch()?;
     let mut display = SweepDisplay::new(jobs.len());

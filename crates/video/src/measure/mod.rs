@@ -53,7 +53,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use tch::Device;
 
 use self::attempts::Attempts;
@@ -77,7 +77,7 @@ use self::starts::KnownParameter;
 use paig::Error;
 use paig::network::cells::{CellKind, Equations};
 use paig::runs::checkpoint::{LearnedFrom, SavedWeights};
-use paig::runs::find;
+use paig::runs::find::ensure_no_run;
 use paig::runs::names::CONFIG;
 use paig::runs::summary::Summary;
 use paig::support::atomic;
@@ -240,13 +240,6 @@ pub fn measure_videos(videos: &VideoRequest, against: &[EquationFile], out: &Pat
         finished.write(out)
     };
     Ok(measured()?)
-}
-
-/// # Errors
-/// A run's folder.
-fn ensure_no_run(out: &Path) -> Result<()> {
-    ensure!(!find::is_run(out), "{} is a run folder; choose another folder with --out", out.display());
-    Ok(())
 }
 
 fn is_same(one: &Path, other: &Path) -> bool {

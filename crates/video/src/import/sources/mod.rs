@@ -51,13 +51,6 @@ enum OpenedSource {
     Array(npz::FrameArray),
 }
 
-/// Whether a file of a folder is a picture of the series, or its times.
-fn is_part_of_series(path: &Path) -> bool {
-    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_lowercase();
-    let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-    !hidden && path.is_file() && ["png", "jpg", "jpeg", "csv"].contains(&ending.as_str())
-}
-
 /// Decodes the frames of one video.
 pub trait FrameReader {
     /// The frame of this number, counted from 0 in display order. Numbers are asked for in ascending order; the same one
@@ -120,7 +113,7 @@ impl SourceVideo {
         if self.path.is_dir() {
             let entries = std::fs::read_dir(&self.path).with_context(named)?;
             files = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<_>>().with_context(named)?;
-            files.retain(|path| is_part_of_series(path));
+            files.retain(|path| paig_decode::is_picture(path) || path.ends_with(paig_decode::TIMES));
             files.sort();
         }
         let mut sum = Fnv1a::default();

@@ -121,9 +121,10 @@ fn compare_file(path: &Path, kind: Kind, weights: Option<&Path>) -> Result<Optio
             if probe > tolerances::PROBES && rows.iter().all(|row| row.verdict() != RowVerdict::Fail) {
                 break;
             }
-            let probe =
-                run_case(&golden, own(Kind::Float, Some(RoundingNoise::new(probe))), weights)?.unwrap_or_default();
-            rows.iter_mut().zip(&probe).for_each(|(row, probe)| row.allow_for(probe));
+            let size = if probe > tolerances::PROBES { tolerances::LARGE_STEP } else { 1.0 };
+            let noise = RoundingNoise::new(probe, size);
+            let probe = run_case(&golden, own(Kind::Float, Some(noise)), weights)?.unwrap_or_default();
+            rows.iter_mut().zip(&probe).for_each(|(row, probe)| row.allow_for(probe, size));
         }
     }
     Ok(Some(rows))

@@ -5,8 +5,9 @@
 //! the computation is chaotic (bodies that nearly touch; the edge of a sprite's window crossing a pixel, where a mask
 //! jumps; steps of an optimizer that follow such gradients) rounding grows without a bug, and by how much depends on
 //! the file. It is therefore measured, not guessed: if a tensor misses its tolerance, libtorch's part of the port runs in
-//! both precisions, and the port [`PROBES`] times with every input and weight moved at random by some float32 roundings
-//! (more often while a row fails, up to [`MOST_PROBES`]).
+//! both precisions, and the port [`PROBES`] times with every input and weight moved at random by some float32 roundings.
+//! While a row fails, up to [`MOST_PROBES`] times: the further movements are [`LARGE_STEP`] times as large, and their effects
+//! are divided by that.
 //! An element that this moves by d cannot be told from the original more closely than that, and is held to
 //! [`PROBE_MARGIN`] times d, but never to more than the tolerance's `chaotic`. An error of the port moves all its
 //! runs alike, so it raises no bound.
@@ -30,8 +31,12 @@ pub struct Tolerance {
 
 /// Runs with moved inputs.
 pub const PROBES: u64 = 12;
-/// As many at most, while a row fails: where a unit of the network is nearly dead, few of them wake it.
-pub const MOST_PROBES: u64 = 60;
+/// As many at most, while a row fails.
+pub const MOST_PROBES: u64 = 36;
+/// How much larger the movements of those are: where a unit of the network is nearly dead, small ones seldom wake it, and on
+/// which side it begins depends on the processor. A smooth result follows in proportion; one that jumps is found with a part
+/// of its jump, which [`PROBE_MARGIN`] makes up for.
+pub const LARGE_STEP: f64 = 8.0;
 /// Largest relative movement. Single layers already differ by this much from one library to another.
 pub const PROBE_STEP: f64 = 4.0 * f32::EPSILON as f64;
 /// The factor on what they show: a few probes do not find the worst case.

@@ -16,16 +16,21 @@ use crate::tolerances::{PROBE_STEP, Tolerance};
 
 /// Moves inputs and weights by some float32 roundings, to see what rounding alone does to the results.
 #[derive(Debug)]
-pub struct RoundingNoise(ChaCha8Rng);
+pub struct RoundingNoise {
+    random: ChaCha8Rng,
+    /// Largest relative movement.
+    step: f64,
+}
 
 impl RoundingNoise {
-    pub fn new(probe: u64) -> Self {
-        RoundingNoise(ChaCha8Rng::seed_from_u64(probe))
+    /// `size`: in units of [`PROBE_STEP`].
+    pub fn new(probe: u64, size: f64) -> Self {
+        RoundingNoise { random: ChaCha8Rng::seed_from_u64(probe), step: size * PROBE_STEP }
     }
 
     fn apply(&mut self, values: &Tensor) -> Tensor {
         let factors: Vec<f64> =
-            (0..values.numel()).map(|_| 1.0 + self.0.random_range(-1.0..=1.0) * PROBE_STEP).collect();
+            (0..values.numel()).map(|_| 1.0 + self.random.random_range(-1.0..=1.0) * self.step).collect();
         values * Tensor::from_slice(&factors).reshape(values.size())
     }
 }

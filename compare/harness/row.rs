@@ -64,9 +64,9 @@ impl ParityRow {
     }
 
     /// Takes in what rounding does to this tensor: `probe` is the same row of a run whose inputs were moved
-    /// (see [`RoundingNoise`](crate::harness::case::RoundingNoise)).
-    pub fn allow_for(&mut self, probe: &ParityRow) {
-        self.allow(&probe.computed - &self.computed);
+    /// (see [`RoundingNoise`](crate::harness::case::RoundingNoise)) `size` times as far as rounding does.
+    pub fn allow_for(&mut self, probe: &ParityRow, size: f64) {
+        self.allow((&probe.computed - &self.computed) / size);
     }
 
     /// The same: how far the same computation is apart in two precisions.
@@ -138,8 +138,8 @@ mod tests {
         };
         let computed = sum(GOLDEN, off);
         let mut row = of(computed);
-        row.allow_for(&of(computed));
-        row.allow_for(&of(sum(computed, moved)));
+        row.allow_for(&of(computed), 1.0);
+        row.allow_for(&of(sum(computed, moved)), 1.0);
         row
     }
 
@@ -170,6 +170,17 @@ mod tests {
     }
 
     #[test]
+    fn a_larger_movement_counts_in_proportion() {
+        let of = |value: f64| ParityRow::new("out/y", &Tensor::from(1.0), &Tensor::from(value), &FORWARD);
+        // Eight times the movement moves it by 0.008; the bound is ten times an eighth of that.
+        for (off, verdict) in [(0.0099, RowVerdict::Pass), (0.0101, RowVerdict::Fail)] {
+            let mut row = of(1.0 + off);
+            row.allow_for(&of(1.008 + off), 8.0);
+            assert_eq!(row.verdict(), verdict, "off by {off}");
+        }
+    }
+
+    #[test]
     fn what_is_within_its_tolerance_passes_whatever_rounding_does() {
         assert_eq!(row([9e-6; 3], [0.5; 3]).verdict(), RowVerdict::Pass);
     }
@@ -178,7 +189,7 @@ mod tests {
     fn single_step_is_never_uninformative() {
         let of = |value: f64| ParityRow::single_step("out/y", "step by step", &Tensor::from(1.0), &Tensor::from(value));
         let mut row = of(1.3);
-        row.allow_for(&of(1.8));
+        row.allow_for(&of(1.8), 1.0);
         assert!(row.movement() > UNINFORMATIVE);
         assert_eq!(row.verdict(), RowVerdict::Fail);
     }

@@ -99,7 +99,7 @@ mod tests {
     fn chaotic(title: &str, off: f64) -> ParityRow {
         let of = |value: f64| ParityRow::new(title, &Tensor::from(1.0), &Tensor::from(value), &FORWARD);
         let mut row = of(1.0 + off);
-        row.allow_for(&of(1.5 + off));
+        row.allow_for(&of(1.5 + off), 1.0);
         row
     }
 

@@ -72,6 +72,12 @@ impl Dataset {
         format!("{train:016x} {valid:016x}{actions}")
     }
 
+    /// Checksum of the clips that a run is scored on.
+    pub fn scored_on(&self) -> String {
+        let [_, _, test] = self.checksums();
+        format!("{test:016x}")
+    }
+
     /// The clips of one split, to be served on a device.
     pub fn clips(&self, split: Split, device: Device) -> Clips {
         match self {

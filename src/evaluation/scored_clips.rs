@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use tch::Device;
 
 use crate::datasets::dataset::Dataset;
@@ -12,6 +12,7 @@ use crate::datasets::settings::Provenance;
 use crate::datasets::states::{SplitStates, States};
 use crate::network::System;
 use crate::network::physics_models::PhysicsNet;
+use crate::runs::checkpoint::LearnedFrom;
 use crate::tasks::{Task, TrueParameter};
 
 /// The clips of one split.
@@ -26,6 +27,8 @@ pub struct ScoredClips {
     pub made_with: Option<String>,
     /// What a reader of the scores should know of the file.
     pub notes: Vec<String>,
+    /// Checksum of the file's test clips.
+    scored_on: String,
 }
 
 impl ScoredClips {
@@ -50,8 +53,20 @@ impl ScoredClips {
         }
         let made_with = states.as_ref().map(|states| states.settings.text());
         let states = states.map(|states| states.split(split).clone());
+        let scored_on = dataset.scored_on();
         let clips = dataset.clips(split, device);
-        Ok(ScoredClips { clips, states, truth, made_with, notes })
+        Ok(ScoredClips { clips, states, truth, made_with, notes, scored_on })
+    }
+
+    /// Checks that the file's test clips are those that a run was begun with, as far as they are known.
+    ///
+    /// # Errors
+    /// Other clips; a run without checkpoint, or whose last one is damaged.
+    pub fn ensure_of_run(&self, run: &Path) -> Result<()> {
+        let before = LearnedFrom::of_run(run)?;
+        let [_, _, same] = LearnedFrom { test: self.scored_on.clone(), ..LearnedFrom::default() }.is_as(&before);
+        ensure!(same, "its test clips are not those that {} was begun with", run.display());
+        Ok(())
     }
 
     /// Gives the truths of what each object has of its own (`m1`, `m2`, ..) the numbers that the model has given the objects:
@@ -133,7 +148,8 @@ mod tests {
         let numbered = |order: Option<&[usize]>| {
             let clips = Clips::new(&Array5::zeros([1, 12, 36, 36, 3]), None, Device::Cpu);
             let (truth, notes) = (task.truth.clone(), Vec::new());
-            let mut scored = ScoredClips { clips, states: None, truth, made_with: None, notes };
+            let mut scored =
+                ScoredClips { clips, states: None, truth, made_with: None, notes, scored_on: String::new() };
             scored.number_objects_as(&model, order);
             (["m1", "m2", "m3"].map(|name| scored.truth_of(name)), scored.notes)
         };

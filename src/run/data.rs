@@ -21,7 +21,7 @@ use crate::training::trainer::Trainer;
 pub(super) struct TrainingData {
     pub train: Clips,
     pub valid: Clips,
-    /// Checksums of both, and of the film beside them.
+    /// Checksums of both, of the film beside them and of the test clips.
     pub checksums: LearnedFrom,
 }
 
@@ -42,9 +42,10 @@ impl TrainingData {
         let test = Dataset::open(&path, &ClipShape::test(&config.task))?;
         check_settings(&path, config, observer)?;
         check_states(&path, &test, config).context("the run could not be scored at its end")?;
+        let scored_on = test.scored_on();
         drop(test);
         let clips = |split| training.clips(split, device);
-        let checksums = LearnedFrom { clips: training.learned_from(), film: film_checksum(config)? };
+        let checksums = LearnedFrom { clips: training.learned_from(), film: film_checksum(config)?, test: scored_on };
         let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid), checksums };
         config.check_clips(&data.train)?;
         if data.train.flickers() {

@@ -60,6 +60,12 @@ pub struct RunState {
     /// Checksum of the film beside the clips; empty where there is none, and in those of earlier versions.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub film: String,
+    /// Checksum of the test clips; empty in those of earlier versions.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub test: String,
+    /// Checksum of the first `metrics_bytes` of metrics.jsonl; empty where there are none, and in those of earlier versions.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    metrics: String,
     /// Checksums of the weights and slots beside the state; empty in those of earlier versions.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     weights: String,
@@ -88,10 +94,18 @@ impl RunState {
             config: String::new(),
             clips: String::new(),
             film: String::new(),
+            test: String::new(),
+            metrics: String::new(),
             weights: String::new(),
             slots: String::new(),
             checksum: String::new(),
         }
+    }
+
+    /// What the run was begun with.
+    pub fn data(&self) -> LearnedFrom {
+        let RunState { clips, film, test, .. } = self;
+        LearnedFrom { clips: clips.clone(), film: film.clone(), test: test.clone() }
     }
 
     /// The text of state.json, with its checksum.
@@ -222,6 +236,7 @@ impl Store {
     pub fn save(&self, weights: &[(String, Tensor)], slots: &[(String, Tensor)], state: &mut RunState) -> Result<()> {
         let _guard = tch::no_grad_guard();
         [state.log_bytes, state.metrics_bytes] = [self.synced_length(LOG)?, self.synced_length(METRICS)?];
+        state.metrics = self.metrics_checksum(state.metrics_bytes)?;
         state.format = FORMAT;
         ensure_finite(weights, state.steps)?;
         let folder = self.folder();
@@ -337,6 +352,7 @@ impl Store {
             path.display(),
             state.metrics_bytes
         );
+        self.check_course(state).context(advice)?;
         super::metrics::read(&path)
             .map(drop)
             .or_else(|error| {
@@ -346,6 +362,36 @@ impl Store {
                 super::metrics::parse(kept).map(drop).map_err(|_| error)
             })
             .context(advice)
+    }
+
+    /// Checks that metrics.jsonl is the run's own, as far as its last checkpoint says so.
+    ///
+    /// # Errors
+    /// Records of another run, or that cannot be read.
+    pub(super) fn check_recorded(&self) -> Result<()> {
+        let Some(last) = names(&self.folder())?.into_iter().next() else { return Ok(()) };
+        // A damaged checkpoint says nothing of the records.
+        let state = state_beside(&self.folder().join(last).join(WEIGHTS)).ok().flatten();
+        state.map_or(Ok(()), |state| self.check_course(&state))
+    }
+
+    fn check_course(&self, state: &RunState) -> Result<()> {
+        ensure!(
+            state.metrics.is_empty() || state.metrics == self.metrics_checksum(state.metrics_bytes)?,
+            "{} is of another run, or was edited",
+            self.run.join(METRICS).display()
+        );
+        Ok(())
+    }
+
+    /// Checksum of the first bytes of metrics.jsonl; empty where there are none.
+    fn metrics_checksum(&self, bytes: u64) -> Result<String> {
+        if bytes == 0 {
+            return Ok(String::new());
+        }
+        let path = self.run.join(METRICS);
+        let all = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        Ok(checksum(all.get(..bytes as usize).unwrap_or(&all)))
     }
 
     /// Length of a log in bytes, once on the disk.
@@ -438,21 +484,24 @@ fn read_parts(path: &Path) -> Result<Result<CheckpointParts>> {
     Ok(parts())
 }
 
-/// Checksums of what a run learns from; each is empty where it is not known.
+/// Checksums of what a run learns from and is scored on; each is empty where it is not known.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct LearnedFrom {
     /// Of the clips.
     pub clips: String,
     /// Of the film beside them.
     pub film: String,
+    /// Of the test clips.
+    pub test: String,
 }
 
 impl LearnedFrom {
-    /// Whether clips and film are those of before, as far as both are known.
-    pub fn is_as(&self, before: &LearnedFrom) -> [bool; 2] {
+    /// Whether clips, film and test clips are those of before, as far as both are known.
+    pub fn is_as(&self, before: &LearnedFrom) -> [bool; 3] {
         let known = |now: &str, before: &str| !now.is_empty() && !before.is_empty();
+        let same = |now: &str, before: &str| !known(now, before) || now == before;
         let clips = !known(&self.clips, &before.clips) || are_the_same(&self.clips, &before.clips);
-        [clips, !known(&self.film, &before.film) || self.film == before.film]
+        [clips, same(&self.film, &before.film), same(&self.test, &before.test)]
     }
 
     /// As the last checkpoint of a run has them.
@@ -462,7 +511,7 @@ impl LearnedFrom {
     pub fn of_run(run: &Path) -> Result<Self> {
         let weights = find_weights(run, SavedWeights::Last)?;
         let state = state_beside(&weights)?;
-        Ok(state.map_or_else(Self::default, |RunState { clips, film, .. }| LearnedFrom { clips, film }))
+        Ok(state.map_or_else(Self::default, |state| state.data()))
     }
 }
 

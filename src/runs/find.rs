@@ -25,9 +25,12 @@ pub fn is_run(folder: &Path) -> bool {
 }
 
 /// # Errors
-/// A run's folder, which takes no output of other commands.
+/// A run's folder or a place among its checkpoints, which take no output of other commands.
 pub fn ensure_no_run(out: &Path) -> Result<()> {
     ensure!(!is_run(out), "{} is a run folder; choose another folder with --out", out.display());
+    let of_run = |folder: &Path| folder.ends_with(CHECKPOINTS) && folder.parent().is_some_and(is_run);
+    let among = out.ancestors().any(of_run);
+    ensure!(!among, "{} lies among the checkpoints of a run; choose another folder with --out", out.display());
     Ok(())
 }
 

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 
+use super::checkpoint::Store;
 use super::course::Course;
 use super::names::{CONFIG, METRICS};
 use super::run_config::RunConfig;
@@ -76,7 +77,8 @@ impl StoredRun {
             let clips = [summary.training_clips?, summary.validation_clips?, summary.test.scores.clips];
             Some(RunData { clips, made_with: summary.test.made_with.clone() })
         });
-        Ok(StoredRun { folder: folder.into(), config, summary, course: Course::read(folder), data })
+        let course = Store::new(folder).check_recorded().and_then(|()| Course::read(folder));
+        Ok(StoredRun { folder: folder.into(), config, summary, course, data })
     }
 
     /// The course, if it can be read.

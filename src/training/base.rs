@@ -129,23 +129,23 @@ impl<'a, M: Trainable> Session<'a, M> {
         self.stop = Box::new(stop);
     }
 
-    /// Goes on from the last checkpoint, if there is any, with these clips and this film.
+    /// Goes on from the last checkpoint, if there is any, with these clips, this film and these test clips.
     ///
     /// # Errors
-    /// Checkpoints that are all damaged, or of a training on other clips or beside another film.
+    /// Checkpoints that are all damaged, or of a training on other clips, beside another film or scored on others.
     pub fn resume(&mut self, data: &LearnedFrom) -> Result<()> {
         self.load_last()?;
-        let RunState { clips, film, .. } = &mut self.state;
-        let same = data.is_as(&LearnedFrom { clips: clips.clone(), film: film.clone() });
-        for (same, what) in
-            same.into_iter().zip(["the clips are not those", "the film beside the clips is not the one"])
-        {
+        let same = data.is_as(&self.state.data());
+        let names =
+            ["the clips are not those", "the film beside the clips is not the one", "the test clips are not those"];
+        for (same, what) in same.into_iter().zip(names) {
             ensure!(
                 same,
                 "{what} that the run was begun with; put back what was there, or begin another run in another folder"
             );
         }
-        for (begun_with, now) in [(clips, &data.clips), (film, &data.film)] {
+        let RunState { clips, film, test, .. } = &mut self.state;
+        for (begun_with, now) in [(clips, &data.clips), (film, &data.film), (test, &data.test)] {
             if begun_with.is_empty() {
                 begun_with.clone_from(now);
             }

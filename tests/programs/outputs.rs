@@ -188,6 +188,10 @@ fn a_run_folder_is_no_output_of_other_commands() {
         assert_refused(&call(place, line, "run"), line);
         assert!(contents(&place.join("run")) == before, "{line}: the run was changed");
     }
+    for line in [FOLDERS[1], FOLDERS[2], FOLDERS[7], sweep] {
+        assert_refused(&call(place, line, "run/checkpoints/other"), line);
+        assert!(contents(&place.join("run")) == before, "{line}: the checkpoints were changed");
+    }
     // A training of its own kind of model reports errors of work.
     let baseline = "train-baseline ddpae --task spring_color --data data --steps 1 --threads 1 --out OUT";
     let done = call(place, baseline, "run");

@@ -12,7 +12,7 @@ use crate::programs::{paig, run, text};
 use crate::tiny::TINY;
 
 /// Files of a run or of its task, and folders of files, that are exchanged. `LAST` is the last checkpoint.
-const FILES: [&str; 9] = [
+const FILES: [&str; 11] = [
     "run/config.toml",
     "run/summary.json",
     "run/checkpoints",
@@ -20,7 +20,9 @@ const FILES: [&str; 9] = [
     "run/checkpoints/LAST/weights.safetensors",
     "run/checkpoints/LAST/state.json",
     "run/checkpoints/LAST",
+    "run/metrics.jsonl",
     "scene/train.npz",
+    "scene/test.npz",
     "scene/film.npz",
 ];
 

@@ -6,7 +6,8 @@ use std::result;
 /// A result of this crate.
 pub type Result<T> = result::Result<T, DecodeError>;
 
-/// Why a video cannot be read. The messages name neither file nor folder: the caller knows it.
+/// Why a video cannot be read. The messages name neither file nor folder: the caller knows it. Those of a picture and of a frame
+/// leave the cause to [`std::error::Error::source`].
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DecodeError {
@@ -30,6 +31,12 @@ pub enum DecodeError {
         /// The contradiction.
         what: String,
     },
+    /// Pictures that are no series of frames, or times that are not theirs.
+    #[error("{what}")]
+    NoSeries {
+        /// What keeps them from being one.
+        what: String,
+    },
     /// A size beyond the limits, claimed by a header: nothing was allocated for it.
     #[error("{what}")]
     TooLarge {
@@ -40,7 +47,7 @@ pub enum DecodeError {
     #[error("cannot read it: {0}")]
     Io(#[from] io::Error),
     /// An error in one picture of a folder.
-    #[error("{name}: {source}")]
+    #[error("{name}")]
     InFile {
         /// The picture's name.
         name: String,
@@ -48,7 +55,7 @@ pub enum DecodeError {
         source: Box<DecodeError>,
     },
     /// An error at a known place of the video.
-    #[error("frame {number}{}: {source}", at(*.seconds))]
+    #[error("frame {number}{}", at(*.seconds))]
     AtFrame {
         /// Display number, counted from 0.
         number: usize,
@@ -61,6 +68,10 @@ pub enum DecodeError {
 
 impl DecodeError {
     /// Damage, by its description.
+    pub(crate) fn no_series(what: impl Into<String>) -> Self {
+        DecodeError::NoSeries { what: what.into() }
+    }
+
     pub(crate) fn corrupt(what: impl Into<String>) -> Self {
         DecodeError::Corrupt { what: what.into() }
     }

@@ -46,7 +46,7 @@ pub(crate) fn list(folder: &Path) -> Result<(Vec<PathBuf>, (u32, u32))> {
     series.sort_by(|a, b| a.0.order(&b.0));
     check_series(&series)?;
     let files: Vec<_> = series.into_iter().map(|it| it.1).collect();
-    let first = files.first().ok_or_else(|| DecodeError::corrupt("the folder holds no png or jpeg"))?;
+    let first = files.first().ok_or_else(|| DecodeError::no_series("the folder holds no png or jpeg"))?;
     let size = read(first)?.dimensions();
     Ok((files, size))
 }
@@ -90,11 +90,11 @@ fn listed(text: &str, files: &[PathBuf]) -> Result<Vec<f64>> {
         rows.iter().map(|row| time(row)).collect()
     };
     let times = times.filter(|times| times.len() == files.len()).ok_or_else(|| {
-        DecodeError::corrupt(format!("expected {expected}, {} in all, found {} rows", files.len(), rows.len()))
+        DecodeError::no_series(format!("expected {expected}, {} in all, found {} rows", files.len(), rows.len()))
     })?;
     match times.windows(2).position(|pair| pair[1] <= pair[0]) {
         Some(place) => {
-            Err(DecodeError::corrupt(format!("the time of picture {} is not after the one before", place + 1)))
+            Err(DecodeError::no_series(format!("the time of picture {} is not after the one before", place + 1)))
         }
         None => Ok(since_first(times)),
     }
@@ -133,17 +133,17 @@ fn check_series(series: &[(Name, PathBuf)]) -> Result<()> {
         let [(a, first), (b, second)] = pair else { continue };
         let (first, second) = (shown(first), shown(second));
         if (&a.before, &a.after) != (&b.before, &b.after) {
-            return Err(DecodeError::corrupt(format!(
+            return Err(DecodeError::no_series(format!(
                 "{first} and {second} are not of one series; give each its own folder"
             )));
         }
         let (Some(a), Some(b)) = (a.number, b.number) else {
-            return Err(DecodeError::corrupt(format!("{first} and {second} have no numbers to order them by")));
+            return Err(DecodeError::no_series(format!("{first} and {second} have no numbers to order them by")));
         };
         match (b - a, *step.get_or_insert(b - a)) {
-            (0, _) => return Err(DecodeError::corrupt(format!("{first} and {second} are one frame"))),
+            (0, _) => return Err(DecodeError::no_series(format!("{first} and {second} are one frame"))),
             (found, step) if found != step => {
-                return Err(DecodeError::corrupt(format!(
+                return Err(DecodeError::no_series(format!(
                     "frames are missing between {first} and {second}, or before"
                 )));
             }
@@ -170,7 +170,7 @@ pub(crate) fn decode(
         if picture.dimensions() != size {
             let ((width, height), name) = (picture.dimensions(), name(path));
             let expected = format!("the first picture {} x {}", size.0, size.1);
-            return Err(DecodeError::corrupt(format!("{name} has {width} x {height} pixels, {expected}")));
+            return Err(DecodeError::no_series(format!("{name} has {width} x {height} pixels, {expected}")));
         }
         let seconds = times.map(|times| times[number]);
         if !sink.send(Frame {
@@ -255,7 +255,7 @@ mod tests {
         }
         let whole = fs::read(&path).unwrap();
         fs::write(&path, &whole[..whole.len() - 40]).unwrap();
-        assert!(read(&path).unwrap_err().to_string().contains("cut off"));
+        assert!(decode_file(&path).unwrap_err().to_string().contains("cut off"));
     }
 
     #[test]

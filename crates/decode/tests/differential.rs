@@ -247,7 +247,7 @@ fn compare(case: &EncodedCase, path: &Path) -> Option<String> {
     let mut expected = parse(&String::from_utf8_lossy(&list));
     let found = match (decode(path), case.expected) {
         (Err(_), ExpectedDecoding::Refused) => return None,
-        (Err(error), _) => return Some(error.to_string()),
+        (Err(error), _) => return Some(format!("{error:?}")),
         (Ok(found), _) => found,
     };
     let video = VideoFile::open_built_in(path).unwrap();
@@ -314,7 +314,7 @@ fn clips_are_decoded_as_by_ffmpeg() {
                 );
                 compare(&case(clip, "", ""), path)
             }
-            Err(error) => Some(error.to_string()),
+            Err(error) => Some(format!("{error:?}")),
         };
         println!("  {}", outcome.as_deref().unwrap_or("the same"));
         differing.extend(outcome.map(|how| format!("{clip}: {how}")));

@@ -27,7 +27,7 @@ fn every_decoder_gives_the_samples_and_times_of_ffmpeg() {
             let expected = parse(&fs::read_to_string(&list).unwrap());
             let outcome = match decode(&stream) {
                 Ok(found) => difference(&found, &expected),
-                Err(error) => Some(error.to_string()),
+                Err(error) => Some(format!("{error:?}")),
             };
             differing.extend(outcome.map(|how| format!("{name}: {how}")));
             streams += 1;
@@ -81,7 +81,7 @@ fn a_file_that_is_cut_off_says_where() {
     let cut = |name: &str, part: usize| {
         let bytes = fs::read(data().join(name)).unwrap();
         fs::write(&path, &bytes[..bytes.len() * part / 4]).unwrap();
-        decode(&path).unwrap_err().to_string()
+        format!("{:?}", decode(&path).unwrap_err())
     };
     assert!(cut("h264_fragments.mp4", 1).contains("cut off"), "{}", cut("h264_fragments.mp4", 1));
     assert!(cut("h264_bframes.mp4", 3).contains("incomplete"), "{}", cut("h264_bframes.mp4", 3));

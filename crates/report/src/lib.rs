@@ -35,12 +35,14 @@ pub use self::pictures::WithPictures;
 pub use self::template::{cell, code, fill_template};
 
 /// How many runs were found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunCounts {
     pub finished: usize,
     pub unfinished: usize,
     /// Folders with a config or a summary that cannot be read.
     pub unreadable: usize,
+    /// Why the courses of finished runs cannot be used: damaged, or of another run.
+    pub without_course: Vec<String>,
 }
 
 /// Reads all run folders in and under `folders` and writes the report of them into `out`, with or without pictures.
@@ -65,9 +67,11 @@ fn written(folders: &[PathBuf], out: &Path, shown: WithPictures) -> Result<RunCo
     );
     let finished = found.runs.iter().filter(|run| run.summary.is_some()).count();
     let unfinished = found.runs.len() - finished;
+    let of_finished = found.runs.iter().filter(|run| run.summary.is_some());
+    let without_course = of_finished.filter_map(|run| Some(format!("{:#}", run.course.as_ref().err()?))).collect();
     let groups = groups::group(found.runs);
     FILES.replace(out, |new| fill(new, out, &groups, &found.unreadable, &places, shown))?;
-    Ok(RunCounts { finished, unfinished, unreadable: found.unreadable.len() })
+    Ok(RunCounts { finished, unfinished, unreadable: found.unreadable.len(), without_course })
 }
 
 /// The files of a report. The page comes last: it shows whose the folders are.

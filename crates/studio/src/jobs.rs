@@ -157,12 +157,16 @@ mod tests {
         job.start(Path::new("/usr/bin/env"), &words.map(Into::into))
     }
 
-    fn wait(job: &ProjectJob) {
+    fn await_that(happened: impl Fn() -> bool) {
         let begun = Instant::now();
-        while job.progress() == ProcessStatus::Running {
-            assert!(begun.elapsed() < Duration::from_secs(60), "it does not end");
+        while !happened() {
+            assert!(begun.elapsed() < Duration::from_secs(60), "it does not happen");
             std::thread::sleep(Duration::from_millis(10));
         }
+    }
+
+    fn wait(job: &ProjectJob) {
+        await_that(|| job.progress() != ProcessStatus::Running);
     }
 
     #[test]
@@ -170,7 +174,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let job = ProjectJob::new(folder.path().join("job"));
         assert_eq!(job.progress(), ProcessStatus::None);
-        shell(&job, "trap 'echo asked; exit 130' INT; while :; do sleep 0.1; done").unwrap();
+        shell(&job, "trap 'echo asked; exit 130' INT; echo begun; while :; do sleep 0.1; done").unwrap();
+        // A signal before its trap would be lost.
+        await_that(|| job.tail().contains("begun"));
         let again = ProjectJob::new(folder.path().join("job"));
         assert_eq!(again.progress(), ProcessStatus::Running);
         assert!(shell(&again, "true").is_err(), "two at a time");

@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use tch::Device;
 
 use paig::datasets::files::Split;
+use paig::evaluation::ScoredClips;
 use paig::network::physics_models::PhysicsNet;
 use paig::runs::checkpoint::SavedWeights;
 use paig::support::device;
@@ -83,5 +84,19 @@ impl ScoredRun {
         let file = self.file.clone().unwrap_or_else(own);
         let split = Split::ALL.into_iter().find(|split| split.name() == self.split).context("unknown split")?;
         Ok(ClipsOfRun { config, model, file, split, device })
+    }
+
+    /// Reads the clips. Those of the run's own test file must be what it was begun with.
+    ///
+    /// # Errors
+    /// As for [`ScoredClips::read`], and a test file that was replaced.
+    pub fn read_clips(&self, opened: &ClipsOfRun) -> Result<ScoredClips> {
+        let ClipsOfRun { config, file, split, device, .. } = opened;
+        let clips = ScoredClips::read(file, &config.task, *split, *device)?;
+        if *file == config.data.test_path() && self.file.is_none() && self.data.is_none() {
+            let advice = || format!("{}: put it back, or name it by --file to use it nevertheless", file.display());
+            clips.ensure_of_run(&self.run).with_context(advice)?;
+        }
+        Ok(clips)
     }
 }

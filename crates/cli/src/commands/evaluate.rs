@@ -38,7 +38,7 @@ pub struct EvaluateArguments {
 pub fn run(arguments: &EvaluateArguments) -> Result<ExitCode> {
     let places = Places::check(arguments)?;
     let opened = arguments.run.open()?;
-    let clips = ScoredClips::read(&opened.file, &opened.config.task, opened.split, opened.device)?;
+    let clips = arguments.run.read_clips(&opened)?;
     score(&arguments.run.run, &places, opened, &clips).map_err(Error::of_work)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -44,8 +44,9 @@ pub fn run(arguments: &PredictArguments) -> Result<ExitCode> {
         arguments.frames.is_none_or(|frames| frames <= MOST_FRAMES),
         "--frames: at most {MOST_FRAMES} are predicted at once"
     );
-    let ClipsOfRun { config, model, file, split, device } = arguments.run.open()?;
-    let ScoredClips { clips, notes, .. } = ScoredClips::read(&file, &config.task, split, device)?;
+    let opened = arguments.run.open()?;
+    let ScoredClips { clips, notes, .. } = arguments.run.read_clips(&opened)?;
+    let ClipsOfRun { model, file, split, .. } = opened;
     notes.iter().for_each(|note| say!("note: {note}"));
     ensure!(
         arguments.clip < clips.len(),

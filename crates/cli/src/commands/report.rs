@@ -30,7 +30,8 @@ pub struct ReportArguments {
 pub fn run(arguments: &ReportArguments) -> Result<ExitCode> {
     let pictures = if arguments.no_pictures { WithPictures::LeftOut } else { WithPictures::Shown };
     let found = report::write(&arguments.runs, &arguments.out, pictures)?;
-    let report::RunCounts { finished, unfinished, unreadable } = found;
+    let report::RunCounts { finished, unfinished, unreadable, without_course } = found;
+    without_course.iter().for_each(|reason| say!("warning: {reason}; the run has no course in the report"));
     say!("{finished} finished, {unfinished} unfinished, {unreadable} unreadable runs");
     say!("{}", arguments.out.join("report.html").display());
     Ok(ExitCode::SUCCESS)

@@ -9,6 +9,7 @@ mod contact_sheet;
 pub mod crop;
 pub mod hold_out;
 pub mod motion;
+pub(crate) mod names;
 mod reel;
 pub mod request;
 mod scaling;
@@ -29,6 +30,7 @@ use self::contact_sheet::write_contact_sheet;
 use self::crop::Square;
 use self::hold_out::{Cut, HoldOut};
 use self::motion::MovingArea;
+use self::names::{SHEET, TASK, TEST, TRAIN};
 use self::reel::{Reel, VideoTake};
 use self::request::{FolderState, ImportRequest};
 use self::time_base::Kept;
@@ -74,12 +76,6 @@ pub struct ImportedTake {
     pub frames: usize,
     pub kept: Kept,
 }
-
-/// What an import writes beside its film.
-const TRAIN: &str = "train.npz";
-const TEST: &str = "test.npz";
-const SHEET: &str = "contact-sheet.png";
-pub(crate) const TASK: &str = "task.toml";
 
 /// The files of an imported task.
 const FILES: FileSet = FileSet {

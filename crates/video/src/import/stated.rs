@@ -78,8 +78,7 @@ impl Stated {
 
     /// A warning where the time base of a Tracker file is not the video's, and no frame rate is given besides.
     fn time_of(&self, tracker: &TrackerFile, video: &SourceVideo) -> Option<String> {
-        let [first, .., last] = video.times.as_deref()? else { return None };
-        let own = (video.frames - 1) as f64 / (last - first);
+        let own = video.file_rate?;
         let said = tracker.fps.filter(|fps| self.fps == Some(*fps) && (fps / own - 1.0).abs() > SAME_RATE)?;
         Some(format!(
             "{}: the Tracker file has {said:.2} frames a second, the video {own:.2}; if the video is not slow motion, the file \
@@ -146,10 +145,11 @@ mod tests {
 
     #[test]
     fn the_time_base_of_another_video_is_warned_about() {
-        let (_folder, video) = video();
         let of = |rate: f64, fps: f64| {
+            let (_folder, video) = video();
             let tracker = TrackerFile { pixels_per_metre: 9.0, origin: [0.0; 2], angle: 0.0, fps: Some(rate) };
-            Stated { tracker: Some(tracker), fps: Some(fps), ..Stated::default() }.check(&video).unwrap()
+            let stated = Stated { tracker: Some(tracker), fps: Some(fps), ..Stated::default() };
+            stated.check(&video.at_rate(fps)).unwrap()
         };
         assert!(of(4.0, 4.0)[0].contains("4.00 frames a second, the video 10.00"));
         assert_eq!([of(10.0, 10.0), of(4.0, 10.0)], [[""; 0]; 2]);

@@ -9,8 +9,8 @@ use super::compared_positions::{self, ComparedPositions};
 use super::recording::{Observation, Positions, RecordedSystem, Recording};
 use super::scale::Scale;
 use super::starts::KnownParameter;
-use crate::import::TASK;
 use crate::import::hold_out::HoldOut;
+use crate::import::names::TASK;
 use paig::datasets::dataset::Dataset;
 use paig::datasets::files::{ClipShape, Split};
 use paig::datasets::film::{FILM, FilmFile};
@@ -54,8 +54,8 @@ impl<'a> Learned<'a> {
         let training = Dataset::open(&path, &ClipShape::training(task))?;
         let film_path = path.with_file_name(FILM);
         let film = FilmFile::read(&film_path, record.sources.len(), system.side, system.channels)?;
-        let now = LearnedFrom { clips: training.learned_from(), film: film.checksum() };
-        let [same_clips, same_film] = now.is_as(before);
+        let now = LearnedFrom { clips: training.learned_from(), film: film.checksum(), ..LearnedFrom::default() };
+        let [same_clips, same_film, _] = now.is_as(before);
         ensure!(
             same_clips,
             "the clips in {} are not those that the run learned from: the video was imported again since. Import it as it \

@@ -66,7 +66,7 @@ pub fn train(
     session.observed_by(&mut recorder);
     session.observed_by(&mut validations);
     session.stop_when(stop);
-    let checksums = LearnedFrom { clips: data.checksums.into(), film: String::new() };
+    let checksums = LearnedFrom { clips: data.checksums.into(), ..LearnedFrom::default() };
     session.resume(&checksums).with_context(|| folder.display().to_string())?;
     if session.state.step == 0 {
         model.begin(data.train);

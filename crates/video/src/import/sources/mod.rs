@@ -19,6 +19,7 @@ pub(super) use self::filming::check_slow_motion;
 pub use self::filming::{Filming, ReferenceRectangle};
 use self::rectified::{Rectified, Samples};
 use crate::calibration::Calibration;
+use crate::import::names::{TASK, TRAIN};
 use paig::support::random::Fnv1a;
 
 pub use paig_decode::quiet_decoders;
@@ -36,6 +37,8 @@ pub struct SourceVideo {
     pub frames: usize,
     /// Of each frame, in seconds, from 0 on and ascending; none where the source knows no times.
     pub times: Option<Vec<f64>>,
+    /// Frames a second by the file's own times, whatever `times` was set to.
+    pub file_rate: Option<f64>,
     /// What the file states about time.
     pub clock: StatedTime,
     /// Remarks on the file, for people.
@@ -61,6 +64,12 @@ pub trait FrameReader {
     fn frame(&mut self, number: usize) -> Result<RgbImage>;
 }
 
+/// Frames a second over all of these times; none of a single one.
+fn mean_rate(times: &[f64]) -> Option<f64> {
+    let [first, .., last] = times else { return None };
+    Some((times.len() - 1) as f64 / (last - first)).filter(|rate| rate.is_finite())
+}
+
 /// Size, length and times of a source.
 struct SourceFacts {
     size: (u32, u32),
@@ -77,13 +86,17 @@ impl SourceVideo {
     pub fn open(path: &Path) -> Result<Self> {
         let read = || {
             ensure!(path.exists(), "there is no such file or folder");
+            let imported = [TASK, TRAIN].iter().all(|name| path.join(name).exists());
+            ensure!(!imported, "it is an imported task; give the video that it was imported from, or train it");
             let (source, facts) = source(path)?;
             let SourceFacts { size: (width, height), frames, clock, remarks } = facts;
             check_size(width, height)?;
             ensure!(frames > 0, "it has no frames");
             ensure!(frames <= MOST_FRAMES, "it has {frames} frames; at most {MOST_FRAMES} are read");
             let times = clock.times.clone();
-            Ok(SourceVideo { path: path.into(), width, height, frames, times, clock, remarks, source, samples: None })
+            let file_rate = times.as_deref().and_then(mean_rate);
+            let path = path.into();
+            Ok(SourceVideo { path, width, height, frames, times, file_rate, clock, remarks, source, samples: None })
         };
         read().with_context(|| format!("video {}", path.display()))
     }

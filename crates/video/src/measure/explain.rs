@@ -184,8 +184,8 @@ impl Explained {
     }
 
     /// Information criteria with as many independent positions as there are for `frames_in_one` frames that hold as much
-    /// as one. Equations are compared with the same number.
-    pub fn criteria(&self, frames_in_one: f64) -> Criteria {
+    /// as one. Equations are compared with the same number. A root mean square below `least` counts as that.
+    pub fn criteria(&self, frames_in_one: f64, least: f64) -> Criteria {
         let residuals = || self.fitted.residuals.iter().flatten();
         let independent = self.independent(frames_in_one);
         // As in the fit, what is far off counts linearly.
@@ -194,7 +194,7 @@ impl Explained {
         let mean = residuals().map(|x| loss(*x)).sum::<f64>() / residuals().count() as f64;
         let states: usize = self.fitted.states.iter().map(Vec::len).sum();
         let unknowns = self.learned.iter().filter(|learned| **learned).count() + states;
-        let fits = independent * mean.max(f64::MIN_POSITIVE).ln();
+        let fits = independent * mean.max(least * least).max(f64::MIN_POSITIVE).ln();
         Criteria { unknowns, aic: fits + 2.0 * unknowns as f64, bic: fits + independent.ln() * unknowns as f64 }
     }
 }
@@ -245,6 +245,21 @@ mod tests {
         );
         let long = Observations { trained: 20, ..tracks[0].clone() };
         assert!(explain(&dynamics, &[long], &starts).unwrap().fitted.piecewise_residual.is_some());
+    }
+
+    /// A fit without residuals counts as one with the systematic error: n ln(error^2) + unknowns ln(n).
+    #[test]
+    fn residuals_below_the_systematic_error_are_alike() {
+        let dynamics = one_ball();
+        let tracks = [throw(&dynamics, 7.0, 1.0, true)];
+        let start = Start { unconstrained: vec![7.0_f64.ln()], learned: vec![true], piece: 12 };
+        let explained = explain(&dynamics, &tracks, &[start]).unwrap();
+        let (independent, error) = (explained.independent(2.0), 0.1_f64);
+        let Criteria { unknowns, bic, .. } = explained.criteria(2.0, error);
+        assert_eq!(unknowns, 5);
+        let expected = 2.0 * independent * error.ln() + 5.0 * independent.ln();
+        assert!((bic - expected).abs() < 1e-9 * expected.abs(), "{bic}, expected {expected}");
+        assert!(explained.criteria(2.0, 0.0).bic < bic - 100.0);
     }
 
     /// On the way of a throw that was held out another g holds: it changes nothing of what is found, and is predicted with

@@ -144,7 +144,7 @@ impl RecordedSystem {
         let all: Vec<_> = std::iter::once(main).chain(others).collect();
         let frames_in_one = frames_in_one_of_best(all.iter().map(|(_, explained)| explained));
         let alternative = |(name, explained): (String, Explained)| {
-            let criteria = explained.criteria(frames_in_one);
+            let criteria = explained.criteria(frames_in_one, self.systematic_error());
             Alternative {
                 equation: name,
                 unknowns: criteria.unknowns,
@@ -190,7 +190,7 @@ fn with_what_shows_beside(tracks: &[Observations], explained: &Explained, piece:
         beside = fitted(&learned)?;
     }
     let frames_in_one = bootstrap::frames_in_one(&beside.fitted);
-    let gain = explained.criteria(frames_in_one).bic - beside.criteria(frames_in_one).bic;
+    let gain = explained.criteria(frames_in_one, 0.0).bic - beside.criteria(frames_in_one, 0.0).bic;
     Ok((gain > CLEARLY_BETTER).then_some(beside))
 }
 

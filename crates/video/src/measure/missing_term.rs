@@ -106,7 +106,7 @@ pub(super) fn missing_term(
     let all =
         terms.iter().map(|(_, (_, it))| it).chain(views.iter().map(|it: &Corrected| &it.explained)).chain([judged]);
     let frames_in_one = frames_in_one_of_best(all);
-    let criterion = |it: &Explained| it.criteria(frames_in_one).bic;
+    let criterion = |it: &Explained| it.criteria(frames_in_one, 0.0).bic;
     let of_term = |(term, (table, explained)): (&'static ExtraTerm, (EquationTable, Explained))| Extended {
         what: ModelExtension::Term(term, Box::new(table)),
         criterion: criterion(&explained),

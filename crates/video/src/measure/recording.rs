@@ -12,6 +12,9 @@ use super::fit::Observations;
 use super::results::SceneRecord;
 use super::scale::Scale;
 
+/// Systematic error of tracked positions, pixels of the video.
+const SYSTEMATIC: f64 = 0.1;
+
 /// Videos of one system and what is known of them before anything is fitted.
 #[derive(Debug, Clone)]
 pub struct RecordedSystem {
@@ -93,6 +96,14 @@ impl RecordedSystem {
         match self.system.cell.coordinates {
             Coordinates::Position => (self.scale.video_pixels, "px"),
             Coordinates::Angle => (1.0, "rad"),
+        }
+    }
+
+    /// Systematic error of tracked positions in the unit of a coordinate; of angles none is assumed.
+    pub fn systematic_error(&self) -> f64 {
+        match self.system.cell.coordinates {
+            Coordinates::Position => SYSTEMATIC / self.scale.video_pixels,
+            Coordinates::Angle => 0.0,
         }
     }
 

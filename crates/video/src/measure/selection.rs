@@ -1,8 +1,9 @@
 //! Choice of the equation where none is given: every equation that comes with the program is fitted to the same positions.
 //!
 //! Ranked first are those that predict the held-out part about as well as the best, by the Bayesian criterion with the effective
-//! number of residuals; then the others by their held-out error. Where none explains the whole recording, the part is taken that
-//! one of them explains (see [`free_motion`]).
+//! number of residuals: residuals below the systematic error of the positions are alike, and the equation with fewer parameters is
+//! taken. Then come the others by their held-out error. Where none explains the whole recording, the part is taken that one of them
+//! explains (see [`free_motion`]).
 
 use std::ops::Range;
 
@@ -128,7 +129,7 @@ fn rank(scene: &RecordedSystem, tracks: &[Observations], candidates: &[EquationC
     ensure!(!fitted.is_empty(), "no equation that comes with the program can be fitted to these positions");
     let frames_in_one = frames_in_one_of_best(fitted.iter().map(|(_, explained)| explained));
     let ranked = fitted.into_iter().map(|(candidate, explained)| Ranked {
-        bic: explained.criteria(frames_in_one).bic,
+        bic: explained.criteria(frames_in_one, scene.systematic_error()).bic,
         candidate,
         explained,
     });

@@ -126,7 +126,7 @@ fn a_long_swing_is_found_and_what_was_held_out_is_predicted() {
     let free = Dynamics::new(free.system, task.system.dt / 2.0).unwrap();
     let without = explain(&free, &tracks, &[start]).unwrap();
     let one = uncertainty.frames_in_one;
-    assert!(without.criteria(one).bic > explained.criteria(one).bic + 10.0);
+    assert!(without.criteria(one, 0.0).bic > explained.criteria(one, 0.0).bic + 10.0);
     assert!(without.errors.held_out > 2.0 * explained.errors.held_out, "{:?}", without.errors);
 }
 

@@ -352,7 +352,6 @@ impl Store {
             path.display(),
             state.metrics_bytes
         );
-        self.check_course(state).context(advice)?;
         super::metrics::read(&path)
             .map(drop)
             .or_else(|error| {
@@ -361,6 +360,7 @@ impl Store {
                 let kept = bytes.get(..state.metrics_bytes as usize).unwrap_or(&bytes);
                 super::metrics::parse(kept).map(drop).map_err(|_| error)
             })
+            .and_then(|()| self.check_course(state))
             .context(advice)
     }
 

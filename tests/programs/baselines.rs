@@ -309,7 +309,9 @@ fn an_end_to_end_baseline_goes_on_to_the_same_bits() {
     train("start", "2");
     let [whole, half, start] = ["whole", "half", "start"].map(|name| folder.path().join(name));
     fs::remove_dir_all(half.join("checkpoints")).unwrap();
-    ["checkpoints", "metrics.jsonl"].map(|name| fs::rename(start.join(name), half.join(name)).unwrap());
+    for name in ["checkpoints", "metrics.jsonl"] {
+        fs::rename(start.join(name), half.join(name)).unwrap();
+    }
     fs::remove_file(half.join("scores.json")).unwrap();
     let said = train("half", "6");
     assert!(said.contains("step 4: validation") && !said.contains("step 2: validation"), "{said}");

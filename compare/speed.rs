@@ -22,7 +22,7 @@ use paig::training::identify::Identify;
 use paig::training::identify::fit::{FitStart, Trust, fit};
 use paig::training::layers::Overrides;
 use paig::training::optimizers::Optimizer;
-use paig_terminal::{environment, say};
+use paig_terminal::say;
 use serde_json::json;
 use tch::{Cuda, Device, Kind, Tensor};
 
@@ -80,7 +80,6 @@ pub struct SpeedArguments {
 /// # Errors
 /// A task or a device that is not there.
 pub fn run(arguments: &SpeedArguments) -> Result<ExitCode> {
-    environment::set();
     device::set_threads(arguments.threads)?;
     let device = device::parse(&arguments.device)?;
     own_stream(device)?;

@@ -10,6 +10,9 @@ use std::process::Command;
 /// The project's folder, from a package with programs.
 const ROOTS: [&str; 2] = ["..", "../.."];
 
+/// What programs do before their libraries are initialized.
+const BEFORE_LIBRARIES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/src/before_libraries.c");
+
 /// In the project's folder: what a result depends on.
 const SOURCES: [&str; 7] = ["src", "crates", "runners", "configs", "data/assets", "Cargo.toml", "Cargo.lock"];
 
@@ -36,13 +39,20 @@ pub fn libtorch() -> String {
     library
 }
 
-/// The same for a package of programs, which also find the commit they were built from in `PAIG_COMMIT`.
+/// The same for a package of programs, which also find the commit they were built from in `PAIG_COMMIT`, and complete their
+/// environment when they start.
 ///
 /// # Panics
-/// As [`libtorch`].
+/// As [`libtorch`]; without a C compiler.
 pub fn program() {
     libtorch();
     println!("cargo:rustc-env=PAIG_COMMIT={}", commit());
+    if is_on("linux") {
+        println!("cargo:rerun-if-changed={BEFORE_LIBRARIES}");
+        for object in cc::Build::new().file(BEFORE_LIBRARIES).compile_intermediates() {
+            println!("cargo:rustc-link-arg-bins={}", object.display());
+        }
+    }
 }
 
 /// Only the commit, for a module that is loaded into a process which has loaded libtorch: on Linux it needs no search path.
@@ -56,7 +66,11 @@ pub fn module() {
 }
 
 fn is_macos() -> bool {
-    std::env::var("CARGO_CFG_TARGET_OS").is_ok_and(|system| system == "macos")
+    is_on("macos")
+}
+
+fn is_on(system: &str) -> bool {
+    std::env::var("CARGO_CFG_TARGET_OS").is_ok_and(|target| target == system)
 }
 
 /// The C++ standard library that C++ sources are linked with.

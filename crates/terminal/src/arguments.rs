@@ -14,8 +14,6 @@ use paig::support::device;
 use paig::training::config::Config;
 use paig::training::saved::load_model;
 
-use crate::environment;
-
 /// A run, a part of a dataset file, and where to compute.
 #[derive(Debug, Args)]
 pub struct ScoredRun {
@@ -68,13 +66,11 @@ pub struct ClipsOfRun {
 }
 
 impl ScoredRun {
-    /// Reads the run's last checkpoint and sets the number of threads. To be called first: it may start the program
-    /// over.
+    /// Reads the run's last checkpoint and sets the number of threads.
     ///
     /// # Errors
     /// A GPU that is not there, a folder that holds no run or no checkpoint.
     pub fn open(&self) -> Result<ClipsOfRun> {
-        environment::set();
         let device = device::parse(&self.device)?;
         device::set_threads(self.threads)?;
         let (mut config, model) = load_model(&self.run, self.checkpoint.into(), device)?;

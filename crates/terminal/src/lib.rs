@@ -1,8 +1,8 @@
 //! What the programs share: options of a run, lines and progress bars, signals, exit codes.
 
 pub mod arguments;
+mod banner;
 pub mod ending;
-pub mod environment;
 pub mod generate_display;
 pub mod interrupt;
 pub mod progress;

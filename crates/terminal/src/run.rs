@@ -15,7 +15,7 @@ use paig::training::layers::Overrides;
 use crate::ending::exit_code;
 use crate::generate_display::GenerateDisplay;
 use crate::screen::Screen;
-use crate::{environment, interrupt, say, usage};
+use crate::{interrupt, say, usage};
 
 /// Options of a run.
 #[derive(Debug, Args)]
@@ -129,8 +129,6 @@ pub fn one_task(task: &str, program: Program) -> ExitCode {
             Ok(parsed) => parsed,
             Err(code) => return Ok(code),
         };
-        // Before anything is opened: it starts the program over.
-        environment::set();
         if run.printed_config(Some(task))? {
             return Ok(ExitCode::SUCCESS);
         }

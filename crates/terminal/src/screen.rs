@@ -10,7 +10,7 @@ use paig::support::memory;
 use paig::tasks::Task;
 use paig::training::recorder;
 
-use crate::environment::banner;
+use crate::banner::banner;
 use crate::progress::PhaseProgress;
 use crate::say;
 use crate::table::{print_frames_and_states, print_results};

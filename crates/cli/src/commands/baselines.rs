@@ -13,7 +13,7 @@ use paig_experiments::baselines::plan::BaselineFolders;
 use paig_experiments::comparison::{Comparing, ComparisonEnd, ComparisonEvent, ComparisonWatch};
 use paig_experiments::sweep::{self, parse_seeds};
 use paig_terminal::generate_display::GenerateDisplay;
-use paig_terminal::{environment, interrupt, say};
+use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
 use paig::support::device;
@@ -84,7 +84,6 @@ pub struct BaselinesArguments {
 
 impl BaselinesArguments {
     pub fn run(&self) -> Result<ExitCode> {
-        environment::set();
         ensure!(self.jobs > 0 && self.threads > 0, "--jobs and --threads must be at least 1");
         let list = Comparison::read(&self.list)?;
         let comparing = Comparing {

@@ -10,7 +10,7 @@ use paig_experiments::control::experiment::{
     Experiment, ExperimentEvent, ExperimentWatch, PlannerKind, Played, SearchMethod,
 };
 use paig_experiments::control::study::{self, StudyEvent};
-use paig_terminal::{environment, interrupt, say};
+use paig_terminal::{interrupt, say};
 
 /// Notes of a planner that are printed; their number is printed in any case.
 const NOTES: usize = 3;
@@ -158,8 +158,6 @@ struct LineArguments {
 }
 
 pub fn run(arguments: &ControlArguments) -> Result<ExitCode> {
-    // Before anything is opened: it starts the program over.
-    environment::set();
     device::set_threads(arguments.threads)?;
     interrupt::catch()?;
     let experiment = arguments.experiment();

@@ -12,7 +12,7 @@ use paig::training::layers::Overrides;
 use paig_terminal::generate_display::GenerateDisplay;
 use paig_terminal::run::interrupted;
 use paig_terminal::screen::Screen;
-use paig_terminal::{environment, interrupt, say};
+use paig_terminal::{interrupt, say};
 
 use crate::PROGRAM;
 
@@ -41,7 +41,6 @@ pub struct DemoArguments {
 }
 
 pub fn run(arguments: &DemoArguments) -> Result<ExitCode> {
-    environment::set();
     let (data, out) = (arguments.out.join("data"), arguments.out.join("run"));
     let display = GenerateDisplay::default();
     let job = DatasetJob { counts: CLIPS, ..DatasetJob::plain(&tasks::find(TASK)?, data.clone())? };

@@ -7,7 +7,7 @@ use clap::Args;
 use paig::support::device;
 use paig::tasks::equation_file::EquationFile;
 use paig_terminal::progress::PhaseProgress;
-use paig_terminal::{environment, say};
+use paig_terminal::say;
 use paig_video::import::crop::CropRectangle;
 use paig_video::measure::results::Measurement;
 use paig_video::measure::{MeasureRequest, VideoRequest, is_run, measure, measure_videos};
@@ -77,7 +77,6 @@ pub struct MeasureArguments {
 const AUTO: &str = "auto";
 
 pub fn run(arguments: &MeasureArguments) -> Result<()> {
-    environment::set();
     let device = device::parse(&arguments.device)?;
     device::set_threads(arguments.threads)?;
     let against = arguments.against.iter().map(|path| EquationFile::read(path)).collect::<Result<Vec<_>>>()?;

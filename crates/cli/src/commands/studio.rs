@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result};
 use clap::Args;
 use paig_studio::{ServerOptions, Studio, prepare, train};
-use paig_terminal::{environment, interrupt, say};
+use paig_terminal::{interrupt, say};
 
 use crate::PROGRAM;
 
@@ -45,7 +45,6 @@ pub struct StudioArguments {
 }
 
 pub fn run(arguments: &StudioArguments) -> Result<()> {
-    environment::set();
     if let Some(project) = &arguments.prepare {
         return prepare(project);
     }

@@ -9,7 +9,7 @@ use paig::runs::verdict::Verdict;
 use paig::tasks;
 use paig_terminal::run::{RunArgs, interrupted};
 use paig_terminal::screen::Screen;
-use paig_terminal::{environment, interrupt, say};
+use paig_terminal::{interrupt, say};
 use paig_video::run::{VideoRunEnding, execute};
 
 use crate::PROGRAM;
@@ -37,8 +37,6 @@ pub struct TrainArguments {
 }
 
 pub fn run(arguments: &TrainArguments) -> Result<ExitCode> {
-    // Before anything is opened: it starts the program over.
-    environment::set();
     let task = arguments.task.as_deref();
     if arguments.run.printed_config(task)? {
         return Ok(ExitCode::SUCCESS);

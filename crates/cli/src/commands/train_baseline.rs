@@ -14,7 +14,7 @@ use paig::training::layers::usual_data_folder;
 use paig_experiments::baselines::end_to_end::config::{EndToEndConfig, EndToEndModel};
 use paig_experiments::baselines::end_to_end::scores::EndToEndScores;
 use paig_experiments::comparison::end_to_end_run::EndToEndRun;
-use paig_terminal::{environment, interrupt, say};
+use paig_terminal::{interrupt, say};
 
 /// The models.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -110,7 +110,6 @@ pub struct TrainBaselineArguments {
 }
 
 pub fn run(arguments: TrainBaselineArguments) -> Result<ExitCode> {
-    environment::set();
     let TrainBaselineArguments {
         task,
         data,

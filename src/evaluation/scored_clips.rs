@@ -12,7 +12,7 @@ use crate::datasets::settings::Provenance;
 use crate::datasets::states::{SplitStates, States};
 use crate::network::System;
 use crate::network::physics_models::PhysicsNet;
-use crate::runs::checkpoint::LearnedFrom;
+use crate::runs::checkpoint::DataChecksums;
 use crate::tasks::{Task, TrueParameter};
 
 /// The clips of one split.
@@ -27,8 +27,8 @@ pub struct ScoredClips {
     pub made_with: Option<String>,
     /// What a reader of the scores should know of the file.
     pub notes: Vec<String>,
-    /// Checksum of the file's test clips.
-    scored_on: String,
+    /// Of the file: of its test clips, or of those that a run learns from.
+    checksums: DataChecksums,
 }
 
 impl ScoredClips {
@@ -53,19 +53,21 @@ impl ScoredClips {
         }
         let made_with = states.as_ref().map(|states| states.settings.text());
         let states = states.map(|states| states.split(split).clone());
-        let scored_on = dataset.scored_on();
+        let checksums = match split {
+            Split::Test => DataChecksums { test: dataset.scored_on(), ..DataChecksums::default() },
+            Split::Train | Split::Valid => DataChecksums { clips: dataset.learned_from(), ..DataChecksums::default() },
+        };
         let clips = dataset.clips(split, device);
-        Ok(ScoredClips { clips, states, truth, made_with, notes, scored_on })
+        Ok(ScoredClips { clips, states, truth, made_with, notes, checksums })
     }
 
-    /// Checks that the file's test clips are those that a run was begun with, as far as they are known.
+    /// Checks that the clips are those that a run was begun with, as far as they are known.
     ///
     /// # Errors
     /// Other clips; a run without checkpoint, or whose last one is damaged.
     pub fn ensure_of_run(&self, run: &Path) -> Result<()> {
-        let before = LearnedFrom::of_run(run)?;
-        let [_, _, same] = LearnedFrom { test: self.scored_on.clone(), ..LearnedFrom::default() }.is_as(&before);
-        ensure!(same, "its test clips are not those that {} was begun with", run.display());
+        let same = self.checksums.is_as(&DataChecksums::of_run(run)?).into_iter().all(|same| same);
+        ensure!(same, "its clips are not those that {} was begun with", run.display());
         Ok(())
     }
 
@@ -148,8 +150,8 @@ mod tests {
         let numbered = |order: Option<&[usize]>| {
             let clips = Clips::new(&Array5::zeros([1, 12, 36, 36, 3]), None, Device::Cpu);
             let (truth, notes) = (task.truth.clone(), Vec::new());
-            let mut scored =
-                ScoredClips { clips, states: None, truth, made_with: None, notes, scored_on: String::new() };
+            let checksums = DataChecksums::default();
+            let mut scored = ScoredClips { clips, states: None, truth, made_with: None, notes, checksums };
             scored.number_objects_as(&model, order);
             (["m1", "m2", "m3"].map(|name| scored.truth_of(name)), scored.notes)
         };

@@ -12,7 +12,7 @@ use crate::datasets::film::{FILM, FilmFile};
 use crate::datasets::iterators::Clips;
 use crate::datasets::states::States;
 use crate::network::physics_models::PhysicsNet;
-use crate::runs::checkpoint::LearnedFrom;
+use crate::runs::checkpoint::DataChecksums;
 use crate::training::config::Config;
 use crate::training::trainer::Trainer;
 
@@ -22,7 +22,7 @@ pub(super) struct TrainingData {
     pub train: Clips,
     pub valid: Clips,
     /// Checksums of both, of the film beside them and of the test clips.
-    pub checksums: LearnedFrom,
+    pub checksums: DataChecksums,
 }
 
 impl TrainingData {
@@ -45,7 +45,7 @@ impl TrainingData {
         let scored_on = test.scored_on();
         drop(test);
         let clips = |split| training.clips(split, device);
-        let checksums = LearnedFrom { clips: training.learned_from(), film: film_checksum(config)?, test: scored_on };
+        let checksums = DataChecksums { clips: training.learned_from(), film: film_checksum(config)?, test: scored_on };
         let data = TrainingData { train: clips(Split::Train), valid: clips(Split::Valid), checksums };
         config.check_clips(&data.train)?;
         if data.train.flickers() {

@@ -101,7 +101,7 @@ impl Run {
     ///
     /// # Errors
     /// A device or data that are not there or do not fit the task, too little memory, parameters that the equation cannot
-    /// have, a folder that cannot be taken.
+    /// have, a folder that cannot be taken; a config or data that an earlier run was not begun with.
     pub fn prepare(self, observer: &mut dyn Observer) -> Result<Prepared, Error> {
         Ok(self.prepared(observer)?)
     }
@@ -121,7 +121,11 @@ impl Run {
         )?;
         // What can fail at once has been tried: a folder is taken only by a run that begins.
         let folder = match place {
-            RunPlace::Earlier(folder) => folder,
+            RunPlace::Earlier(folder) => {
+                let store = Store::new(folder.path());
+                data.iter().try_for_each(|data| store.check_begun_with(&data.checksums))?;
+                folder
+            }
             RunPlace::New(path) => {
                 data.iter().try_for_each(|data| data.check_start(&config, device))?;
                 RunFolder::create(&path, &config.to_toml())?

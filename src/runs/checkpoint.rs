@@ -103,9 +103,9 @@ impl RunState {
     }
 
     /// What the run was begun with.
-    pub fn data(&self) -> LearnedFrom {
+    pub fn data(&self) -> DataChecksums {
         let RunState { clips, film, test, .. } = self;
-        LearnedFrom { clips: clips.clone(), film: film.clone(), test: test.clone() }
+        DataChecksums { clips: clips.clone(), film: film.clone(), test: test.clone() }
     }
 
     /// The text of state.json, with its checksum.
@@ -337,6 +337,18 @@ impl Store {
         Ok(())
     }
 
+    /// Checks, before a run goes on, that its config and these data are those of its last checkpoint. A checkpoint that cannot be
+    /// read is left to [`Store::load`], which may have an earlier one.
+    ///
+    /// # Errors
+    /// An edited config, other data.
+    pub(crate) fn check_begun_with(&self, data: &DataChecksums) -> Result<()> {
+        let last = find_weights(&self.run, SavedWeights::Last).and_then(|weights| state_beside(&weights));
+        let Ok(Some(state)) = last else { return Ok(()) };
+        self.check_config(&state)?;
+        data.ensure_are(&state.data())
+    }
+
     /// What was recorded until the checkpoint will be read at the end of the run.
     fn check_metrics(&self, state: &RunState) -> Result<()> {
         let path = self.run.join(METRICS);
@@ -486,7 +498,7 @@ fn read_parts(path: &Path) -> Result<Result<CheckpointParts>> {
 
 /// Checksums of what a run learns from and is scored on; each is empty where it is not known.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct LearnedFrom {
+pub struct DataChecksums {
     /// Of the clips.
     pub clips: String,
     /// Of the film beside them.
@@ -495,13 +507,29 @@ pub struct LearnedFrom {
     pub test: String,
 }
 
-impl LearnedFrom {
+impl DataChecksums {
     /// Whether clips, film and test clips are those of before, as far as both are known.
-    pub fn is_as(&self, before: &LearnedFrom) -> [bool; 3] {
+    pub fn is_as(&self, before: &DataChecksums) -> [bool; 3] {
         let known = |now: &str, before: &str| !now.is_empty() && !before.is_empty();
         let same = |now: &str, before: &str| !known(now, before) || now == before;
         let clips = !known(&self.clips, &before.clips) || are_the_same(&self.clips, &before.clips);
         [clips, same(&self.film, &before.film), same(&self.test, &before.test)]
+    }
+
+    /// Checks that a run may go on with these.
+    ///
+    /// # Errors
+    /// Other clips, another film or other test clips than before.
+    pub fn ensure_are(&self, before: &DataChecksums) -> Result<()> {
+        let names =
+            ["the clips are not those", "the film beside the clips is not the one", "the test clips are not those"];
+        for (same, what) in self.is_as(before).into_iter().zip(names) {
+            ensure!(
+                same,
+                "{what} that the run was begun with; put back what was there, or begin another run in another folder"
+            );
+        }
+        Ok(())
     }
 
     /// As the last checkpoint of a run has them.

@@ -3,9 +3,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 
-use super::names::{CHECKPOINTS, CONFIG, LOCK, METRICS, SUMMARY};
+use super::guard::is_run;
 use super::run::StoredRun;
 
 /// All run folders that were found.
@@ -14,24 +14,6 @@ pub struct FoundRuns {
     pub runs: Vec<StoredRun>,
     /// Folders that cannot be listed, or whose config or summary is missing or damaged, and how.
     pub unreadable: Vec<(PathBuf, anyhow::Error)>,
-}
-
-/// What a run's folder holds. Two of these make a folder one, whatever else is missing: no run is passed over.
-const MARKS: [&str; 5] = [CONFIG, METRICS, SUMMARY, CHECKPOINTS, LOCK];
-
-/// Whether a folder is a run's, finished or not.
-pub fn is_run(folder: &Path) -> bool {
-    MARKS.iter().filter(|mark| folder.join(mark).exists()).count() >= 2
-}
-
-/// # Errors
-/// A run's folder or a place among its checkpoints, which take no output of other commands.
-pub fn ensure_no_run(out: &Path) -> Result<()> {
-    ensure!(!is_run(out), "{} is a run folder; choose another folder with --out", out.display());
-    let of_run = |folder: &Path| folder.ends_with(CHECKPOINTS) && folder.parent().is_some_and(is_run);
-    let among = out.ancestors().any(of_run);
-    ensure!(!among, "{} lies among the checkpoints of a run; choose another folder with --out", out.display());
-    Ok(())
 }
 
 /// The runs in and under some folders, in the order of their names. What `skip` names is not entered.

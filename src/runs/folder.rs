@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
+use super::guard::ensure_outside_checkpoints;
 use super::names::{CHECKPOINTS, CONFIG, DONE, LOCK, LOG, METRICS, OUTPUT, TENSORBOARD};
 use crate::support::atomic;
 use crate::support::error::{self, Error};
@@ -44,6 +45,7 @@ impl RunFolder {
     /// # Errors
     /// A folder that holds a run or files of someone else already.
     pub(crate) fn ensure_free(path: &Path) -> Result<()> {
+        ensure_outside_checkpoints(path)?;
         // Checkpoints alone are of a run whose config was deleted: a new run must not go on from them.
         ensure!(
             !path.join(CONFIG).exists() && !path.join(CHECKPOINTS).exists(),

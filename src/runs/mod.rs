@@ -18,6 +18,7 @@ pub mod convert;
 pub mod course;
 pub mod find;
 pub mod folder;
+pub mod guard;
 pub mod metrics;
 pub mod names;
 pub mod run;

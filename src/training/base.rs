@@ -8,7 +8,7 @@ use std::fmt::{self, Debug};
 use std::rc::Rc;
 use std::time::Instant;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, bail};
 use tch::{Device, Tensor};
 
 use super::objective::{Objective, StepLoss, Validated};
@@ -19,7 +19,7 @@ use super::schedule::Timetable;
 use super::trained::Trainable;
 use crate::datasets::iterators::{Clips, steps_per_epoch};
 use crate::network::physics_models::PhysicsNet;
-use crate::runs::checkpoint::{BestOf, LearnedFrom, RunState, Store};
+use crate::runs::checkpoint::{BestOf, DataChecksums, RunState, Store};
 use crate::runs::metrics::{Record, RecordKind};
 use crate::runs::weights::{self, NamedTensors, first_not_finite, is_finite};
 use paig_kernels::Repeated;
@@ -133,17 +133,9 @@ impl<'a, M: Trainable> Session<'a, M> {
     ///
     /// # Errors
     /// Checkpoints that are all damaged, or of a training on other clips, beside another film or scored on others.
-    pub fn resume(&mut self, data: &LearnedFrom) -> Result<()> {
+    pub fn resume(&mut self, data: &DataChecksums) -> Result<()> {
         self.load_last()?;
-        let same = data.is_as(&self.state.data());
-        let names =
-            ["the clips are not those", "the film beside the clips is not the one", "the test clips are not those"];
-        for (same, what) in same.into_iter().zip(names) {
-            ensure!(
-                same,
-                "{what} that the run was begun with; put back what was there, or begin another run in another folder"
-            );
-        }
+        data.ensure_are(&self.state.data())?;
         let RunState { clips, film, test, .. } = &mut self.state;
         for (begun_with, now) in [(clips, &data.clips), (film, &data.film), (test, &data.test)] {
             if begun_with.is_empty() {

@@ -12,7 +12,7 @@ use super::observer::TrainingObserver;
 use crate::datasets::iterators::Clips;
 use crate::network::cells::{Actions, Coordinates, State};
 use crate::network::physics_models::PhysicsNet;
-use crate::runs::checkpoint::{LearnedFrom, RunState, Store};
+use crate::runs::checkpoint::{DataChecksums, RunState, Store};
 use crate::support::random::named_generator;
 use paig_kernels::{Flushing, Kernels, KernelsAlone, own_stream};
 
@@ -29,7 +29,7 @@ const RESTS: usize = 16;
 pub struct Trainer<'a> {
     config: &'a Config,
     session: Session<'a>,
-    data: LearnedFrom,
+    data: DataChecksums,
     /// Of the program that trains.
     commit: String,
 }
@@ -51,11 +51,11 @@ impl<'a> Trainer<'a> {
         let intervals = Intervals { print: config.output.print_every, checkpoint: config.output.checkpoint_every };
         let mut session = Session::new(model, &config.task.name, [train, valid], config.seed, validation, intervals);
         session.begun = model.parameters.iter().map(|parameter| parameter.unconstrained.double_value(&[])).collect();
-        Ok(Trainer { config, session, data: LearnedFrom::default(), commit: UNKNOWN_COMMIT.into() })
+        Ok(Trainer { config, session, data: DataChecksums::default(), commit: UNKNOWN_COMMIT.into() })
     }
 
     /// Sets the checksums of clips and film: a run that was begun with others does not resume.
-    pub fn of_data(mut self, checksums: &LearnedFrom) -> Self {
+    pub fn of_data(mut self, checksums: &DataChecksums) -> Self {
         self.data = checksums.clone();
         self
     }

@@ -5,7 +5,7 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use numpy::{PyArrayDyn, PyReadonlyArrayDyn};
 use paig::datasets::files::Split;
 use paig::evaluation::rollout::roll_out;
@@ -25,6 +25,7 @@ use crate::errors::raised;
 
 /// What the thread holds.
 struct Opened {
+    folder: PathBuf,
     config: Config,
     net: PhysicsNet,
     device: Device,
@@ -55,7 +56,7 @@ impl Model {
             let device = device::parse(&device)?;
             device::set_threads(threads)?;
             let (config, net) = load_model(&folder, which, device)?;
-            Ok(Opened { config, net, device, clips: None })
+            Ok(Opened { folder, config, net, device, clips: None })
         };
         thread::spawn(move || match guarded(open) {
             Ok(mut model) => {
@@ -231,7 +232,7 @@ impl Opened {
         arrays::array(&(positions * self.net.length_per_unit()).unflatten(2, [objects, coordinates]))
     }
 
-    /// The clips of a split: of the test file where it is `test`, else of the training file.
+    /// The clips of a split: of the test file where it is `test`, else of the training file. They must be what the run was begun with.
     fn read(&mut self, split: &str) -> Result<&ScoredClips> {
         let split = Split::ALL.into_iter().find(|known| known.name() == split);
         let split = split.ok_or_else(|| anyhow!("split: expected train, valid or test"))?;
@@ -239,6 +240,7 @@ impl Opened {
             let data = &self.config.data;
             let file = if split == Split::Test { data.test_path() } else { data.train_path() };
             let clips = ScoredClips::read(&file, &self.config.task, split, self.device)?;
+            clips.ensure_of_run(&self.folder).with_context(|| file.display().to_string())?;
             self.clips = Some((split, clips));
         }
         Ok(&self.clips.as_ref().expect("it was just read").1)

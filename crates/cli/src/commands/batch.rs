@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, FromArgMatches};
-use paig::runs::find::ensure_no_run;
+use paig::runs::guard::ensure_no_run;
 use paig::runs::names::DONE;
 use paig::support::{atomic, device, storage};
 use paig_experiments::sweep::{self, JobStage, Work};

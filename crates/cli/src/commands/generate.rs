@@ -8,6 +8,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::{Changes, Variant};
 use paig::generators::{Counts, DatasetJob, generate};
+use paig::runs::guard::ensure_outside_checkpoints;
 use paig::support::device;
 use paig::tasks;
 use paig::tasks::scene::{Background, Look};
@@ -158,12 +159,14 @@ pub fn run(arguments: GenerateArguments) -> Result<()> {
     let threads = rayon::ThreadPoolBuilder::new().num_threads(device::threads(arguments.threads)?).build();
     let threads = threads.with_context(|| format!("cannot start {} threads", arguments.threads))?;
     let images = source_images(&arguments, &variant)?;
+    // Where a training looks for them.
+    let folder = arguments.out.unwrap_or_else(|| usual_data_folder(&task, &arguments.task).into());
+    ensure_outside_checkpoints(&folder)?;
     let job = DatasetJob {
         variant,
         counts: Counts { train: arguments.train, valid: arguments.valid, test: arguments.test },
         images,
-        // Where a training looks for them.
-        folder: arguments.out.unwrap_or_else(|| usual_data_folder(&task, &arguments.task).into()),
+        folder,
         force: arguments.force,
     };
     let display = GenerateDisplay::default();

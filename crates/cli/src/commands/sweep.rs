@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use paig::runs::find::ensure_no_run;
+use paig::runs::guard::ensure_no_run;
 use paig::support::device;
 use paig::tasks;
 use paig_experiments::sweep::{self, JobState, RunStatus, SweepPlan, SweepRequest, parse_seeds};

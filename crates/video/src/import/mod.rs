@@ -39,7 +39,7 @@ use paig::datasets::film::FILM;
 use paig::network::System;
 use paig::network::cells::Equations;
 use paig::network::system::SystemTable;
-use paig::runs::find::is_run;
+use paig::runs::guard::ensure_no_run;
 use paig::runs::metrics;
 use paig::support::atomic;
 use paig::support::output::FileSet;
@@ -123,10 +123,10 @@ fn imported(request: &ImportRequest, progress: ImportProgress) -> Result<Importe
     ensure!(!request.videos.is_empty(), "no video given");
     ensure!(request.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps: must be a positive number");
     let (place, name) = (request.place()?, request.task_name()?);
+    ensure_no_run(&request.out)?;
     check_system(request)?;
     if place == FolderState::Replaced {
         spare_videos(request)?;
-        ensure!(!is_run(&request.out), "{} is a run folder; choose another --out", request.out.display());
         FILES.check(&request.out)?;
     }
     let mut reel = Reel::open(request, request.clip_frames.unwrap_or(request.least_frames()))?;

@@ -76,8 +76,8 @@ use self::selection::Selection;
 use self::starts::KnownParameter;
 use paig::Error;
 use paig::network::cells::{CellKind, Equations};
-use paig::runs::checkpoint::{LearnedFrom, SavedWeights};
-use paig::runs::find::ensure_no_run;
+use paig::runs::checkpoint::{DataChecksums, SavedWeights};
+use paig::runs::guard::ensure_no_run;
 use paig::runs::names::CONFIG;
 use paig::runs::summary::Summary;
 use paig::support::atomic;
@@ -153,7 +153,7 @@ fn measured_run(folder: &Path, request: &MeasureRequest, out: &Path, device: Dev
     let begun = Instant::now();
     let (config, model) = load_model(folder, SavedWeights::Last, device)?;
     set_tf32(device, config.model.tf32);
-    let learned = Learned::read(&config, &model, &LearnedFrom::of_run(folder)?, device)?;
+    let learned = Learned::read(&config, &model, &DataChecksums::of_run(folder)?, device)?;
     // Only for what can be measured: a name that is misspelt makes no folder.
     if !is_same(folder, out) {
         ensure_no_run(out)?;

@@ -16,7 +16,7 @@ use paig::datasets::files::{ClipShape, Split};
 use paig::datasets::film::{FILM, FilmFile};
 use paig::datasets::iterators::Clips;
 use paig::network::physics_models::PhysicsNet;
-use paig::runs::checkpoint::LearnedFrom;
+use paig::runs::checkpoint::DataChecksums;
 use paig::support::statistics::upper_median;
 use paig::tasks;
 use paig::tasks::video::Video;
@@ -44,7 +44,7 @@ impl<'a> Learned<'a> {
     /// # Errors
     /// A task without video or film, or one whose clips are others by now: then its film is another, too, and what the run
     /// knows of crop and times is not of that one.
-    pub fn read(config: &'a Config, model: &'a PhysicsNet, before: &LearnedFrom, device: Device) -> Result<Self> {
+    pub fn read(config: &'a Config, model: &'a PhysicsNet, before: &DataChecksums, device: Device) -> Result<Self> {
         let task = &config.task;
         let record =
             task.video().context("the run's task has no video; only what was made by `paig import` can be measured")?;
@@ -54,7 +54,7 @@ impl<'a> Learned<'a> {
         let training = Dataset::open(&path, &ClipShape::training(task))?;
         let film_path = path.with_file_name(FILM);
         let film = FilmFile::read(&film_path, record.sources.len(), system.side, system.channels)?;
-        let now = LearnedFrom { clips: training.learned_from(), film: film.checksum(), ..LearnedFrom::default() };
+        let now = DataChecksums { clips: training.learned_from(), film: film.checksum(), ..DataChecksums::default() };
         let [same_clips, same_film, _] = now.is_as(before);
         ensure!(
             same_clips,

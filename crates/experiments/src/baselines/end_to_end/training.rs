@@ -14,7 +14,7 @@ use super::descent::{Descent, PHASE, Trainee};
 use super::frame_model::{self, FrameModel};
 use super::scores::{self, EndToEndScores, SCORES};
 use paig::network::System;
-use paig::runs::checkpoint::{LearnedFrom, Store};
+use paig::runs::checkpoint::{DataChecksums, Store};
 use paig::runs::folder::RunFolder;
 use paig::runs::metrics::{Record, RecordKind};
 use paig::support::atomic;
@@ -66,7 +66,7 @@ pub fn train(
     session.observed_by(&mut recorder);
     session.observed_by(&mut validations);
     session.stop_when(stop);
-    let checksums = LearnedFrom { clips: data.checksums.into(), ..LearnedFrom::default() };
+    let checksums = DataChecksums { clips: data.checksums.into(), ..DataChecksums::default() };
     session.resume(&checksums).with_context(|| folder.display().to_string())?;
     if session.state.step == 0 {
         model.begin(data.train);

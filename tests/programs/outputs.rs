@@ -199,6 +199,27 @@ fn a_run_folder_is_no_output_of_other_commands() {
     assert!(contents(&place.join("run")) == before, "{baseline}: the run was changed");
 }
 
+/// A folder that a report cannot be written into is refused before the trainings that it is of.
+#[test]
+fn a_report_of_trainings_is_refused_before_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path();
+    for (name, file) in [("strange", "report.md"), ("run", "config.toml"), ("run", "metrics.jsonl")] {
+        fs::create_dir_all(place.join(name)).unwrap();
+        fs::write(place.join(name).join(file), DIARY).unwrap();
+    }
+    let before = contents(place);
+    for command in ["stress", "baselines"] {
+        let line = format!("{command} --list {} --out OUT", project(&format!("configs/{command}.toml")).display());
+        for (out, why) in [("strange", "report.md"), ("run", "is a run folder")] {
+            let done = call(place, &line, out);
+            assert_refused(&done, &line);
+            assert!(text(&done).contains(why), "{line}: {}", text(&done));
+            assert!(contents(place) == before, "{line}: something was written");
+        }
+    }
+}
+
 /// What was edited and what others put into the folder of a task: an import replaces its own files as a whole, and leaves the rest.
 #[test]
 fn an_import_replaces_its_own_files_alone_and_follows_no_link() {

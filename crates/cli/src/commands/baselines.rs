@@ -9,6 +9,7 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use paig_experiments::baselines::earlier::Earlier;
 use paig_experiments::baselines::list::Comparison;
+use paig_experiments::baselines::page;
 use paig_experiments::baselines::plan::BaselineFolders;
 use paig_experiments::comparison::{Comparing, ComparisonEnd, ComparisonEvent, ComparisonWatch};
 use paig_experiments::sweep::{self, parse_seeds};
@@ -86,6 +87,7 @@ impl BaselinesArguments {
     pub fn run(&self) -> Result<ExitCode> {
         ensure!(self.jobs > 0 && self.threads > 0, "--jobs and --threads must be at least 1");
         let list = Comparison::read(&self.list)?;
+        page::check_folder(&self.out)?;
         let comparing = Comparing {
             program: sweep::training_program()?,
             clips: self.clips.unwrap_or(list.clips.train),

@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use paig_experiments::stress::page;
 use paig_experiments::stress::{Reported, StressEvent, StressList, Suite, SuiteEnd, SuiteWatch};
 use paig_experiments::sweep::{self, parse_seeds};
 use paig_terminal::generate_display::GenerateDisplay;
@@ -62,6 +63,7 @@ pub fn run(arguments: &StressArguments) -> Result<ExitCode> {
     let list = StressList::read(&arguments.list)?;
     list.of_names(&arguments.scene)?;
     let data_seeds = parse_seeds(&arguments.data_seeds)?;
+    page::check_folder(&arguments.out)?;
     let suite = Suite { list, data_seeds, data: arguments.data.clone(), runs: arguments.runs.clone() };
     let shown = SuiteDisplay::default();
     let code = if arguments.report_only { ExitCode::SUCCESS } else { train(arguments, &suite, &shown)? };

@@ -10,6 +10,8 @@ use anyhow::{Context, Result};
 use super::figures::OfTask;
 use super::list::{BaselineEntry, Comparison};
 use super::results::{BaselineRow, FRAMES, RESULTS, SEARCH, Searched};
+use paig::Error;
+use paig::runs::guard::ensure_no_run;
 use paig::support::output::FileSet;
 use paig::support::statistics::Spread;
 use paig::support::storage::storage;
@@ -28,6 +30,14 @@ pub(crate) const FILES: FileSet = FileSet {
 };
 /// A frame that is less similar to the truth than this is lost.
 const SIMILAR: f64 = 0.9;
+
+/// Checks that a report may be written into a folder: before trainings that take hours.
+///
+/// # Errors
+/// A run's folder, files of the report's names that this program did not write.
+pub fn check_folder(out: &Path) -> Result<(), Error> {
+    Ok(ensure_no_run(out).and_then(|()| FILES.check(out))?)
+}
 
 /// All that is reported.
 #[derive(Debug)]

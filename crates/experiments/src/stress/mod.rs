@@ -2,7 +2,7 @@
 
 pub mod list;
 mod matrix;
-mod page;
+pub mod page;
 mod suite;
 
 pub use list::{DataSeed, StressList, SuiteScene};

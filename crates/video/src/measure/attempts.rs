@@ -8,9 +8,9 @@ use anyhow::Result;
 use super::finished::Finished;
 use super::motion::TrackMotion;
 use super::of_video::{EquationChoice, MeasuredParts, TrackedPart};
-use super::recording::Observation;
+use super::recording::{Observation, RecordedSystem};
 use super::results::Outcome;
-use super::{ComparedEquation, MeasureRequest, Subject, VideoRequest, make_folder};
+use super::{ComparedEquation, MeasureRequest, Subject, VideoRequest, cut_to_free_motion, make_folder};
 
 /// Videos with their objects tracked, to be measured.
 pub(super) struct Attempts<'a> {
@@ -36,19 +36,29 @@ impl Attempts<'_> {
         }
         let others = || if self.videos.hints.is_empty() { film.others() } else { Vec::new() };
         let again = film.longest_alone().into_iter().chain(std::iter::once_with(others).flatten().take(MOST_OTHERS));
-        let found = again.filter_map(|(film, note)| self.again(film, note)).find(is_found);
-        found.unwrap_or(best)
+        let mut best = best;
+        for attempt in again.filter_map(|(film, note)| self.again(film, note)) {
+            if outcome(&attempt) < outcome(&best) {
+                best = attempt;
+            }
+            if is_found(&best) {
+                break;
+            }
+        }
+        best
     }
 
     /// A part or a mover that is tried after another one; none where a first fit shows that the equation does not explain it.
     fn again(&self, film: TrackedPart, note: String) -> Option<Result<Finished>> {
         let (mut subject, equation) = self.videos.subject(&[film], MeasuredParts::Free).ok()?;
         subject.notes.push(note);
-        let promises = match &equation {
+        let promises = |subject: &Subject| match &equation {
             EquationChoice::Given(own) => subject.promises(own),
             EquationChoice::OneOf(_) => true,
         };
-        promises.then(|| self.measured(&subject, &equation))
+        let longest = subject.longest();
+        let promising = std::iter::once(subject).chain(longest).find(promises)?;
+        Some(self.measured(&promising, &equation))
     }
 
     /// The parts of free motion together; where that finds nothing, the longest of them; where that does not either, the whole
@@ -56,13 +66,8 @@ impl Attempts<'_> {
     fn best_part(&self) -> Result<Finished> {
         let (subject, equation) = self.videos.subject(self.films, MeasuredParts::Free)?;
         let mut best = self.measured(&subject, &equation);
-        let count = subject.scene.recordings.len();
-        if count > 1 && !is_found(&best) {
-            let frames = |place: &usize| subject.scene.recordings[*place].times.len();
-            let mut alone = subject.alone((0..count).max_by_key(frames).unwrap_or(0));
-            let note = format!("{count} parts do not follow one equation together: {} alone is measured", alone.task);
-            alone.notes.push(note);
-            best = better(best, self.measured(&alone, &equation));
+        if let Some(longest) = subject.longest().filter(|_| !is_found(&best)) {
+            best = better(best, self.measured(&longest, &equation));
         }
         if !is_found(&best) && self.films.iter().any(TrackedPart::has_parts) {
             let (whole, equation) = self.videos.subject(self.films, MeasuredParts::Whole)?;
@@ -95,7 +100,11 @@ impl Attempts<'_> {
 }
 
 fn is_found(attempt: &Result<Finished>) -> bool {
-    attempt.as_ref().is_ok_and(|it| it.outcome() == Outcome::Found)
+    outcome(attempt) == Outcome::Found
+}
+
+fn outcome(attempt: &Result<Finished>) -> Outcome {
+    attempt.as_ref().map_or(Outcome::NotFound, Finished::outcome)
 }
 
 /// The one with the better verdict; of two alike the one that predicts the held-out frames better.
@@ -115,11 +124,35 @@ fn better(first: Result<Finished>, second: Result<Finished>) -> Result<Finished>
 }
 
 impl Subject {
-    /// Whether an equation predicts what is held out, to a share of the amplitude, with no part left out.
+    /// Whether an equation predicts what is held out, to a share of the amplitude. No part is left out but by an equation with walls,
+    /// of which one impact that it does not explain would spoil all that comes after.
     fn promises(&self, equation: &ComparedEquation) -> bool {
-        let Ok(fits) = self.scene.fits(&equation.cell, &self.observations[..1], &self.known) else { return false };
-        let motion = TrackMotion::of(&fits.tracks[0], fits.judged.dynamics.coordinates());
-        fits.judged.errors.held_out < PROMISING * motion.amplitude
+        let predicts = |scene: &RecordedSystem, observations: &[Observation]| {
+            scene.fits(&equation.cell, &observations[..1], &self.known).is_ok_and(|fits| {
+                let motion = TrackMotion::of(&fits.tracks[0], fits.judged.dynamics.coordinates());
+                fits.judged.errors.held_out < PROMISING * motion.amplitude
+            })
+        };
+        if predicts(&self.scene, &self.observations) {
+            return true;
+        }
+        let (mut scene, mut observations) = (self.scene.clone(), self.observations.clone());
+        let has_walls = scene.dynamics(&equation.cell).is_ok_and(|dynamics| dynamics.has_walls());
+        has_walls
+            && scene.recordings.len() == 1
+            && cut_to_free_motion(&mut scene, &mut observations, &equation.cell).is_ok_and(|note| note.is_some())
+            && predicts(&scene, &observations)
+    }
+
+    /// The longest of several recordings alone.
+    fn longest(&self) -> Option<Subject> {
+        let count = self.scene.recordings.len();
+        let frames = |place: &usize| self.scene.recordings[*place].times.len();
+        let longest = (0..count).filter(|_| count > 1).max_by_key(frames)?;
+        let mut alone = self.alone(longest);
+        let note = format!("{count} parts do not follow one equation together: {} alone is measured", alone.task);
+        alone.notes.push(note);
+        Some(alone)
     }
 
     /// The same with one of its recordings.

@@ -58,6 +58,12 @@ impl Observations {
         Observations { positions, times, weights, trained, teaches: true }
     }
 
+    /// Frames after those that teach in which all objects are seen.
+    pub fn seen_and_held_out(&self, coordinates: usize) -> usize {
+        let frames = self.positions[self.trained * coordinates..].chunks(coordinates);
+        frames.filter(|frame| frame.iter().all(|x| x.is_finite())).count()
+    }
+
     /// From the first frame to the last, in the unit of `dt`.
     pub fn duration(&self) -> f64 {
         self.times.last().copied().unwrap_or(0.0)

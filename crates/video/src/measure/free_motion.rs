@@ -41,7 +41,15 @@ pub fn free_motion(dynamics: &Dynamics, track: &Observations) -> Option<FreeMoti
     let few = every(track, stride, dynamics.coordinates());
     let found = longest(&Growth::new(dynamics, &few))?;
     let frames = found.frames.start * stride..((found.frames.end - 1) * stride + 1).min(track.times.len());
-    Some(FreeMotion { frames, ..found })
+    Some(FreeMotion { frames: of_seen(track, frames, dynamics.coordinates()), ..found })
+}
+
+/// The same frames from the first to the last in which all objects are seen: what is not seen is explained by anything.
+fn of_seen(track: &Observations, frames: Range<usize>, coordinates: usize) -> Range<usize> {
+    let rows = &track.positions[coordinates * frames.start..coordinates * frames.end];
+    let mut seen = rows.chunks(coordinates).map(|frame| frame.iter().all(|x| x.is_finite()));
+    let (first, last) = (seen.clone().position(|seen| seen), seen.rposition(|seen| seen));
+    first.zip(last).map_or(frames.clone(), |(first, last)| frames.start + first..frames.start + last + 1)
 }
 
 fn longest(growth: &Growth) -> Option<FreeMotion> {

@@ -13,6 +13,8 @@ const SEEN: f64 = 0.7;
 const HARDLY_SEEN: f64 = 0.4;
 /// Median second difference of the positions over that in shuffled order: above it a track is hardly smoother than chance.
 const SMOOTH: f64 = 0.35;
+/// Fewest held-out frames with all objects that say whether an equation predicts.
+const LEAST_HELD_OUT: usize = 2;
 /// Held-out error in per cent of the amplitude up to which a fit predicts, and beyond which it does not.
 const PREDICTS: f64 = 15.0;
 const DOES_NOT_PREDICT: f64 = 40.0;
@@ -94,7 +96,12 @@ impl Evidence<'_> {
             ));
         }
         let HeldOut { frames, error, constant_velocity, .. } = self.held_out;
-        if *frames > 0 {
+        if *frames < LEAST_HELD_OUT {
+            against.push((
+                Outcome::Doubtful,
+                format!("the objects are seen in {frames} of the held-out frames: whether the equation predicts is not known"),
+            ));
+        } else {
             let percent = self.held_out.percent_of_amplitude;
             let beyond_noise = *error > 3.0 * self.noise;
             if percent > PREDICTS && beyond_noise {

@@ -110,7 +110,7 @@ impl TrackedVideo {
     }
 
     /// Each of the other movers of a video alone, the likeliest first: those of a search with a lower threshold and more regions, so
-    /// that a large mover hides no smaller one. Without those that hardly move or jump, and those whose path is `self`'s.
+    /// that a large mover hides no smaller one. Without those that hardly move or jump, and those that `self` has.
     ///
     /// # Errors
     /// As [`track`].
@@ -127,7 +127,7 @@ impl TrackedVideo {
             to_reference(&mut track, &camera);
             let Some(first) = track.points.first().map(|point| point.frame) else { continue };
             let moves = track.quality.extent > TRAVELS && track.quality.chance.is_none_or(|chance| chance < SMOOTH);
-            if !moves || self.tracks.iter().any(|own| same_path(own, &track)) {
+            if !moves || self.tracks.iter().any(|own| is_known(&track, own)) {
                 continue;
             }
             let own = segments.iter().filter(|segment| segment.track == index);
@@ -240,15 +240,16 @@ fn to_reference(track: &mut Track, camera: &CameraPath) {
     }
 }
 
-/// Whether two tracks are the same place, to half a diameter, in most frames of the shorter one.
-fn same_path(one: &Track, other: &Track) -> bool {
+/// Whether a track shows nothing else than a known one: in three quarters of its frames the same place, to half a diameter. One that
+/// goes on where the known one ends is another.
+fn is_known(track: &Track, known: &Track) -> bool {
     let places = |track: &Track| -> HashMap<usize, [f64; 2]> {
         track.points.iter().filter_map(|point| Some((point.frame, point.measurement?.position))).collect()
     };
-    let reach = 0.5 * other.diameter;
-    let (one, other) = (places(one), places(other));
-    let near = |frame: &usize, a: &[f64; 2]| other.get(frame).is_some_and(|b| (a[0] - b[0]).hypot(a[1] - b[1]) < reach);
-    2 * one.iter().filter(|(frame, place)| near(frame, place)).count() > one.len().min(other.len())
+    let reach = 0.5 * track.diameter;
+    let (track, known) = (places(track), places(known));
+    let near = |frame: &usize, a: &[f64; 2]| known.get(frame).is_some_and(|b| (a[0] - b[0]).hypot(a[1] - b[1]) < reach);
+    4 * track.iter().filter(|(frame, place)| near(frame, place)).count() > 3 * track.len()
 }
 
 /// How likely a mover is the object: frames in which it is seen, times its way in diameters.

@@ -122,6 +122,7 @@ pub struct TakeEstimate {
 /// How well the held-out part of the videos is predicted from the rest: root mean square distances.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HeldOut {
+    /// In which the objects are seen.
     pub frames: usize,
     /// `px` of the video, or `rad`.
     pub unit: String,

@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use super::dynamics::Dynamics;
 use super::fit::{Fitted, Observations, Start, fit};
+use super::judgement::PIECEWISE;
 use super::motion::TrackMotion;
 use super::starts::starts;
 
@@ -17,6 +18,8 @@ const WINDOW: Range<usize> = 9..60;
 /// A window is explained where the fit leaves at most so many times the noise, or this share of the window's own extent.
 const EXPLAINED: f64 = 2.0;
 const SHARE_OF_EXTENT: f64 = 0.03;
+/// Share of its extent that the fit to a part that has grown may leave: many periods say more than the few that fit best.
+const SHARE_OF_GROWN: f64 = 0.025;
 /// Share of a window's frames in which all objects must be seen.
 const SEEN: f64 = 0.7;
 /// New frames are explained where they leave at most so many times what the others do.
@@ -132,8 +135,11 @@ impl<'a> Growth<'a> {
 
     /// What is good enough for a part.
     fn tolerance(&self, frames: &Range<usize>) -> f64 {
-        let extent = TrackMotion::of(&cut(self.track, frames.clone(), self.coordinates), self.coordinates).amplitude;
-        (EXPLAINED * self.noise).max(SHARE_OF_EXTENT * extent)
+        (EXPLAINED * self.noise).max(SHARE_OF_EXTENT * self.extent(frames))
+    }
+
+    fn extent(&self, frames: &Range<usize>) -> f64 {
+        TrackMotion::of(&cut(self.track, frames.clone(), self.coordinates), self.coordinates).amplitude
     }
 
     /// The fit to a window; none where the equation does not explain it.
@@ -180,8 +186,11 @@ impl<'a> Growth<'a> {
         let learned = learned.iter().zip(&*cell.parameters).map(|(_, kind)| kind.fixed.is_none()).collect();
         let start = Start { unconstrained: motion.fitted.unconstrained.clone(), learned, piece: motion.frames.len() };
         let fitted = self.fitted(&frames, &start)?;
+        let extent = self.extent(&frames);
         let usual = motion.usual.max(self.tolerance(&frames) / EXPLAINED);
         let allowed = AS_WELL * usual;
+        // A model that is right in short windows and wrong in long ones lacks something.
+        let grown = (SHARE_OF_GROWN * extent).min(PIECEWISE * motion.usual);
         let seen = |frame: &usize| self.seen(&(*frame..*frame + 1)) > 0;
         let new = frames.clone().filter(|frame| !motion.frames.contains(frame)).filter(seen);
         let residual = |frame: usize| {
@@ -193,7 +202,28 @@ impl<'a> Growth<'a> {
         sizes.sort_by(f64::total_cmp);
         // Some frames may be off; a side that is off as a whole is another motion.
         let most = sizes.get(sizes.len() * 3 / 4).copied().unwrap_or(0.0);
-        let explained = most <= allowed && fitted.usual_residual <= usual;
+        let explained = most <= allowed && fitted.usual_residual <= usual.max(grown);
         (explained && frames.len() >= LEAST).then_some(FreeMotion { frames, fitted, usual: motion.usual })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use paig::network::System;
+
+    use super::*;
+
+    /// What is not seen is explained by anything: a throw ends where it is last seen, not where the track does.
+    #[test]
+    fn a_part_begins_and_ends_where_the_object_is_seen() {
+        let system = paig::tasks::builtin("falling").unwrap().system;
+        let dynamics = Dynamics::new(System { objects: 1, ..system }, 0.1).unwrap();
+        let times = dynamics.even_times(44);
+        let mut positions = dynamics.positions(&[7.0_f64.ln()], &[3.0, 20.0, 2.0, -8.0], &times);
+        for frame in (0..4).chain(20..22).chain(34..44) {
+            positions[2 * frame..2 * frame + 2].fill(f64::NAN);
+        }
+        let found = free_motion(&dynamics, &Observations::new(positions, times, 44)).unwrap();
+        assert_eq!(found.frames, 4..34);
     }
 }

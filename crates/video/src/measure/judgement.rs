@@ -25,7 +25,7 @@ const EXPLAINS: f64 = 5.0;
 const DOES_NOT_EXPLAIN: f64 = 15.0;
 /// What the fit leaves over the whole recording over what it leaves in short pieces, from which on something is missing in the
 /// equation, where it is also this many per cent of the amplitude.
-const PIECEWISE: f64 = 8.0;
+pub(super) const PIECEWISE: f64 = 8.0;
 const NOTICEABLE: f64 = 2.0;
 /// Half the width of an interval over the value, up to which a value is known, and beyond which nothing is.
 const NARROW: f64 = 0.15;
@@ -246,5 +246,12 @@ mod tests {
         // Equations without a force.
         assert_eq!(outcome(&[(other, 0.01), (place, 0.9)]), Outcome::Found);
         assert_eq!(outcome(&[(place, 0.01)]), Outcome::Found);
+        // Held-out frames in which nothing is seen are predicted without any error.
+        let unseen =
+            HeldOut { frames: 0, error: 0.0, constant_velocity: 0.0, percent_of_amplitude: 0.0, ..held_out.clone() };
+        let evidence = Evidence { held_out: &unseen, ..evidence.clone() };
+        let judged = judge(&evidence, &mut [quantity("l", 0.01).of_kind(force)]);
+        assert_eq!(judged.outcome, Outcome::Doubtful);
+        assert!(judged.reasons[0].contains("seen in 0 of the held-out frames"), "{:?}", judged.reasons);
     }
 }

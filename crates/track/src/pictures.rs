@@ -7,7 +7,9 @@ use crate::statistics::quantile;
 const TOP: f64 = 0.002;
 /// Level by which a pixel must change to count.
 const CHANGED: f32 = 14.0;
-/// Share of such pixels at a cut, at least, and correlation of the frames before and after it, at most.
+/// Side of the blocks whose means are compared for cuts, pixels: noise and a dithered palette change every pixel of a scene.
+const BLOCK: usize = 4;
+/// Share of such blocks at a cut, at least, and correlation of the frames before and after it, at most.
 const CUT: f64 = 0.3;
 const UNLIKE: f64 = 0.3;
 /// Least change of a pixel whose middle between two frames is compared, levels.
@@ -19,9 +21,9 @@ pub(crate) struct Change {
     pub(crate) frame: usize,
     /// Mean of the largest changes, levels; small objects count. `None` of the first frame.
     pub(crate) top: Option<f64>,
-    /// Share of the pixels that change by much.
+    /// Share of the blocks that change by much.
     pub(crate) share: f64,
-    /// Correlation of the two pictures.
+    /// Correlation of the two pictures, block by block.
     pub(crate) correlation: f64,
     /// Distance of the frame before from the mean of its neighbours, over half the distance of these: 0 where it is
     /// blended from them. `None` where nothing moves.
@@ -45,12 +47,26 @@ pub(crate) fn change(frame: usize, before: Option<(&Plane, &Plane)>, image: &Pla
     let mut some: Vec<f64> = differences.iter().step_by(13).map(|&d| f64::from(d)).collect();
     let offset = quantile(&mut some, 0.5).unwrap_or(0.0) as f32;
     differences.iter_mut().for_each(|d| *d = (*d - offset).abs());
-    let share = differences.iter().filter(|&&d| d > CHANGED).count() as f64 / differences.len() as f64;
+    let [before, now] = [last, image].map(block_means);
+    let changed = before.values.iter().zip(&now.values).filter(|(a, b)| (*b - *a - offset).abs() > CHANGED).count();
+    let share = changed as f64 / now.values.len() as f64;
     let count = ((differences.len() as f64 * TOP) as usize).clamp(12.min(differences.len()), differences.len());
     let rank = differences.len() - count;
     differences.select_nth_unstable_by(rank, f32::total_cmp);
     let top = f64::from(differences[rank..].iter().sum::<f32>()) / count as f64;
-    Change { frame, top: Some(top), share, correlation: correlation(last, image), blend: blend(earlier, last, image) }
+    Change { frame, top: Some(top), share, correlation: correlation(&before, &now), blend: blend(earlier, last, image) }
+}
+
+/// Means of the blocks of an image; those at its right and lower border may be smaller.
+fn block_means(image: &Plane) -> Plane {
+    let (width, height) = (image.width.div_ceil(BLOCK), image.height.div_ceil(BLOCK));
+    let mean = |place: usize| {
+        let columns = place % width * BLOCK..(place % width * BLOCK + BLOCK).min(image.width);
+        let rows = place / width * BLOCK..(place / width * BLOCK + BLOCK).min(image.height);
+        let count = columns.len() * rows.len();
+        rows.flat_map(|y| columns.clone().map(move |x| image.at(x, y))).sum::<f32>() / count as f32
+    };
+    Plane { width, height, values: (0..width * height).map(mean).collect() }
 }
 
 fn correlation(one: &Plane, other: &Plane) -> f64 {
@@ -107,5 +123,25 @@ mod tests {
         assert_eq!(change(1, Some((&a, &a)), &a).top, Some(0.0));
         let moved = change(1, Some((&a, &a)), &b);
         assert!(moved.top.unwrap() > 50.0 && !moved.is_cut());
+    }
+
+    /// A dithered palette changes most pixels of a plain wall; another scene changes them by areas.
+    #[test]
+    fn dithering_is_no_cut_and_another_scene_is_one() {
+        let dithered = |x: f64, shift: usize| {
+            let mut plane = disc(x);
+            let dither = |place: usize| 20.0 * ((place % 80 + place / 80 + shift) % 2) as f32;
+            plane.values.iter_mut().enumerate().for_each(|(place, value)| *value += dither(place));
+            plane
+        };
+        let (a, b) = (dithered(20.0, 0), dithered(23.0, 1));
+        assert!(!change(1, Some((&a, &a)), &b).is_cut());
+        let mut stripes = Plane::zeros(80, 60);
+        stripes
+            .values
+            .iter_mut()
+            .enumerate()
+            .for_each(|(place, value)| *value = 10.0 * (place % 80 / 8 * 7 % 10) as f32);
+        assert!(change(1, Some((&a, &a)), &stripes).is_cut());
     }
 }

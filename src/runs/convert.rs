@@ -21,6 +21,7 @@ use ndarray_npy::NpzWriter;
 use tch::{Device, Tensor};
 
 use super::checkpoint::{self, SavedWeights};
+use super::guard::check_file;
 use super::names::CHECKPOINTS;
 use super::weights::{self, is_finite};
 use crate::datasets::npz;
@@ -90,7 +91,7 @@ pub fn check_target(from: &Path, to: &Path, force: bool) -> Result<PathBuf> {
     ensure!(force || !to.exists() || is_stream(to), "{} is there already; --force replaces it", to.display());
     ensure!(!to.is_dir(), "{} is a folder; a file is written", to.display());
     let of_run = from.join(CHECKPOINTS);
-    kind.check(to, &[if of_run.exists() { &of_run } else { from }])
+    check_file(&kind, to, &[if of_run.exists() { &of_run } else { from }])
 }
 
 const SAFETENSORS: FileKind = FileKind { name: "weights of `paig`", recognizes: weights::is_written_here };

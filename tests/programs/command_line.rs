@@ -10,14 +10,8 @@ use crate::project::project;
 /// Runs a command that must be refused, and returns what it said: one line on standard error, no panic.
 #[track_caller]
 fn refused(command: &mut Command) -> String {
-    ended(command, 2)
-}
-
-/// The same of one that ends with this exit code.
-#[track_caller]
-fn ended(command: &mut Command, code: i32) -> String {
     let output = command.output().unwrap();
-    assert_eq!(output.status.code(), Some(code), "{}", text(&output));
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output));
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(said.starts_with("error: ") && said.trim_end().lines().count() == 1, "{said}");
     said
@@ -313,7 +307,7 @@ fn run_folders_are_guarded() {
         "--out",
     ]);
     assert!(generate.arg(&other).output().unwrap().status.success());
-    let said = ended(spring(&run).args(["--resume", "--data"]).arg(&other), 1);
+    let said = refused(spring(&run).args(["--resume", "--data"]).arg(&other));
     assert_says(&said, &["not those that the run was begun with", "another folder"]);
     // Without its config a run's checkpoints are not taken for the beginning of another run.
     fs::rename(run.join("config.toml"), run.join("away.toml")).unwrap();
@@ -342,7 +336,7 @@ fn run_folders_are_guarded() {
     // An edited config is none that the checkpoints were made with.
     let config = fs::read_to_string(run.join("config.toml")).unwrap();
     fs::write(run.join("config.toml"), config.replace("seed = 0", "seed = 5")).unwrap();
-    assert_says(&ended(spring(&run).arg("--resume"), 1), &["config.toml was edited"]);
+    assert_says(&refused(spring(&run).arg("--resume")), &["config.toml was edited"]);
     fs::write(run.join("config.toml"), config).unwrap();
     assert!(dataset().exists());
 }

@@ -134,6 +134,9 @@ fn a_file_that_the_program_did_not_write_is_never_replaced() {
     }
     let weights = before.keys().find(|name| name.ends_with("weights.safetensors")).unwrap();
     let out = Path::new("run").join(weights);
+    for (line, ending) in FILES {
+        assert_refused(&call(place, line, &format!("run/checkpoints/new.{ending}")), line);
+    }
     let convert = "convert --task spring_color --force run OUT";
     assert_refused(&call(place, convert, out.to_str().unwrap()), "the run's own weights");
     assert!(contents(&place.join("run")) == before, "the run was changed");

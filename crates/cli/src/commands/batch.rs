@@ -108,13 +108,19 @@ fn jobs(arguments: &BatchArguments) -> Result<Vec<BatchJob>> {
     } else {
         listed(&arguments.source, arguments.videos.as_deref())?
     };
-    let mut names = BTreeSet::new();
+    // Those of the table are taken.
+    let mut names: BTreeSet<String> = FILES.files.iter().map(ToString::to_string).collect();
     let job = |ListedVideo { name, video, options }: ListedVideo| {
         let words = [OsString::from("measure"), video.clone().into()].into_iter().chain(shared.iter().cloned());
         let words: Vec<OsString> = words.chain(options).collect();
         check(&words).with_context(|| format!("video {}", video.display()))?;
         let stem = || video.file_stem().unwrap_or(video.as_os_str()).to_string_lossy().into_owned();
         let stem = name.unwrap_or_else(stem);
+        // `.` and `..` are other folders, and what begins with a dot is hidden.
+        let stem = match stem.trim_start_matches('.') {
+            "" => "video".to_string(),
+            visible => visible.to_string(),
+        };
         let numbered = (2..).map(|number| format!("{stem}-{number}"));
         let name = std::iter::once(stem.clone()).chain(numbered).find(|name| names.insert(name.clone()));
         let name = name.context("no name is left")?;

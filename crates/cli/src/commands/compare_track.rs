@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
+use paig::runs::guard::check_file;
 use paig::support::atomic;
 use paig::support::output::{FileKind, has_keys};
 use paig::support::significant::significant;
@@ -37,7 +38,7 @@ const COMPARISON: FileKind = FileKind {
 };
 
 pub fn run(arguments: &CompareTrackArguments) -> Result<()> {
-    let json = arguments.json.as_deref().map(|path| COMPARISON.check(path, &[&arguments.track])).transpose()?;
+    let json = arguments.json.as_deref().map(|path| check_file(&COMPARISON, path, &[&arguments.track])).transpose()?;
     let track = ReferenceTrack::read(&arguments.track)?;
     let comparison = compare_track(&arguments.measurement, &track)?;
     show(&comparison);

@@ -8,6 +8,7 @@ use clap::Args;
 use paig::Error;
 use paig::evaluation::{self, ScoredClips};
 use paig::network::physics_models::losses::MeanLosses;
+use paig::runs::guard::check_file;
 use paig::runs::scores::{FrameSpread, ScoresFile};
 use paig::support::output::FileKind;
 use paig::viz;
@@ -78,8 +79,9 @@ struct Places {
 impl Places {
     fn check(arguments: &EvaluateArguments) -> Result<Self> {
         let inputs: Vec<&Path> = arguments.run.file.as_deref().into_iter().collect();
-        let place =
-            |kind: FileKind, path: &Option<PathBuf>| path.as_ref().map(|path| kind.check(path, &inputs)).transpose();
+        let place = |kind: FileKind, path: &Option<PathBuf>| {
+            path.as_ref().map(|path| check_file(&kind, path, &inputs)).transpose()
+        };
         let (json, picture) =
             (place(ScoresFile::KIND, &arguments.json)?, place(viz::FRAME_SCORES, &arguments.picture)?);
         if let Some(picture) = &arguments.picture {

@@ -129,9 +129,24 @@ fn parts(frames: Option<&str>, seconds: Option<&str>) -> Result<Vec<VideoPart>> 
         ensure!(finite, "--seconds {text:?}: not finite");
         Ok(VideoPart::Seconds(start.unwrap_or(0.0), end))
     };
-    match (frames, seconds) {
-        (Some(text), _) => text.split(',').map(by_frames).collect(),
-        (None, Some(text)) => text.split(',').map(by_seconds).collect(),
-        (None, None) => Ok(vec![VideoPart::All]),
+    let parts: Vec<VideoPart> = match (frames, seconds) {
+        (Some(text), _) => text.split(',').map(by_frames).collect::<Result<_>>()?,
+        (None, Some(text)) => text.split(',').map(by_seconds).collect::<Result<_>>()?,
+        (None, None) => vec![VideoPart::All],
+    };
+    let (option, text) = frames.map_or(("seconds", seconds), |text| ("frames", Some(text)));
+    let mut bounds: Vec<[f64; 2]> = parts.iter().filter_map(bounds_of).collect();
+    bounds.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let apart = bounds.windows(2).all(|pair| pair[0][1] <= pair[1][0]);
+    ensure!(apart, "--{option} {:?}: parts overlap; each frame counts once", text.unwrap_or_default());
+    Ok(parts)
+}
+
+/// Where a part of a video begins and ends, frames or seconds.
+fn bounds_of(part: &VideoPart) -> Option<[f64; 2]> {
+    match *part {
+        VideoPart::All => None,
+        VideoPart::Frames(start, end) => Some([start as f64, end.map_or(f64::INFINITY, |end| end as f64)]),
+        VideoPart::Seconds(start, end) => Some([start, end.unwrap_or(f64::INFINITY)]),
     }
 }

@@ -5,6 +5,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result};
 use clap::Args;
+use paig::runs::guard::ensure_no_run;
 use paig_studio::{ServerOptions, Studio, prepare, train};
 use paig_terminal::{interrupt, say};
 
@@ -48,6 +49,7 @@ pub fn run(arguments: &StudioArguments) -> Result<()> {
     if let Some(project) = &arguments.prepare {
         return prepare(project);
     }
+    ensure_no_run(&arguments.folder)?;
     interrupt::catch()?;
     if let Some(training) = &arguments.train {
         return train(training, PROGRAM, &interrupt::asked);

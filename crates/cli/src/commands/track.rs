@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
+use paig::runs::guard::check_file;
 use paig_terminal::progress::PhaseProgress;
 use paig_terminal::say;
 use paig_track::TrackingOptions;
@@ -48,8 +49,8 @@ pub struct TrackArguments {
 pub fn run(arguments: &TrackArguments) -> Result<()> {
     ensure!(arguments.objects > 0, "--objects must be at least 1");
     let camera = arguments.camera.read(None)?;
-    let out = TABLE.check(&arguments.out, &[&arguments.video])?;
-    let picture = PICTURE.check(&arguments.picture, &[&arguments.video])?;
+    let out = check_file(&TABLE, &arguments.out, &[&arguments.video])?;
+    let picture = check_file(&PICTURE, &arguments.picture, &[&arguments.video])?;
     let video = camera.open(&arguments.video)?;
     let (hints, ignore) = arguments.objects_shown.read()?;
     let calibration = camera.calibration(&video).context("--plane")?;

@@ -17,6 +17,7 @@ use paig_terminal::generate_display::GenerateDisplay;
 use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
+use paig::runs::guard::ensure_no_run;
 use paig::support::device;
 
 /// Trains other dynamics, other decoders and end-to-end baselines beside the physics, and shows what each predicts.
@@ -87,7 +88,9 @@ impl BaselinesArguments {
     pub fn run(&self) -> Result<ExitCode> {
         ensure!(self.jobs > 0 && self.threads > 0, "--jobs and --threads must be at least 1");
         let list = Comparison::read(&self.list)?;
-        page::check_folder(&self.out)?;
+        // Not after trainings that take hours.
+        ensure_no_run(&self.out)?;
+        page::FILES.check(&self.out)?;
         let comparing = Comparing {
             program: sweep::training_program()?,
             clips: self.clips.unwrap_or(list.clips.train),

@@ -115,18 +115,22 @@ fn jobs(arguments: &BatchArguments) -> Result<Vec<BatchJob>> {
         let words: Vec<OsString> = words.chain(options).collect();
         check(&words).with_context(|| format!("video {}", video.display()))?;
         let stem = || video.file_stem().unwrap_or(video.as_os_str()).to_string_lossy().into_owned();
-        let stem = name.unwrap_or_else(stem);
-        // `.` and `..` are other folders, and what begins with a dot is hidden.
-        let stem = match stem.trim_start_matches('.') {
-            "" => "video".to_string(),
-            visible => visible.to_string(),
-        };
-        let numbered = (2..).map(|number| format!("{stem}-{number}"));
-        let name = std::iter::once(stem.clone()).chain(numbered).find(|name| names.insert(name.clone()));
-        let name = name.context("no name is left")?;
+        let name = folder_name(&name.unwrap_or_else(stem), &mut names)?;
         Ok(BatchJob { folder: arguments.out.join(&name), name, video, words })
     };
     videos.into_iter().map(job).collect()
+}
+
+/// A name like this one that none of those before has, for a folder within the batch's: `.` and `..` are other folders, and what begins
+/// with a dot is hidden.
+fn folder_name(like: &str, names: &mut BTreeSet<String>) -> Result<String> {
+    let visible = match like.trim_start_matches('.') {
+        "" => "video",
+        visible => visible,
+    };
+    let numbered = (2..).map(|number| format!("{visible}-{number}"));
+    let name = std::iter::once(visible.to_string()).chain(numbered).find(|name| names.insert(name.clone()));
+    name.context("no name is left")
 }
 
 /// Videos of a list with their options. Files count from `videos`, or the list's folder.
@@ -275,6 +279,16 @@ mod tests {
         std::fs::write(&list, "[[video]]\nfile = \"a.mp4\"\nname = \"../b\"\n").unwrap();
         let error = format!("{:#}", listed(&list, None).unwrap_err());
         assert!(error.contains("../b") && error.contains("expected a name for a folder"), "{error}");
+    }
+
+    #[test]
+    fn folders_of_videos_lie_in_the_batchs_and_are_not_its_table() {
+        let mut names = BTreeSet::from(["batch.csv".to_string()]);
+        let mut name = |like: &str| folder_name(like, &mut names).unwrap();
+        assert_eq!(
+            ["a", "a", "..", ".", ".b", "batch.csv"].map(&mut name),
+            ["a", "a-2", "video", "video-2", "b", "batch.csv-2"]
+        );
     }
 
     #[test]

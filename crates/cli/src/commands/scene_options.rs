@@ -129,16 +129,15 @@ fn parts(frames: Option<&str>, seconds: Option<&str>) -> Result<Vec<VideoPart>> 
         ensure!(finite, "--seconds {text:?}: not finite");
         Ok(VideoPart::Seconds(start.unwrap_or(0.0), end))
     };
-    let parts: Vec<VideoPart> = match (frames, seconds) {
-        (Some(text), _) => text.split(',').map(by_frames).collect::<Result<_>>()?,
-        (None, Some(text)) => text.split(',').map(by_seconds).collect::<Result<_>>()?,
-        (None, None) => vec![VideoPart::All],
+    let (option, text, parts): (_, _, Vec<VideoPart>) = match (frames, seconds) {
+        (Some(text), _) => ("frames", text, text.split(',').map(by_frames).collect::<Result<_>>()?),
+        (None, Some(text)) => ("seconds", text, text.split(',').map(by_seconds).collect::<Result<_>>()?),
+        (None, None) => return Ok(vec![VideoPart::All]),
     };
-    let (option, text) = frames.map_or(("seconds", seconds), |text| ("frames", Some(text)));
     let mut bounds: Vec<[f64; 2]> = parts.iter().filter_map(bounds_of).collect();
     bounds.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let apart = bounds.windows(2).all(|pair| pair[0][1] <= pair[1][0]);
-    ensure!(apart, "--{option} {:?}: parts overlap; each frame counts once", text.unwrap_or_default());
+    ensure!(apart, "--{option} {text:?}: parts overlap; each frame counts once");
     Ok(parts)
 }
 
@@ -148,5 +147,23 @@ fn bounds_of(part: &VideoPart) -> Option<[f64; 2]> {
         VideoPart::All => None,
         VideoPart::Frames(start, end) => Some([start as f64, end.map_or(f64::INFINITY, |end| end as f64)]),
         VideoPart::Seconds(start, end) => Some([start, end.unwrap_or(f64::INFINITY)]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_that_overlap_are_refused() {
+        for apart in ["0..50", "0..50,50..90", "60..,0..50"] {
+            assert!(parts(Some(apart), None).is_ok() && parts(None, Some(apart)).is_ok(), "{apart}");
+        }
+        for overlapping in ["0..50,10..40", "0..50,49..90", "..50,20..30", "60..,0..61"] {
+            assert!(
+                parts(Some(overlapping), None).is_err() && parts(None, Some(overlapping)).is_err(),
+                "{overlapping}"
+            );
+        }
     }
 }

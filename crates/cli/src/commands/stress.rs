@@ -14,6 +14,7 @@ use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
 use paig::Error;
+use paig::runs::guard::ensure_no_run;
 
 /// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
 ///
@@ -63,7 +64,9 @@ pub fn run(arguments: &StressArguments) -> Result<ExitCode> {
     let list = StressList::read(&arguments.list)?;
     list.of_names(&arguments.scene)?;
     let data_seeds = parse_seeds(&arguments.data_seeds)?;
-    page::check_folder(&arguments.out)?;
+    // Not after trainings that take hours.
+    ensure_no_run(&arguments.out)?;
+    page::FILES.check(&arguments.out)?;
     let suite = Suite { list, data_seeds, data: arguments.data.clone(), runs: arguments.runs.clone() };
     let shown = SuiteDisplay::default();
     let code = if arguments.report_only { ExitCode::SUCCESS } else { train(arguments, &suite, &shown)? };

@@ -49,11 +49,11 @@ pub fn run(arguments: &StudioArguments) -> Result<()> {
     if let Some(project) = &arguments.prepare {
         return prepare(project);
     }
-    ensure_no_run(&arguments.folder)?;
     interrupt::catch()?;
     if let Some(training) = &arguments.train {
         return train(training, PROGRAM, &interrupt::asked);
     }
+    ensure_no_run(&arguments.folder)?;
     let studio = Studio::bind(ServerOptions {
         workspace: arguments.folder.clone(),
         port: arguments.port,

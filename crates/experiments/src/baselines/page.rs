@@ -10,8 +10,6 @@ use anyhow::{Context, Result};
 use super::figures::OfTask;
 use super::list::{BaselineEntry, Comparison};
 use super::results::{BaselineRow, FRAMES, RESULTS, SEARCH, Searched};
-use paig::Error;
-use paig::runs::guard::ensure_no_run;
 use paig::support::output::FileSet;
 use paig::support::statistics::Spread;
 use paig::support::storage::storage;
@@ -23,21 +21,13 @@ const PAGE: &str = "report.md";
 const PICTURES: &str = "pictures";
 const TITLE: &str = "# The paper's comparison";
 /// The files of the report. The page comes last: it shows whose the others are.
-pub(crate) const FILES: FileSet = FileSet {
+pub const FILES: FileSet = FileSet {
     name: "the comparison's report",
     files: &[PICTURES, FRAMES, RESULTS, SEARCH, PAGE],
     recognizes: |page| page.starts_with(TITLE.as_bytes()),
 };
 /// A frame that is less similar to the truth than this is lost.
 const SIMILAR: f64 = 0.9;
-
-/// Checks that a report may be written into a folder: before trainings that take hours.
-///
-/// # Errors
-/// A run's folder, files of the report's names that this program did not write.
-pub fn check_folder(out: &Path) -> Result<(), Error> {
-    Ok(ensure_no_run(out).and_then(|()| FILES.check(out))?)
-}
 
 /// All that is reported.
 #[derive(Debug)]

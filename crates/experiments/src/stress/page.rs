@@ -10,9 +10,7 @@ use image::imageops::FilterType;
 
 use super::list::StressList;
 use super::matrix::SceneOutcome;
-use paig::Error;
 use paig::network::physics_models::losses::Loss;
-use paig::runs::guard::ensure_no_run;
 use paig::runs::run::StoredRun;
 use paig::support::output::FileSet;
 use paig::support::storage::storage;
@@ -24,7 +22,7 @@ const PAGE: &str = "report.md";
 const PICTURES: &str = "scenes";
 const TITLE: &str = "# Scenes unlike the paper's";
 /// The files of the report. The page comes last: it shows whose the others are.
-pub(super) const FILES: FileSet = FileSet {
+pub const FILES: FileSet = FileSet {
     name: "the suite's report",
     files: &[PICTURES, RESULTS, PAGE],
     recognizes: |page| page.starts_with(TITLE.as_bytes()),
@@ -32,14 +30,6 @@ pub(super) const FILES: FileSet = FileSet {
 /// Of a run's example picture this share of the width, drawn at this share of its size.
 const SHOWN: f64 = 0.38;
 const SCALE: f64 = 0.4;
-
-/// Checks that a report may be written into a folder: before trainings that take hours.
-///
-/// # Errors
-/// A run's folder, files of the report's names that this program did not write.
-pub fn check_folder(out: &Path) -> Result<(), Error> {
-    Ok(ensure_no_run(out).and_then(|()| FILES.check(out))?)
-}
 
 /// Writes the report of these outcomes into a folder; `pictured` is a run of each scene, none of a report without pictures.
 ///

@@ -29,14 +29,13 @@ impl Attempts<'_> {
     /// The likeliest mover of the videos. Where nothing is found, the longest part of a video by itself; then, if nobody pointed at the
     /// object, the next movers: a tree in the wind or a person may be larger than what obeys the equation.
     pub(super) fn best(&self) -> Result<Finished> {
-        let best = self.best_part();
+        let mut best = self.best_part();
         let [film] = self.films else { return best };
         if is_found(&best) {
             return best;
         }
         let others = || if self.videos.hints.is_empty() { film.others() } else { Vec::new() };
         let again = film.longest_alone().into_iter().chain(std::iter::once_with(others).flatten().take(MOST_OTHERS));
-        let mut best = best;
         for attempt in again.filter_map(|(film, note)| self.again(film, note)) {
             if outcome(&attempt) < outcome(&best) {
                 best = attempt;
@@ -136,11 +135,12 @@ impl Subject {
         if predicts(&self.scene, &self.observations) {
             return true;
         }
+        let has_walls = self.scene.dynamics(&equation.cell).is_ok_and(|dynamics| dynamics.has_walls());
+        if !has_walls || self.scene.recordings.len() > 1 {
+            return false;
+        }
         let (mut scene, mut observations) = (self.scene.clone(), self.observations.clone());
-        let has_walls = scene.dynamics(&equation.cell).is_ok_and(|dynamics| dynamics.has_walls());
-        has_walls
-            && scene.recordings.len() == 1
-            && cut_to_free_motion(&mut scene, &mut observations, &equation.cell).is_ok_and(|note| note.is_some())
+        cut_to_free_motion(&mut scene, &mut observations, &equation.cell).is_ok_and(|note| note.is_some())
             && predicts(&scene, &observations)
     }
 

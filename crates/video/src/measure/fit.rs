@@ -58,10 +58,9 @@ impl Observations {
         Observations { positions, times, weights, trained, teaches: true }
     }
 
-    /// Frames after those that teach in which all objects are seen.
-    pub fn seen_and_held_out(&self, coordinates: usize) -> usize {
-        let frames = self.positions[self.trained * coordinates..].chunks(coordinates);
-        frames.filter(|frame| frame.iter().all(|x| x.is_finite())).count()
+    /// Whether all objects are seen, frame by frame.
+    pub fn seen(&self, coordinates: usize) -> impl Iterator<Item = bool> + '_ {
+        self.positions.chunks(coordinates).map(|frame| frame.iter().all(|x| x.is_finite()))
     }
 
     /// From the first frame to the last, in the unit of `dt`.

@@ -49,10 +49,9 @@ pub fn free_motion(dynamics: &Dynamics, track: &Observations) -> Option<FreeMoti
 
 /// The same frames from the first to the last in which all objects are seen: what is not seen is explained by anything.
 fn of_seen(track: &Observations, frames: Range<usize>, coordinates: usize) -> Range<usize> {
-    let rows = &track.positions[coordinates * frames.start..coordinates * frames.end];
-    let mut seen = rows.chunks(coordinates).map(|frame| frame.iter().all(|x| x.is_finite()));
-    let (first, last) = (seen.clone().position(|seen| seen), seen.rposition(|seen| seen));
-    first.zip(last).map_or(frames.clone(), |(first, last)| frames.start + first..frames.start + last + 1)
+    let seen: Vec<bool> = track.seen(coordinates).collect();
+    let (first, last) = (frames.clone().find(|frame| seen[*frame]), frames.clone().rfind(|frame| seen[*frame]));
+    first.zip(last).map_or(frames, |(first, last)| first..last + 1)
 }
 
 fn longest(growth: &Growth) -> Option<FreeMotion> {
@@ -124,18 +123,16 @@ impl<'a> Growth<'a> {
 
     /// Frames in which all objects are seen.
     fn seen(&self, frames: &Range<usize>) -> usize {
-        let rows = self.coordinates * frames.start..self.coordinates * frames.end;
-        let whole = |frame: &&[f64]| frame.iter().all(|x| x.is_finite());
-        self.track.positions[rows].chunks(self.coordinates).filter(whole).count()
+        self.track.seen(self.coordinates).skip(frames.start).take(frames.len()).filter(|seen| *seen).count()
     }
 
     fn fitted(&self, frames: &Range<usize>, start: &Start) -> Option<Fitted> {
         fit(self.dynamics, &[cut(self.track, frames.clone(), self.coordinates)], start).ok()
     }
 
-    /// What is good enough for a part.
-    fn tolerance(&self, frames: &Range<usize>) -> f64 {
-        (EXPLAINED * self.noise).max(SHARE_OF_EXTENT * self.extent(frames))
+    /// What is good enough for a part of this extent.
+    fn tolerance(&self, extent: f64) -> f64 {
+        (EXPLAINED * self.noise).max(SHARE_OF_EXTENT * extent)
     }
 
     fn extent(&self, frames: &Range<usize>) -> f64 {
@@ -153,7 +150,7 @@ impl<'a> Growth<'a> {
             .filter_map(|start| self.fitted(&frames, &start));
         let fitted = fits.min_by(|a, b| a.usual_residual.total_cmp(&b.usual_residual))?;
         let usual = fitted.usual_residual.max(self.noise);
-        (fitted.usual_residual <= self.tolerance(&frames)).then_some(FreeMotion { frames, fitted, usual })
+        (fitted.usual_residual <= self.tolerance(self.extent(&frames))).then_some(FreeMotion { frames, fitted, usual })
     }
 
     fn grow(&self, mut motion: FreeMotion) -> FreeMotion {
@@ -187,7 +184,7 @@ impl<'a> Growth<'a> {
         let start = Start { unconstrained: motion.fitted.unconstrained.clone(), learned, piece: motion.frames.len() };
         let fitted = self.fitted(&frames, &start)?;
         let extent = self.extent(&frames);
-        let usual = motion.usual.max(self.tolerance(&frames) / EXPLAINED);
+        let usual = motion.usual.max(self.tolerance(extent) / EXPLAINED);
         let allowed = AS_WELL * usual;
         // A model that is right in short windows and wrong in long ones lacks something.
         let grown = (SHARE_OF_GROWN * extent).min(PIECEWISE * motion.usual);

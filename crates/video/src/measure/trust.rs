@@ -24,7 +24,7 @@ impl RecordedSystem {
         let coordinates = explained.dynamics.coordinates();
         let along = motion::along_the_way(&positions_of(&explained.states[0], coordinates), coordinates);
         HeldOut {
-            frames: tracks.iter().map(|it| it.seen_and_held_out(coordinates)).sum(),
+            frames: tracks.iter().map(|it| it.seen(coordinates).skip(it.trained).filter(|seen| *seen).count()).sum(),
             unit: unit.into(),
             error: times * explained.errors.held_out,
             constant_velocity: times * RollOutErrors::of(tracks, steady, &explained.dynamics).held_out,

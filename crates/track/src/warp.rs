@@ -22,65 +22,123 @@ pub(crate) struct Warped {
     pub(crate) spans: Vec<Range<usize>>,
 }
 
+/// Rows of the result that are made at a time: the rows of the frame that they need stay in the processor's cache.
+const STRIP: usize = 48;
+
 /// Resamples a frame of size `from` to the size of `fill`, which shows where the frame does not. `map` takes places of the
 /// result to places of the frame; it must not turn by more than about 45 degrees.
 pub(crate) fn warped(frame: &[u8], from: Size, map: &Similarity, to: Size, fill: Vec<u8>) -> Warped {
     let spans: Vec<Range<usize>> = (0..to.height).map(|y| span(map, from, to.width, y)).collect();
     let left = spans.iter().filter(|s| !s.is_empty()).map(|s| s.start).min().unwrap_or(0);
     let right = spans.iter().map(|s| s.end).max().unwrap_or(0).max(left);
-    let columns = right - left;
+    let columns = left..right;
     let mut bytes = fill;
-    if columns == 0 {
-        return Warped { bytes, spans };
-    }
-    let Similarity { a, b, u, v } = *map;
-    // Along a row of the frame: x of the frame is linear in x of the result.
-    let slope = a + b * b / a;
-    let mut rows = vec![0.0_f32; columns * from.height * 3];
-    rows.par_chunks_mut(columns * 3).enumerate().for_each(|(row, out)| {
-        let line = prolonged(&frame[row * from.width * 3..][..from.width * 3]);
-        let start = slope * left as f64 - b / a * (row as f64 - v) + u;
-        for FilterRun { range, first, part } in runs(start, slope, 1, columns) {
-            // What no pixel of the result needs is left out.
-            let (low, high) = (first - 1 + MARGIN as i64, (from.width + MARGIN) as i64 + MARGIN as i64);
-            let skipped = (-(low + range.start as i64)).clamp(0, range.len() as i64) as usize;
-            let count = (high - 3 - low - range.start as i64).clamp(0, range.len() as i64) as usize;
-            if skipped < count {
-                let at = |tap: i64| {
-                    let begin = (low + tap) as usize + range.start + skipped;
-                    &line[3 * begin..3 * (begin + count - skipped)]
-                };
-                let out = &mut out[3 * (range.start + skipped)..3 * (range.start + count)];
-                let pace = (slope - 1.0) as f32;
-                filtered(out, [at(0), at(1), at(2), at(3)], part + pace * skipped as f32, pace);
-            }
-        }
-    });
-    bytes.par_chunks_mut(to.width * 3).zip(&spans).enumerate().for_each(|(y, (out, span))| {
-        let mut values = vec![0.0; 3 * span.len()];
-        let start = b * span.start as f64 + a * y as f64 + v;
-        for FilterRun { range, first, part } in runs(start, b, 0, span.len()) {
-            // A run of this pass keeps to its rows.
-            let taps = [-1, 0, 1, 2].map(|tap| {
-                let row = (first + tap).clamp(0, from.height as i64 - 1) as usize;
-                &rows[(row * columns + span.start + range.start - left) * 3..][..3 * range.len()]
-            });
-            filtered(&mut values[3 * range.start..3 * range.end], taps, part, b as f32);
-        }
-        for (byte, value) in out[3 * span.start..3 * span.end].iter_mut().zip(values) {
-            // The conversion saturates.
-            *byte = (value + 0.5) as u8;
-        }
-    });
+    // Neighbouring strips of a turned frame need the same rows: strips are as high as a row rises, so that each row is made twice
+    // at most.
+    let rows = STRIP.max((map.b.abs() * columns.len() as f64) as usize);
+    let warp = Warp { frame, from, map, columns };
+    bytes.par_chunks_mut(rows * to.width * 3).zip(spans.par_chunks(rows)).enumerate().for_each(
+        |(strip, (out, spans))| {
+            warp.strip(strip * rows, out, spans);
+        },
+    );
     Warped { bytes, spans }
 }
 
-/// A row of a frame as numbers, prolonged by [`MARGIN`] pixels on both sides.
-fn prolonged(row: &[u8]) -> Vec<f32> {
-    let (first, last) = (&row[..3], &row[row.len() - 3..]);
-    let before = std::iter::repeat_n(first, MARGIN).flatten();
-    let after = std::iter::repeat_n(last, MARGIN).flatten();
-    before.chain(row).chain(after).map(|&level| f32::from(level)).collect()
+/// Resampling of one frame.
+struct Warp<'a> {
+    frame: &'a [u8],
+    from: Size,
+    map: &'a Similarity,
+    /// Columns of the result that the frame shows in any row.
+    columns: Range<usize>,
+}
+
+impl Warp<'_> {
+    /// Rows of the result from `top` on, with the columns of each that the frame shows.
+    fn strip(&self, top: usize, out: &mut [u8], spans: &[Range<usize>]) {
+        let Similarity { a, b, v, .. } = *self.map;
+        let start = |row: usize, span: &Range<usize>| b * span.start as f64 + a * (top + row) as f64 + v;
+        let shown = || spans.iter().enumerate().filter(|(_, span)| !span.is_empty());
+        let ends = shown().flat_map(|(row, span)| {
+            let first = start(row, span);
+            [first, first + b * (span.len() - 1) as f64]
+        });
+        let (low, high) =
+            ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), end| (low.min(end), high.max(end)));
+        if low > high {
+            return;
+        }
+        // The filter reaches from one row before to two after; rounding may move a place by one more.
+        let last_row = self.from.height as f64 - 1.0;
+        let rows =
+            (low.floor() - 2.0).clamp(0.0, last_row) as usize..=(high.floor() + 3.0).clamp(0.0, last_row) as usize;
+        let first_row = *rows.start();
+        let count = self.columns.len();
+        let mut planes = vec![0.0_f32; rows.clone().count() * count * 3];
+        let mut line: [Vec<f32>; 3] = Default::default();
+        for (row, planes) in rows.clone().zip(planes.chunks_exact_mut(3 * count)) {
+            self.row(row, &mut line, planes);
+        }
+        let mut values = vec![0.0_f32; 3 * count];
+        let width = out.len() / spans.len();
+        for ((row, span), out) in spans.iter().enumerate().zip(out.chunks_exact_mut(width)) {
+            for FilterRun { range, first, part } in runs(start(row, span), b, 0, span.len()) {
+                // A run of this pass keeps to its rows.
+                let of_tap = [-1, 0, 1, 2].map(|tap| {
+                    let row = ((first + tap).clamp(0, last_row as i64) as usize).clamp(first_row, *rows.end());
+                    (row - first_row) * 3 * count + span.start + range.start - self.columns.start
+                });
+                for channel in 0..3 {
+                    let taps = of_tap.map(|place| &planes[place + channel * count..][..range.len()]);
+                    let values = &mut values[channel * count..][range.clone()];
+                    filtered(values, taps, part, b as f32);
+                }
+            }
+            for (k, pixel) in out[3 * span.start..3 * span.end].chunks_exact_mut(3).enumerate() {
+                // The conversion saturates.
+                (0..3).for_each(|channel| pixel[channel] = (values[channel * count + k] + 0.5) as u8);
+            }
+        }
+    }
+
+    /// One row of the frame at the columns of the result, `[3, columns]`; `line` is space for it.
+    fn row(&self, row: usize, line: &mut [Vec<f32>; 3], planes: &mut [f32]) {
+        let Similarity { a, b, u, v } = *self.map;
+        let (width, count) = (self.from.width, self.columns.len());
+        prolonged(&self.frame[row * width * 3..][..width * 3], line);
+        // Along a row of the frame: x of the frame is linear in x of the result.
+        let slope = a + b * b / a;
+        let start = slope * self.columns.start as f64 - b / a * (row as f64 - v) + u;
+        let pace = (slope - 1.0) as f32;
+        for FilterRun { range, first, part } in runs(start, slope, 1, count) {
+            // What no pixel of the result needs is left out.
+            let (low, high) = (first - 1 + MARGIN as i64, (width + MARGIN) as i64 + MARGIN as i64);
+            let skipped = (-(low + range.start as i64)).clamp(0, range.len() as i64) as usize;
+            let end = (high - 3 - low - range.start as i64).clamp(0, range.len() as i64) as usize;
+            if skipped < end {
+                for (channel, line) in line.iter().enumerate() {
+                    let taps = [0, 1, 2, 3].map(|tap| {
+                        let begin = (low + tap) as usize + range.start + skipped;
+                        &line[begin..begin + end - skipped]
+                    });
+                    let out = &mut planes[channel * count..][range.start + skipped..range.start + end];
+                    filtered(out, taps, part + pace * skipped as f32, pace);
+                }
+            }
+        }
+    }
+}
+
+/// Channels of a row of a frame as numbers, prolonged by [`MARGIN`] pixels on both sides.
+fn prolonged(row: &[u8], line: &mut [Vec<f32>; 3]) {
+    for (channel, line) in line.iter_mut().enumerate() {
+        let level = |pixel: &[u8]| f32::from(pixel[channel]);
+        line.clear();
+        line.resize(MARGIN, level(&row[..3]));
+        line.extend(row.chunks_exact(3).map(level));
+        line.resize(line.len() + MARGIN, level(&row[row.len() - 3..]));
+    }
 }
 
 /// Places whose neighbouring samples advance evenly.
@@ -112,15 +170,15 @@ fn runs(start: f64, slope: f64, pace: i64, count: usize) -> impl Iterator<Item =
     })
 }
 
-/// Cubic convolution of four lines of pixels, at `part` between the second and the third for the first pixel and `pace` more for
+/// Cubic convolution of four lines of samples, at `part` between the second and the third for the first place and `pace` more for
 /// each of the next.
 fn filtered(out: &mut [f32], [p, q, r, s]: [&[f32]; 4], part: f32, pace: f32) {
-    let lines = p.chunks_exact(3).zip(q.chunks_exact(3)).zip(r.chunks_exact(3)).zip(s.chunks_exact(3));
-    for (k, (pixel, (((p, q), r), s))) in out.chunks_exact_mut(3).zip(lines).enumerate() {
-        let [a, b, c, d] = cubic(part + pace * k as f32);
-        for channel in 0..3 {
-            pixel[channel] = a * p[channel] + b * q[channel] + c * r[channel] + d * s[channel];
-        }
+    // Lines of one length, and an index of 32 bits: the loop is made of lanes.
+    let count = out.len();
+    let [p, q, r, s] = [&p[..count], &q[..count], &r[..count], &s[..count]];
+    for k in 0..count {
+        let [a, b, c, d] = cubic(part + pace * k as i32 as f32);
+        out[k] = a * p[k] + b * q[k] + c * r[k] + d * s[k];
     }
 }
 

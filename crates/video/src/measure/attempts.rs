@@ -8,6 +8,7 @@ use anyhow::Result;
 use super::finished::Finished;
 use super::motion::TrackMotion;
 use super::of_video::{EquationChoice, MeasuredParts, TrackedPart};
+use super::other_parts::OtherPart;
 use super::recording::{Observation, RecordedSystem};
 use super::results::Outcome;
 use super::{ComparedEquation, MeasureRequest, Subject, VideoRequest, cut_to_free_motion, make_folder};
@@ -122,6 +123,12 @@ fn better(first: Result<Finished>, second: Result<Finished>) -> Result<Finished>
     }
 }
 
+impl From<Subject> for OtherPart {
+    fn from(mut subject: Subject) -> Self {
+        OtherPart { observation: subject.observations.swap_remove(0), scene: subject.scene }
+    }
+}
+
 impl Subject {
     /// Whether an equation predicts what is held out, to a share of the amplitude. No part is left out but by an equation with walls,
     /// of which one impact that it does not explain would spoil all that comes after.
@@ -150,6 +157,8 @@ impl Subject {
         let frames = |place: &usize| self.scene.recordings[*place].times.len();
         let longest = (0..count).filter(|_| count > 1).max_by_key(frames)?;
         let mut alone = self.alone(longest);
+        let others = (0..count).filter(|place| *place != longest).map(|place| self.alone(place));
+        alone.other_parts = others.map(OtherPart::from).collect();
         let note = format!("{count} parts do not follow one equation together: {} alone is measured", alone.task);
         alone.notes.push(note);
         Some(alone)

@@ -6,6 +6,7 @@
 
 use paig::support::significant::significant;
 
+use super::other_parts::PartEstimate;
 use super::results::{HeldOut, Judgement, MissingTerm, Outcome, Quantity, Residuals};
 
 /// Share of the frames in which the objects must be seen, and below which nothing is found.
@@ -37,6 +38,9 @@ const TAKES: f64 = 0.2;
 /// By how many intervals' half-widths, and by which part of the value, two observations, or two equations, may differ.
 const AGREE: f64 = 3.0;
 const NEARLY_EQUAL: f64 = 0.03;
+/// By how many half-widths of their difference's interval, and by which part of the value, two parts of a video may differ.
+const PARTS_AGREE: f64 = 1.5;
+const PARTS_NEARLY_EQUAL: f64 = 0.05;
 
 /// What a verdict rests on.
 #[derive(Debug, Clone)]
@@ -56,6 +60,8 @@ pub struct Evidence<'a> {
     pub missing: Option<&'a MissingTerm>,
     /// Whether the fit to the other observation counts against a value.
     pub checked: bool,
+    /// What other parts of the video say by themselves.
+    pub parts: &'a [PartEstimate],
 }
 
 /// Judges a measurement; sets the outcome of each of its quantities.
@@ -191,7 +197,27 @@ fn of_quantity(quantity: &Quantity, evidence: &Evidence) -> (Outcome, Option<Str
         let percent = 100.0 * (other - quantity.value).abs() / quantity.value.abs();
         return (Outcome::Doubtful, Some(format!("{name} differs by {percent:.0} % from the other observation's")));
     }
+    if let Some(reason) = evidence.parts.iter().find_map(|part| disagreement(quantity, half, part)) {
+        return (Outcome::Doubtful, Some(reason));
+    }
     (Outcome::Found, None)
+}
+
+/// How another part of the video contradicts a quantity with an interval of this half-width; none where it does not.
+fn disagreement(quantity: &Quantity, half: f64, PartEstimate { part, quantities }: &PartEstimate) -> Option<String> {
+    let other = quantities.iter().find(|other| other.name == quantity.name)?;
+    let (low, high) = other.low.zip(other.high)?;
+    let apart = (other.value - quantity.value).abs();
+    let differs = apart > PARTS_AGREE * half.hypot((high - low) / 2.0)
+        && apart > PARTS_NEARLY_EQUAL * quantity.value.abs().max(other.value.abs());
+    let [value, low, high] = [other.value, low, high].map(|number| significant(number, 3));
+    differs.then(|| {
+        format!(
+            "{} is {value} [{low}, {high}] in {part}, which the equation explains as well: the object comes nearer or goes away, the \
+             speed of the video changes, or a term is missing in the equation",
+            quantity.name.replace('_', " ")
+        )
+    })
 }
 
 #[cfg(test)]
@@ -234,6 +260,7 @@ mod tests {
             noise: 0.1,
             missing: None,
             checked: false,
+            parts: &[],
         };
         let outcome = |shares: &[(QuantityKind, f64)]| {
             let quantities = shares.iter().map(|(kind, share)| quantity("l", *share).of_kind(*kind));
@@ -253,5 +280,22 @@ mod tests {
         let judged = judge(&evidence, &mut [quantity("l", 0.01).of_kind(force)]);
         assert_eq!(judged.outcome, Outcome::Doubtful);
         assert!(judged.reasons[0].contains("seen in 0 of the held-out frames"), "{:?}", judged.reasons);
+    }
+
+    /// Half-widths of 10 % each make 14 % together, of which half as much again may be between two parts.
+    #[test]
+    fn a_part_that_says_otherwise_is_a_doubt() {
+        let part = |value: f64| PartEstimate {
+            part: "throw.mp4 7..65".into(),
+            quantities: vec![Quantity::new("g", value, vec![value - 0.1, value + 0.1])],
+        };
+        let own = |half: f64| Quantity::new("g", 1.0, vec![1.0 - half, 1.0 + half]);
+        assert_eq!(disagreement(&own(0.1), 0.1, &part(1.19)), None);
+        let reason = disagreement(&own(0.1), 0.1, &part(1.23)).unwrap();
+        assert!(reason.starts_with("g is 1.23 [1.13, 1.33] in throw.mp4 7..65, which"), "{reason}");
+        // Parts that nearly agree do, however narrow their intervals are, and what only one determines is compared with nothing.
+        let narrow = PartEstimate { quantities: vec![Quantity::new("g", 1.04, vec![1.0399, 1.0401])], ..part(1.0) };
+        assert_eq!(disagreement(&own(1e-4), 1e-4, &narrow), None);
+        assert_eq!(disagreement(&quantity("l", 0.1), 0.1, &part(2.0)), None);
     }
 }

@@ -29,6 +29,7 @@ mod native;
 pub mod normal_equations;
 mod of_run;
 mod of_video;
+pub mod other_parts;
 mod overlay;
 mod page;
 mod pictures;
@@ -69,6 +70,7 @@ use self::motion::TrackMotion;
 use self::native::{PositionSource, TrackedVideo};
 use self::of_run::Learned;
 pub use self::of_video::VideoRequest;
+use self::other_parts::OtherPart;
 use self::pictures::filmed;
 use self::recording::{Observation, RecordedSystem};
 use self::results::{Measurement, Quantity};
@@ -134,6 +136,8 @@ struct Subject {
     doubts: Vec<String>,
     /// Measurements of each take alone, whose scatter is part of the intervals.
     takes: Vec<Measurement>,
+    /// Parts of the same videos that do not count, and with which the values must agree.
+    other_parts: Vec<OtherPart>,
     training_seconds: Option<f64>,
     seed: u64,
 }
@@ -207,6 +211,7 @@ fn measured_run(folder: &Path, request: &MeasureRequest, out: &Path, device: Dev
         notes,
         doubts: Vec::new(),
         takes: Vec::new(),
+        other_parts: Vec::new(),
         training_seconds: summary.map(|summary| summary.wall_seconds),
         seed: config.seed,
     };
@@ -396,9 +401,13 @@ impl Subject {
         let motion = TrackMotion::of(&tracks[0], judged.dynamics.coordinates());
         let (times, _) = scene.per_coordinate();
         let missing = missing_term(&scene, &tracks, &judged, self.seed);
+        let frames = tracks[0].times.len();
+        let parts = self.other_parts.iter().filter_map(|part| part.estimate(&main.cell, frames, self.seed));
+        let parts: Vec<_> = parts.collect();
         let evidence = Evidence {
             missing: missing.as_ref(),
             checked,
+            parts: &parts,
             doubts: &doubts,
             seen: motion.seen,
             chance: motion.chance,

@@ -228,6 +228,7 @@ impl VideoRequest {
             notes,
             doubts,
             takes: Vec::new(),
+            other_parts: Vec::new(),
             training_seconds: None,
             seed: 0,
             scene: RecordedSystem {

@@ -23,6 +23,7 @@ macro_rules! entries {
 pub const GALLERY: &[GalleryEntry] = entries![
     "balls_in_a_bowl",
     "bounce_on_a_floor",
+    "bounce_on_an_incline",
     "cart_on_a_spring",
     "charge_in_a_field",
     "charges",
@@ -37,6 +38,7 @@ pub const GALLERY: &[GalleryEntry] = entries![
     "gravity_masses",
     "lossy_bounce",
     "mass_on_a_spring",
+    "slack_pendulum",
     "sliding_block",
     "spring_chain",
     "swing",

@@ -24,4 +24,5 @@ mod repository;
 mod second_look;
 mod ssim;
 mod subtract_background;
+mod surfaces;
 mod viz;

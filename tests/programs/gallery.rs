@@ -124,6 +124,8 @@ fn every_equation_of_the_gallery_is_found_from_noisy_positions() {
         ("colliding_pendulums", (&[5.0, 13.0, 19.0, 16.0], 0.7, &[0.0; 4], 0.0)),
         ("lossy_bounce", thrown),
         ("bounce_on_a_floor", (&[16.0, 13.0], 3.0, &[0.0; 2], 4.0)),
+        ("bounce_on_an_incline", (&[23.0, 18.0], 3.0, &[-4.0, 0.0], 2.0)),
+        ("slack_pendulum", (&[21.0, 10.0], 2.0, &[0.0; 2], 2.0)),
         ("sliding_block", (&[16.0, 16.0], 3.0, &[0.0; 2], 6.0)),
         ("text_pendulum", (&[0.0], 0.9, &[0.0], 1.2)),
         ("double_pendulum", (&[30.0, 34.0, 36.0, 50.0], 0.0, &[0.0; 4], 0.0)),

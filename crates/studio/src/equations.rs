@@ -36,11 +36,15 @@ pub const EQUATIONS: &[EquationInfo] = equations![
         "Gravity and drag that grows with the speed: slow things in oil or honey.";
     "bounce_on_a_floor", 1, "Bouncing ball", "a = g, v → −e v at the floor",
         "A ball that falls on a floor. Finds g, the floor and the coefficient of restitution e.";
+    "bounce_on_an_incline", 1, "Ball bouncing on an incline", "a = g, vₙ → −e vₙ at the slope",
+        "A ball that bounces on an incline. Finds g, the slope and the coefficient of restitution e.";
     "damped_pendulum", 1, "Pendulum with friction", "θ″ = −(g/l) sin θ − c θ′",
         "A weight on a string or rod. Finds g, the pivot and the damping; any amplitude.";
     "free_pendulum", 1, "Pendulum", "θ″ = −(g/l) sin θ", "The same without friction.";
     "swing", 1, "Pendulum, its length", "θ″ = −(g/l) sin θ − c θ′ with g = 9.81 m/s²",
         "Gravity is taken as known, so the length in metres needs no scale. Finds the length, the damping and the camera's tilt.";
+    "slack_pendulum", 1, "Ball on a slack string", "a = g, |p − p₀| ≤ l",
+        "A ball on a string that goes slack: free flight inside, a swing where it is taut. Finds g, the pivot and the length.";
     "driven_pendulum", 1, "Driven pendulum", "θ″ = −(g/l) sin θ − c θ′ + A cos ωt",
         "A pendulum that is pushed in a fixed rhythm. Finds the push and its rhythm, too.";
     "mass_on_a_spring", 1, "Weight on a spring", "a = −k (p − p₀) − c v",

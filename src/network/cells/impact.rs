@@ -3,6 +3,9 @@
 use num_traits::Float;
 use tch::Tensor;
 
+/// The least restitution that is taken back when time runs backwards: a ball that lost all its speed has no past.
+pub(super) const LEAST_RESTITUTION: f64 = 0.1;
+
 /// What an impact is computed with.
 pub(super) trait Impact: Sized {
     /// Whether something is so, for each number.
@@ -15,6 +18,9 @@ pub(super) trait Impact: Sized {
     fn minus(&self, other: &Self) -> Self;
     fn negative(&self) -> Self;
     fn root(&self) -> Self;
+    fn sine(&self) -> Self;
+    fn cosine(&self) -> Self;
+    fn scaled(&self, factor: f64) -> Self;
     fn times(&self, other: &Self) -> Self;
     fn over(&self, other: &Self) -> Self;
     fn between(&self, least: &Self, most: &Self) -> Self;
@@ -25,12 +31,34 @@ pub(super) trait Impact: Sized {
     fn is_zero(&self) -> Self::Mask;
     fn is_negative(&self) -> Self::Mask;
     fn is_positive(&self) -> Self::Mask;
-    fn both(one: Self::Mask, other: Self::Mask) -> Self::Mask;
-    fn not(mask: Self::Mask) -> Self::Mask;
+    fn both(one: &Self::Mask, other: &Self::Mask) -> Self::Mask;
+    fn either(one: &Self::Mask, other: &Self::Mask) -> Self::Mask;
+    fn not(mask: &Self::Mask) -> Self::Mask;
+    fn any(mask: &Self::Mask) -> bool;
     /// 1 where the mask is set.
     fn one_where(&self, mask: &Self::Mask) -> Self;
     /// `other` where the mask is not set.
     fn or_else(&self, mask: &Self::Mask, other: &Self) -> Self;
+}
+
+/// The share of a closing speed that is left after an impact in a substep of length `h`. Back in time an impact gives what it took.
+pub(super) fn left_after<I: Impact>(left: &I, h: f64) -> I {
+    if h < 0.0 {
+        let one = left.one_like();
+        one.over(&left.between(&one.scaled(LEAST_RESTITUTION), &one))
+    } else {
+        left.copy()
+    }
+}
+
+/// Change of a velocity by Coulomb's friction: at most `friction` times the normal `impulse`, which is not negative, of its tangential
+/// part.
+pub(super) fn slowed<I: Impact>(velocity: &[I; 2], normal: &[I; 2], friction: &I, impulse: &I) -> [I; 2] {
+    let tangent = [normal[1].negative(), normal[0].copy()];
+    let most = friction.times(impulse);
+    let along = velocity[0].times(&tangent[0]).plus(&velocity[1].times(&tangent[1]));
+    let taken = along.between(&most.negative(), &most);
+    tangent.map(|part| part.times(&taken).negative())
 }
 
 /// Positions and velocities after the walls have turned back what has passed them, each with the share `left` of its speed
@@ -88,6 +116,18 @@ impl Impact for Tensor {
         self.sqrt()
     }
 
+    fn sine(&self) -> Tensor {
+        self.sin()
+    }
+
+    fn cosine(&self) -> Tensor {
+        self.cos()
+    }
+
+    fn scaled(&self, factor: f64) -> Tensor {
+        self * factor
+    }
+
     fn minus(&self, other: &Tensor) -> Tensor {
         self - other
     }
@@ -124,12 +164,20 @@ impl Impact for Tensor {
         self.gt(0.0)
     }
 
-    fn both(one: Tensor, other: Tensor) -> Tensor {
-        one.logical_and(&other)
+    fn both(one: &Tensor, other: &Tensor) -> Tensor {
+        one.logical_and(other)
     }
 
-    fn not(mask: Tensor) -> Tensor {
+    fn either(one: &Tensor, other: &Tensor) -> Tensor {
+        one.logical_or(other)
+    }
+
+    fn not(mask: &Tensor) -> Tensor {
         mask.logical_not()
+    }
+
+    fn any(mask: &Tensor) -> bool {
+        mask.any().int64_value(&[]) != 0
     }
 
     fn one_where(&self, mask: &Tensor) -> Tensor {
@@ -172,6 +220,18 @@ impl<F: Float> Impact for Single<F> {
         Single(self.0.sqrt())
     }
 
+    fn sine(&self) -> Self {
+        Single(self.0.sin())
+    }
+
+    fn cosine(&self) -> Self {
+        Single(self.0.cos())
+    }
+
+    fn scaled(&self, factor: f64) -> Self {
+        Single(self.0 * F::from(factor).expect("a float of any width holds a float64"))
+    }
+
     fn minus(&self, other: &Self) -> Self {
         Single(self.0 - other.0)
     }
@@ -208,12 +268,20 @@ impl<F: Float> Impact for Single<F> {
         self.0 > F::zero()
     }
 
-    fn both(one: bool, other: bool) -> bool {
-        one && other
+    fn both(one: &bool, other: &bool) -> bool {
+        *one && *other
     }
 
-    fn not(mask: bool) -> bool {
+    fn either(one: &bool, other: &bool) -> bool {
+        *one || *other
+    }
+
+    fn not(mask: &bool) -> bool {
         !mask
+    }
+
+    fn any(mask: &bool) -> bool {
+        *mask
     }
 
     fn one_where(&self, mask: &bool) -> Self {

@@ -28,6 +28,7 @@ pub mod plain;
 mod spring;
 mod state;
 pub mod text;
+mod unilateral;
 
 pub use actions::Actions;
 pub use bouncing::BOUNCING;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use paig::network::cells::text::{Accelerations, EquationTable, WallTable};
+use paig::network::cells::text::{Accelerations, EquationTable};
 use paig::network::cells::{CellKind, Coordinates, Equations};
 use paig::network::system::EquationEntry;
 use paig::tasks::equation_file::EquationFile;
@@ -37,11 +37,17 @@ pub(super) fn candidates(objects: usize, interval: f64, walls_at_edges: bool) ->
         let entry = for_frames(&file, SIDE, interval);
         let cell = entry.kind(objects, &Equations::default()).ok()?;
         let for_so_many = cell.objects.is_none_or(|written_for| written_for == objects)
-            && (!acts_between(&file.equation, &cell) || objects > 1);
+            && (!acts_between(&file.equation, &cell) || objects > 1)
+            && !is_constrained(&file.equation);
         let fits = for_so_many && cell.coordinates == Coordinates::Position && (walls_at_edges || !cell.walls);
         fits.then_some(EquationCandidate { name: file.name, summary: file.summary, cell })
     };
     built_in.chain(gallery).filter_map(candidate).collect()
+}
+
+/// Whether an equation has surfaces or strings: one that was not asked for would explain an impact by a surface of its own.
+fn is_constrained(entry: &EquationEntry) -> bool {
+    matches!(entry, EquationEntry::Text(table) if table.is_constrained())
 }
 
 /// Whether an equation is about what objects do to each other.
@@ -66,10 +72,7 @@ pub(super) fn for_frames(file: &EquationFile, side: usize, interval: f64) -> Equ
     let mut table: EquationTable = table.clone();
     let per_second = file.dt.map_or(1.0, |dt| dt / interval);
     let per_pixel = file.side.map_or(1.0, |own| side as f64 / own as f64);
-    if let WallTable::At(sides) = &mut table.walls {
-        sides.scale(per_pixel);
-    }
-    table.contacts.iter_mut().for_each(|contacts| contacts.scale(per_pixel));
+    table.scale_lengths(per_pixel);
     for parameter in table.parameters.values_mut() {
         let Some([length, time]) = parameter.unit else {
             if let (Some(low), Some(high)) = (&mut parameter.low, &mut parameter.high) {
@@ -105,8 +108,10 @@ mod tests {
         for expected in ["falling", "swing", "mass_on_a_spring", "bounce_on_a_floor", "sliding_block"] {
             assert!(one.iter().any(|name| name == expected), "{one:?}");
         }
-        for other in ["spring", "gravity", "charges", "double_pendulum", "lossy_bounce", "text_pendulum"] {
-            assert!(!one.iter().any(|name| name == other), "{other} is about another number of objects, or walls");
+        for other in
+            ["spring", "gravity", "charges", "double_pendulum", "lossy_bounce", "text_pendulum", "slack_pendulum"]
+        {
+            assert!(!one.iter().any(|name| name == other), "{other} is about another number of objects, or obstacles");
         }
         assert!(names(1, true).contains(&"lossy_bounce".to_string()));
         let two = names(2, false);

@@ -7,7 +7,7 @@ use anyhow::Result;
 use tch::{Kind, Tensor};
 
 use paig::network::System;
-use paig::network::cells::text::{Ensemble, Equation, EquationTable, SingleEquation, WallTable};
+use paig::network::cells::text::{Ensemble, Equation, EquationTable, SingleEquation};
 use paig::network::cells::{Cell, Coordinates, Integrator, State};
 
 /// Moves a state on from a time by a step.
@@ -113,7 +113,8 @@ impl Dynamics {
         positions
     }
 
-    /// Accelerations in states at times of their own, from what a time `instant` adds to the velocities.
+    /// Accelerations in states at times of their own, from what a time `instant` adds to the velocities; without those by surfaces and
+    /// strings, which depend on a gap that is less than the noise.
     pub fn accelerations(
         &self,
         unconstrained: &[f64],
@@ -134,9 +135,9 @@ impl Dynamics {
         };
         let values = self.values(unconstrained);
         let columns = equation.parameters().iter().map(|parameter| vec![values[self.place(&parameter.name)]]);
-        let mut ensemble = Ensemble::new(equation, columns.collect(), self.system.walls, states.len());
+        let ensemble = Ensemble::new(equation, columns.collect(), self.system.walls, states.len());
         let [mut pos, mut vel] = self.side_by_side(states);
-        ensemble.advance(&mut pos, &mut vel, times, instant);
+        ensemble.in_free_motion().advance(&mut pos, &mut vel, times, instant);
         let of_state = |(place, state): (usize, &&[f64])| gained(state, &|row| vel[row * states.len() + place]);
         states.iter().enumerate().map(of_state).collect()
     }
@@ -208,10 +209,10 @@ impl Dynamics {
         }
     }
 
-    /// Whether something turns the objects back: the frame's edges, or walls that the equation names.
+    /// Whether something turns the objects back: the frame's edges, or walls, surfaces and strings that the equation names.
     pub(super) fn has_walls(&self) -> bool {
         let exact = self.exact.as_ref();
-        exact.map_or(self.system.cell.walls, |equation| equation.table().walls != WallTable::default())
+        exact.map_or(self.system.cell.walls, |equation| equation.table().has_obstacles())
     }
 
     /// The positions alone, frame by frame.
@@ -231,7 +232,7 @@ fn by_tensors(cell: &dyn Cell, state: &[f64], dt: f64) -> Vec<f64> {
 /// The same equation by the method of Runge and Kutta. A step of it is as exact as many of Euler's; what bounces keeps its
 /// steps, at whose ends walls are looked for.
 fn finely(table: EquationTable) -> EquationTable {
-    let few = table.integrator == Integrator::Euler && table.walls == WallTable::default();
+    let few = table.integrator == Integrator::Euler && !table.has_obstacles();
     let substeps = if few { table.substeps.div_ceil(2) } else { table.substeps };
     EquationTable { integrator: Integrator::Rk4, substeps, ..table }
 }

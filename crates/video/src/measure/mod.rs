@@ -27,6 +27,7 @@ mod missing_term;
 pub mod motion;
 mod native;
 pub mod normal_equations;
+mod obstacles;
 mod of_run;
 mod of_video;
 pub mod other_parts;

@@ -10,7 +10,7 @@ use rand::Rng;
 
 use super::dynamics::Dynamics;
 use super::fit::{Observations, Start};
-use super::walls;
+use super::{obstacles, walls};
 use paig::network::cells::text::TableNumber;
 use paig::network::cells::{Bounds, Build};
 use paig::support::least_squares;
@@ -24,6 +24,8 @@ const HARDLY_MORE: f64 = 1.3;
 const MOST_SAMPLES: usize = 240;
 /// Parts that leave more than so many times the median hold an impact or another object.
 const ROUGH: f64 = 4.0;
+/// Fewest parts in free motion that are matched alone.
+const LEAST_FREE: usize = 8;
 /// Starting values that are tried, the spread of their unconstrained parameters, and those of which a fit begins.
 const TRIED: usize = 40;
 const SPREAD: f64 = 3.0;
@@ -102,7 +104,7 @@ pub fn starts(
         raws.push(taken_over);
     }
     let turning = turning.map_or(tracks, std::slice::from_ref);
-    let matched = Matching::new(dynamics, tracks, &learned, turning).map(|matching| matching.best(&file));
+    let matched = Matching::new(dynamics, tracks, (&learned, &file), turning).map(|matching| matching.best(&file));
     if known.is_empty() {
         raws.extend(matched.unwrap_or_default());
         raws.push(file);
@@ -119,7 +121,8 @@ struct Matching<'a> {
     samples: Vec<StateSample>,
     /// Places of the parameters that are learned.
     learned: Vec<usize>,
-    /// Raw numbers of parameters that are walls, where the tracks turn, or the distance of a contact, where objects come closest.
+    /// Raw numbers of parameters that are walls, where the tracks turn, the distance of a contact, where objects come closest, or of
+    /// surfaces and strings, where the positions end.
     walls: Vec<(usize, f64)>,
     /// Walls that lie beyond all positions, since none of the frames shows an impact.
     beyond: Vec<(usize, f64)>,
@@ -132,14 +135,16 @@ impl<'a> Matching<'a> {
     fn new(
         dynamics: &'a Dynamics,
         tracks: &[Observations],
-        learned: &[bool],
+        (learned, file): (&[bool], &[f64]),
         turning: &[Observations],
     ) -> Option<Self> {
         let coordinates = dynamics.coordinates();
-        let samples = samples(tracks, coordinates)?;
+        let touched = obstacles::touched(dynamics, turning, learned, file);
+        let samples = free(dynamics, samples(tracks, coordinates)?, tracks, (&touched, file));
         let sizes = samples.iter().flat_map(|sample| sample.acceleration.iter().map(|a| a.abs()));
         let usual = upper_median(sizes).filter(|usual| *usual > 0.0)?;
-        let walls = walls::furthest(dynamics, turning).into_iter().chain(contact(dynamics, tracks)).collect();
+        let walls =
+            walls::furthest(dynamics, turning).into_iter().chain(contact(dynamics, tracks)).chain(touched).collect();
         let beyond = walls::beyond(dynamics, turning);
         let learned = (0..learned.len()).filter(|place| learned[*place]).collect();
         Some(Matching { dynamics, samples, learned, walls, beyond, usual })
@@ -281,6 +286,22 @@ fn samples(tracks: &[Observations], coordinates: usize) -> Option<Vec<StateSampl
     (!samples.is_empty()).then_some(samples)
 }
 
+/// Samples away from surfaces and strings, whose forces are not among the accelerations that are matched; all where too few are.
+fn free(
+    dynamics: &Dynamics,
+    samples: Vec<StateSample>,
+    tracks: &[Observations],
+    (touched, file): (&[(usize, f64)], &[f64]),
+) -> Vec<StateSample> {
+    let mut start = file.to_vec();
+    touched.iter().for_each(|(place, unconstrained)| start[*place] = *unconstrained);
+    let (coordinates, extent) = (dynamics.coordinates(), obstacles::extent(dynamics, tracks));
+    let (free, held): (Vec<_>, Vec<_>) = samples
+        .into_iter()
+        .partition(|sample| obstacles::is_free(dynamics, &start, &sample.state[..coordinates], extent));
+    if free.len() < LEAST_FREE { free.into_iter().chain(held).collect() } else { free }
+}
+
 /// What a cubic polynomial through some frames leaves of the positions (root mean square, of so many free numbers), and the state
 /// in its middle; none where an object is not seen in one of them.
 fn smooth(track: &Observations, frames: std::ops::Range<usize>, coordinates: usize) -> Option<(f64, StateSample)> {
@@ -323,6 +344,7 @@ fn contact(dynamics: &Dynamics, tracks: &[Observations]) -> Option<(usize, f64)>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measure::fit::fit;
     use paig::network::System;
     use paig::tasks::Task;
 
@@ -372,6 +394,29 @@ mod tests {
             let found = kind.bounds.value(*unconstrained);
             if kind.name != "e" {
                 assert!((found / expected - 1.0).abs() < 0.1, "{}: {found} instead of {expected}", kind.name);
+            }
+        }
+    }
+
+    /// A ball that bounces on an incline, and one on a slack string: the fit finds the parameters from where the positions end.
+    #[test]
+    fn surfaces_and_strings_are_where_the_positions_end() {
+        let incline = include_str!("../../../../configs/gallery/bounce_on_an_incline.toml");
+        let string = include_str!("../../../../configs/gallery/slack_pendulum.toml");
+        for (file, state) in [(incline, [24.0, 15.0, -4.0, 0.0]), (string, [21.0, 10.0, 1.0, -1.0])] {
+            let (task, dynamics) = dynamics(file);
+            let parameters = &dynamics.system.cell.parameters;
+            let truth: Vec<f64> = parameters.iter().map(|it| task.truth_of(&it.name).unwrap()).collect();
+            let unconstrained: Vec<f64> =
+                parameters.iter().zip(&truth).map(|(it, x)| it.bounds.unconstrained(*x)).collect();
+            let track = seen(&dynamics, &unconstrained, &state, 120);
+            let starts = starts(&dynamics, std::slice::from_ref(&track), 12, (&[], true), None);
+            let fitted = fit(&dynamics, &[track], &starts[0]).unwrap();
+            let found = dynamics.values(&fitted.unconstrained);
+            for ((kind, truth), (start, found)) in
+                parameters.iter().zip(&truth).zip(dynamics.values(&starts[0].unconstrained).iter().zip(&found))
+            {
+                assert!((found / truth - 1.0).abs() < 0.01, "{}: {found} from {start} instead of {truth}", kind.name);
             }
         }
     }

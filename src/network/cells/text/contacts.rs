@@ -5,12 +5,12 @@ use tch::{Kind, Tensor};
 
 use super::columns::Number;
 use super::parameters::Parameters;
-use super::table::{EquationTable, TableNumber};
+use super::table::EquationTable;
+use super::table_number::TableNumber;
 use super::units::Unit;
 use super::value::EquationNumber;
-use super::walls::LEAST_RESTITUTION;
 use crate::network::cells::contact::recoil;
-use crate::network::cells::impact::{Impact, Single};
+use crate::network::cells::impact::{Impact, Single, left_after};
 use crate::network::cells::state::Coordinates;
 
 /// The contacts of an equation.
@@ -18,7 +18,9 @@ use crate::network::cells::state::Coordinates;
 pub(super) struct TextContacts {
     distance: EquationNumber,
     /// Share of the closing speed that is left; none for all of it.
-    pub(super) restitution: Option<EquationNumber>,
+    restitution: Option<EquationNumber>,
+    /// Coulomb's coefficient; none for smooth discs.
+    friction: Option<EquationNumber>,
     /// Of each object; empty for equal ones.
     pub(super) masses: Vec<EquationNumber>,
 }
@@ -28,6 +30,7 @@ pub(super) struct TextContacts {
 pub(super) struct Contacts<I> {
     distance: I,
     left: I,
+    friction: Option<I>,
     /// Of each object.
     masses: Vec<I>,
 }
@@ -47,27 +50,32 @@ impl TextContacts {
         let Some(contacts) = &table.contacts else { return Ok(None) };
         ensure!(table.state == Coordinates::Position, "contacts: there are contacts for positions, not for angles");
         ensure!(objects > 1, "contacts: a single object has nothing to collide with");
-        let (length, any) = (Unit::Of([1.0, 0.0]), Unit::Any);
+        let length = Unit::Of([1.0, 0.0]);
         let distance =
             EquationNumber::read(&contacts.distance, ("contacts.distance", length, "a length"), parameters, used)?;
-        ensure!(is_positive(distance, parameters), "contacts.distance: must be more than 0");
+        ensure!(distance.is_positive(parameters), "contacts.distance: must be more than 0");
         let restitution = match &contacts.restitution {
             None | Some(TableNumber::Number(1.0)) => None,
             Some(given) => Some(EquationNumber::restitution(given, "contacts.restitution", parameters, used)?),
         };
+        let friction = contacts.friction.as_ref();
+        let friction =
+            friction.map(|given| EquationNumber::friction(given, "contacts.friction", parameters, used)).transpose()?;
         let masses = contacts.masses.iter().flatten();
-        let mut mass = |given| {
-            let value = EquationNumber::read(given, ("contacts.masses", any, "a mass"), parameters, used)?;
-            ensure!(is_positive(value, parameters), "contacts.masses: each must be more than 0");
-            Ok(value)
-        };
-        let masses: Vec<EquationNumber> = masses.map(&mut mass).collect::<Result<_>>()?;
+        let masses: Vec<EquationNumber> = masses
+            .map(|given| EquationNumber::mass(given, "contacts.masses", parameters, used))
+            .collect::<Result<_>>()?;
         ensure!(
             masses.is_empty() && contacts.masses.is_none() || masses.len() == objects,
             "contacts.masses: expected one for each of {objects} objects, found {}",
             masses.len()
         );
-        Ok(Some(TextContacts { distance, restitution, masses }))
+        Ok(Some(TextContacts { distance, restitution, friction, masses }))
+    }
+
+    /// Whether steps back in time are steps forward of another sign.
+    pub(super) fn are_reversible(&self) -> bool {
+        self.restitution.is_none() && self.friction.is_none()
     }
 
     /// In plain numbers.
@@ -90,40 +98,27 @@ impl TextContacts {
         Contacts {
             distance: value(self.distance),
             left: or_one(self.restitution),
+            friction: self.friction.map(&value),
             masses: (0..objects).map(|object| or_one(self.masses.get(object).copied())).collect(),
         }
-    }
-}
-
-/// Whether a value is above 0 whatever is learned.
-fn is_positive(value: EquationNumber, parameters: &Parameters) -> bool {
-    match value {
-        EquationNumber::Number(number) => number > 0.0 && number.is_finite(),
-        EquationNumber::Parameter(place) => parameters.all[place].range()[0] >= 0.0,
     }
 }
 
 impl<I: Impact> Contacts<I> {
     /// The state after the contacts of a substep of length `h`, coordinate by coordinate: positions and velocities where it began
     /// and where it ended. Of several contacts of one object the pairs count in their order.
-    pub(super) fn after(&self, before: [&[I]; 2], [pos, vel]: [&mut [I]; 2], h: f64, number: impl Fn(&I, f64) -> I) {
+    pub(super) fn after(&self, before: [&[I]; 2], [pos, vel]: [&mut [I]; 2], h: f64) {
         let objects = self.masses.len();
-        // Back in time a contact gives what it took.
-        let left = if h < 0.0 {
-            let one = self.left.one_like();
-            one.over(&self.left.between(&number(&one, LEAST_RESTITUTION), &one))
-        } else {
-            self.left.copy()
-        };
+        let left = left_after(&self.left, h);
         for one in 0..objects {
             for two in one + 1..objects {
                 let apart = |of: &[I], axis: usize| of[2 * two + axis].minus(&of[2 * one + axis]);
                 let relative = |of: &[I]| [apart(of, 0), apart(of, 1)];
                 let states = [[before[0], before[1]], [&*pos, &*vel]].map(|[pos, vel]| (relative(pos), relative(vel)));
                 let [begin, end] = &states;
-                let h = number(&end.0[0], h);
+                let h = end.0[0].one_like().scaled(h);
                 let states = [begin, end].map(|(pos, vel)| (pos.each_ref(), vel.each_ref()));
-                let recoil = recoil(states, &self.distance, &left, &h);
+                let recoil = recoil(states, &self.distance, (&left, self.friction.as_ref()), &h);
                 let total = self.masses[one].plus(&self.masses[two]);
                 // The heavier one moves less.
                 let [of_one, of_two] = [two, one].map(|other| self.masses[other].over(&total));

@@ -9,6 +9,7 @@ use super::contacts::TextContacts;
 use super::evaluate::CompiledEquation;
 use super::parameters::{Parameters, check_name};
 use super::parse::{Expression, parse};
+use super::surfaces::TextConstraints;
 use super::table::{Accelerations, EquationTable};
 use super::walls::TextWalls;
 use crate::network::cells::parameter::PhysicalParameter;
@@ -28,6 +29,8 @@ pub struct Equation {
     pub(super) program: CompiledEquation,
     pub(super) walls: Option<TextWalls>,
     pub(super) contacts: Option<TextContacts>,
+    /// Surfaces and strings.
+    pub(super) constraints: Option<TextConstraints>,
     /// Whether the parameters are computed in every substep instead of once for a roll-out. Their gradients then round as those
     /// of the original, which does so.
     pub(super) renews_parameters: bool,
@@ -77,6 +80,7 @@ impl Equation {
             && (self.program.accelerations.len() > 1
                 || self.program.names_objects()
                 || self.contacts.as_ref().is_some_and(|contacts| !contacts.masses.is_empty())
+                || self.constraints.as_ref().is_some_and(TextConstraints::tell_objects_apart)
                 || self.of_each.iter().any(unlike))
     }
 
@@ -109,7 +113,8 @@ impl Equation {
     pub(crate) fn is_reversible(&self) -> bool {
         !self.tells_time()
             && self.walls.as_ref().is_none_or(|walls| walls.restitution.is_none())
-            && self.contacts.as_ref().is_none_or(|contacts| contacts.restitution.is_none())
+            && self.contacts.as_ref().is_none_or(TextContacts::are_reversible)
+            && self.constraints.as_ref().is_none_or(TextConstraints::are_reversible)
     }
 
     /// The equation of a table, for so many objects.
@@ -162,6 +167,7 @@ impl Equation {
         }
         let walls = TextWalls::of(table, &parameters, &mut compiler.used)?;
         let contacts = TextContacts::of(table, objects, &parameters, &mut compiler.used)?;
+        let constraints = TextConstraints::of(table, objects, &parameters, &mut compiler.used)?;
         if let Some(unused) = compiler.used.iter().position(|used| !used) {
             let name = &parameters.all[unused].name;
             bail!("parameters: no acceleration names {name}; use it, or take it out");
@@ -182,6 +188,7 @@ impl Equation {
             program,
             walls,
             contacts,
+            constraints,
             renews_parameters: false,
             plain: PlainForms::NONE,
         })

@@ -8,13 +8,14 @@ use super::contacts::Contacts;
 use super::equation::Equation;
 use super::evaluate::{Constants, Instant};
 use super::plain::PlainText;
-use super::walls::{LEAST_RESTITUTION, TextWalls};
+use super::walls::TextWalls;
 use crate::network::cells::actions::Actions;
 use crate::network::cells::cell::Cell;
-use crate::network::cells::impact::turned_back;
+use crate::network::cells::impact::{LEAST_RESTITUTION, turned_back};
 use crate::network::cells::integrands::OnTensors;
 use crate::network::cells::plain::PlainCell;
 use crate::network::cells::state::{State, Walls};
+use crate::network::cells::unilateral::{Support, UnilateralConstraints, holds_any};
 
 /// An equation with its parameters.
 #[derive(Debug)]
@@ -31,6 +32,7 @@ struct TextRollOut<'a> {
     constants: Constants,
     barrier: Option<Barrier>,
     contacts: Option<Contacts<Tensor>>,
+    constraints: Option<UnilateralConstraints<Tensor>>,
 }
 
 /// The walls with the parameters as they are now.
@@ -78,7 +80,8 @@ impl TextCell {
         };
         let contacts = self.equation.contacts.as_ref();
         let contacts = contacts.map(|it| it.tensors(self.equation.program.objects, &parameters, options));
-        TextRollOut { cell: self, constants, barrier: self.equation.walls.as_ref().map(barrier), contacts }
+        let constraints = self.equation.constraints.as_ref().map(|it| it.tensors(&parameters, options));
+        TextRollOut { cell: self, constants, barrier: self.equation.walls.as_ref().map(barrier), contacts, constraints }
     }
 }
 
@@ -145,16 +148,55 @@ impl TextRollOut<'_> {
             let begin = begin + substep as f64 * h;
             let renewed = renews_parameters.then(|| program.renewed(&self.constants, &self.cell.parameters()));
             let constants = renewed.as_ref().unwrap_or(&self.constants);
-            let mut accelerated = OnTensors(|pos: &Tensor, vel: &Tensor, since: f64| {
+            let acceleration = |pos: &Tensor, vel: &Tensor, since: f64| {
                 let at = Instant { pos, vel, held, since: begin + since };
                 program.acceleration(constants, &at)
+            };
+            let supports;
+            ([pos, vel], supports) = self.supported([pos, vel], acceleration, h);
+            let mut accelerated = OnTensors(|pos: &Tensor, vel: &Tensor, since: f64| {
+                self.held(acceleration(pos, vel, since), [pos, vel], &supports)
             });
             let before = [&pos, &vel].map(Tensor::shallow_clone);
             let after = table.integrator.step(&mut accelerated, [pos, vel], h);
             let after = self.collided(&before, after, h);
+            let after = self.rebounded(&before, after, &supports, h);
             [pos, vel] = self.turned_back(before, after, h);
         }
         State { pos, vel }
+    }
+
+    /// The state with what rests on a constraint at rest, and what does so.
+    fn supported(
+        &self,
+        state: [Tensor; 2],
+        acceleration: impl Fn(&Tensor, &Tensor, f64) -> Tensor,
+        h: f64,
+    ) -> ([Tensor; 2], Vec<Support<Tensor>>) {
+        let Some(constraints) = &self.constraints else { return (state, Vec::new()) };
+        let mut acceleration = acceleration(&state[0], &state[1], 0.0).unbind(1);
+        let [mut pos, mut vel] = state.map(|state| state.unbind(1));
+        let supports = constraints.support([&mut pos, &mut vel], &mut acceleration, h);
+        ([Tensor::stack(&pos, 1), Tensor::stack(&vel, 1)], supports)
+    }
+
+    /// The acceleration less what constraints cancel.
+    fn held(&self, acceleration: Tensor, state: [&Tensor; 2], supports: &[Support<Tensor>]) -> Tensor {
+        let constraints = self.constraints.as_ref().filter(|_| holds_any(supports));
+        let Some(constraints) = constraints else { return acceleration };
+        let [pos, vel] = state.map(|state| state.unbind(1));
+        let mut acceleration = acceleration.unbind(1);
+        constraints.hold([&pos, &vel], &mut acceleration, supports);
+        Tensor::stack(&acceleration, 1)
+    }
+
+    /// The state after impacts on constraints.
+    fn rebounded(&self, before: &[Tensor; 2], after: [Tensor; 2], supports: &[Support<Tensor>], h: f64) -> [Tensor; 2] {
+        let Some(constraints) = &self.constraints else { return after };
+        let before = before.each_ref().map(|state| state.unbind(1));
+        let [mut pos, mut vel] = after.map(|state| state.unbind(1));
+        constraints.rebound(before.each_ref().map(Vec::as_slice), [&mut pos, &mut vel], supports, h);
+        [Tensor::stack(&pos, 1), Tensor::stack(&vel, 1)]
     }
 
     /// The state after the objects that touched have recoiled.
@@ -164,7 +206,7 @@ impl TextRollOut<'_> {
         let before = before.each_ref().map(columns);
         let [mut pos, mut vel] = after.each_ref().map(columns);
         let before = before.each_ref().map(Vec::as_slice);
-        contacts.after(before, [&mut pos, &mut vel], h, |like, number| like.full_like(number));
+        contacts.after(before, [&mut pos, &mut vel], h);
         [Tensor::stack(&pos, 1), Tensor::stack(&vel, 1)]
     }
 

@@ -22,14 +22,19 @@ mod parameters;
 mod parse;
 mod plain;
 mod scalars;
+mod surface_table;
+mod surfaces;
 mod table;
+mod table_number;
 mod units;
 mod value;
 mod walls;
 
 pub use equation::{Equation, PlainForms};
 pub use plain::{Ensemble, SingleEquation};
-pub use table::{Accelerations, ContactTable, EquationTable, ParameterTable, Sides, TableNumber, WallTable};
+pub use surface_table::{StringTable, SurfaceTable};
+pub use table::{Accelerations, ContactTable, EquationTable, ParameterTable, Sides, WallTable};
+pub use table_number::TableNumber;
 
 pub(super) use integrate::TextCell;
 pub(super) use scalars::listing;

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use super::columns::{Columns, Moment, Number};
 use super::contacts::Contacts;
 use super::equation::Equation;
-use super::walls::{LEAST_RESTITUTION, TextWalls};
-use crate::network::cells::impact::{Single, turned_back};
+use super::walls::TextWalls;
+use crate::network::cells::impact::{LEAST_RESTITUTION, Single, turned_back};
 use crate::network::cells::integrands::{NumberRow, OnRows};
 use crate::network::cells::plain::PlainCell;
 use crate::network::cells::state::Walls;
+use crate::network::cells::unilateral::{Support, UnilateralConstraints, holds_any};
 
 /// An equation with the values (not the unconstrained parameters) of its parameters. States stand side by side, positions
 /// and velocities `[coordinates * objects, batch]` each.
@@ -25,6 +26,8 @@ pub(super) struct PlainText<F> {
     spare: Vec<Vec<F>>,
     /// Contacts, for all states or for each; none without.
     contacts: Option<Vec<Contacts<Single<F>>>>,
+    /// Surfaces and strings, for all states or for each; none without.
+    constraints: Option<Vec<UnilateralConstraints<Single<F>>>>,
     /// Positions and velocities where a substep begins, for walls and contacts.
     before: [Vec<F>; 2],
 }
@@ -50,12 +53,17 @@ impl<F: Number> PlainText<F> {
         let contacts = equation.contacts.as_ref().map(|contacts| {
             (0..width).map(|state| contacts.numbers(equation.objects(), |place| value(state, place))).collect()
         });
+        let constraints = equation
+            .constraints
+            .as_ref()
+            .map(|constraints| (0..width).map(|state| constraints.numbers(|place| value(state, place))).collect());
         let columns = Columns::new(&equation.program, equation.table.state.per_object(), parameters);
         PlainText {
             equation: equation.clone(),
             columns,
             walls,
             contacts,
+            constraints,
             spare: Vec::new(),
             before: Default::default(),
         }
@@ -74,15 +82,17 @@ impl<F: Number> PlainText<F> {
     fn substep(&mut self, pos: &mut [F], vel: &mut [F], at: (&[F], F), h: F) {
         let batch = at.0.len();
         self.columns.make_room(batch);
-        if self.walls.is_none() && self.contacts.is_none() {
-            return self.integrate(pos, vel, at, h);
+        if self.walls.is_none() && self.contacts.is_none() && self.constraints.is_none() {
+            return self.integrate(pos, vel, at, h, &[]);
         }
+        let supports = self.support(pos, vel, at, h);
         for (before, now) in self.before.iter_mut().zip([&*pos, &*vel]) {
             before.clear();
             before.extend_from_slice(now);
         }
-        self.integrate(pos, vel, at, h);
+        self.integrate(pos, vel, at, h, &supports);
         self.collide(pos, vel, h, batch);
+        self.rebound(pos, vel, &supports, h);
         self.turn_back(pos, vel, h, batch);
     }
 
@@ -90,37 +100,64 @@ impl<F: Number> PlainText<F> {
     fn collide(&self, pos: &mut [F], vel: &mut [F], h: F, batch: usize) {
         let Some(contacts) = &self.contacts else { return };
         let h = h.to_f64().unwrap_or(f64::NAN);
-        let of_state = |values: &[F], state: usize| -> Vec<Single<F>> {
-            values.iter().skip(state).step_by(batch).map(|number| Single(*number)).collect()
-        };
         for state in 0..batch {
-            let before = self.before.each_ref().map(|values| of_state(values, state));
-            let [mut own_pos, mut own_vel] = [&*pos, &*vel].map(|values| of_state(values, state));
+            let before = self.before.each_ref().map(|values| of_state(values, state, batch));
+            let [mut own_pos, mut own_vel] = [&*pos, &*vel].map(|values| of_state(values, state, batch));
             let contacts = &contacts[state.min(contacts.len() - 1)];
-            let before = before.each_ref().map(Vec::as_slice);
-            contacts.after(before, [&mut own_pos, &mut own_vel], h, |_, number| Single(F::of(number)));
-            for (values, own) in [(&mut *pos, own_pos), (&mut *vel, own_vel)] {
-                let own = own.into_iter().map(|number| number.0);
-                values.iter_mut().skip(state).step_by(batch).zip(own).for_each(|(value, number)| *value = number);
-            }
+            contacts.after(before.each_ref().map(Vec::as_slice), [&mut own_pos, &mut own_vel], h);
+            write_state(pos, own_pos, state, batch);
+            write_state(vel, own_vel, state, batch);
+        }
+    }
+
+    /// Puts to rest what rests on a constraint for a time `h`, of each state; nothing without constraints.
+    fn support(&mut self, pos: &mut [F], vel: &mut [F], (held, since): (&[F], F), h: F) -> Vec<Supports<F>> {
+        let PlainText { equation, columns, constraints: Some(constraints), .. } = self else { return Vec::new() };
+        let batch = held.len();
+        let h = h.to_f64().unwrap_or(f64::NAN);
+        let mut acceleration = vec![F::zero(); pos.len()];
+        accelerations(equation, columns, &Moment { pos, vel, held, since }, &mut acceleration);
+        let supported = |state: usize| {
+            let [mut own_pos, mut own_vel] = [&*pos, &*vel].map(|values| of_state(values, state, batch));
+            let constraints = &constraints[state.min(constraints.len() - 1)];
+            let mut own = of_state(&acceleration, state, batch);
+            let supports = constraints.support([&mut own_pos, &mut own_vel], &mut own, h);
+            write_state(pos, own_pos, state, batch);
+            write_state(vel, own_vel, state, batch);
+            supports
+        };
+        (0..batch).map(supported).collect()
+    }
+
+    /// Impacts on constraints in a time `h`.
+    fn rebound(&self, pos: &mut [F], vel: &mut [F], supports: &[Supports<F>], h: F) {
+        let Some(constraints) = &self.constraints else { return };
+        let (batch, h) = (supports.len(), h.to_f64().unwrap_or(f64::NAN));
+        for (state, supports) in supports.iter().enumerate() {
+            let before = self.before.each_ref().map(|values| of_state(values, state, batch));
+            let [mut own_pos, mut own_vel] = [&*pos, &*vel].map(|values| of_state(values, state, batch));
+            let constraints = &constraints[state.min(constraints.len() - 1)];
+            constraints.rebound(before.each_ref().map(Vec::as_slice), [&mut own_pos, &mut own_vel], supports, h);
+            write_state(pos, own_pos, state, batch);
+            write_state(vel, own_vel, state, batch);
         }
     }
 
     /// `begin` is the time since the frame.
-    fn integrate(&mut self, pos: &mut [F], vel: &mut [F], (held, begin): (&[F], F), h: F) {
-        let PlainText { equation, columns, spare, .. } = self;
-        let Equation { table, program, .. } = &**equation;
-        let (places, coordinates) = (&program.accelerations, table.state.per_object());
+    fn integrate(&mut self, pos: &mut [F], vel: &mut [F], (held, begin): (&[F], F), h: F, supports: &[Supports<F>]) {
+        let PlainText { equation, columns, constraints, spare, .. } = self;
         let accelerate = |pos: &[F], vel: &[F], since: F, into: &mut [F]| {
-            columns.compute_moving(&Moment { pos, vel, held, since: begin + since });
-            for (number, into) in into.chunks_exact_mut(held.len()).enumerate() {
-                let (object, coordinate) = (number / coordinates, number % coordinates);
-                // One for all objects, or one of each.
-                let place = if places.len() == 1 { places[0] } else { places[object] };
-                into.copy_from_slice(columns.column(place, object, coordinate));
+            accelerations(equation, columns, &Moment { pos, vel, held, since: begin + since }, into);
+            for (state, supports) in supports.iter().enumerate().filter(|(_, supports)| holds_any(supports)) {
+                let all = constraints.as_deref().unwrap_or_default();
+                let [own_pos, own_vel] = [pos, vel].map(|values| of_state(values, state, held.len()));
+                let mut own = of_state(into, state, held.len());
+                all[state.min(all.len() - 1)].hold([&own_pos, &own_vel], &mut own, supports);
+                write_state(into, own, state, held.len());
             }
         };
-        table.integrator.step(&mut OnRows { accelerate, spare }, [NumberRow::Lent(pos), NumberRow::Lent(vel)], h);
+        let state = [NumberRow::Lent(pos), NumberRow::Lent(vel)];
+        equation.table.integrator.step(&mut OnRows { accelerate, spare }, state, h);
     }
 
     /// Turns back what has passed a wall in a time `h`, with what is left of its speed. Coordinates stand one after the other,
@@ -143,6 +180,30 @@ impl<F: Number> PlainText<F> {
                 [*x, *v] = turned.map(|number| number.0);
             }
         }
+    }
+}
+
+/// What rests of one state.
+type Supports<F> = Vec<Support<Single<F>>>;
+
+/// The numbers of one of `batch` states that stand side by side.
+fn of_state<F: Number>(values: &[F], state: usize, batch: usize) -> Vec<Single<F>> {
+    values.iter().skip(state).step_by(batch).map(|number| Single(*number)).collect()
+}
+
+fn write_state<F: Number>(values: &mut [F], own: Vec<Single<F>>, state: usize, batch: usize) {
+    values.iter_mut().skip(state).step_by(batch).zip(own).for_each(|(value, number)| *value = number.0);
+}
+
+/// The accelerations of all states.
+fn accelerations<F: Number>(equation: &Equation, columns: &mut Columns<F>, at: &Moment<F>, into: &mut [F]) {
+    let (places, coordinates) = (&equation.program.accelerations, equation.table.state.per_object());
+    columns.compute_moving(at);
+    for (number, into) in into.chunks_exact_mut(at.held.len()).enumerate() {
+        let (object, coordinate) = (number / coordinates, number % coordinates);
+        // One for all objects, or one of each.
+        let place = if places.len() == 1 { places[0] } else { places[object] };
+        into.copy_from_slice(columns.column(place, object, coordinate));
     }
 }
 
@@ -189,6 +250,12 @@ impl Ensemble {
     /// states, or one for each.
     pub fn new(equation: &Arc<Equation>, parameters: Vec<Vec<f64>>, walls: Walls, size: usize) -> Self {
         Ensemble { plain: PlainText::of_each(equation, parameters, walls), nothing: vec![0.0; size] }
+    }
+
+    /// The same without surfaces and strings.
+    pub fn in_free_motion(mut self) -> Self {
+        self.plain.constraints = None;
+        self
     }
 
     /// Moves all states on by one frame of `dt` that begins at the time `times` has for each: positions and velocities of all

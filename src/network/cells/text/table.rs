@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
+use super::surface_table::{StringTable, SurfaceTable};
+use super::table_number::TableNumber;
 use crate::network::cells::integrator::{Integrator, SUBSTEPS};
 use crate::network::cells::state::Coordinates;
 use crate::support::toml_values::exact_if_given;
@@ -34,6 +36,12 @@ pub struct EquationTable {
     /// Discs that collide; none pass through each other.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contacts: Option<Box<ContactTable>>,
+    /// Lines and circles that objects bounce off.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub surfaces: Vec<SurfaceTable>,
+    /// Strings that can go slack.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub strings: Vec<StringTable>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub parameters: BTreeMap<String, ParameterTable>,
 }
@@ -54,14 +62,6 @@ pub enum Accelerations {
     ForEach(Vec<String>),
 }
 
-/// A number beside the accelerations.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged, expecting = "a number, or the name of a parameter")]
-pub enum TableNumber {
-    Number(f64),
-    Parameter(String),
-}
-
 /// Collisions between the objects, which are taken as smooth discs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -71,18 +71,12 @@ pub struct ContactTable {
     /// Share of the closing speed that is left; 1 if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub restitution: Option<TableNumber>,
+    /// Coulomb's coefficient of friction of the discs, which do not spin; 0 if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub friction: Option<TableNumber>,
     /// Mass of each object, in any unit; equal ones if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub masses: Option<Vec<TableNumber>>,
-}
-
-impl ContactTable {
-    /// Multiplies the distance if it is given as a number.
-    pub fn scale(&mut self, factor: f64) {
-        if let TableNumber::Number(distance) = &mut self.distance {
-            *distance *= factor;
-        }
-    }
 }
 
 /// Where walls stand.
@@ -92,7 +86,7 @@ pub enum WallTable {
     /// All four, so far from the frame's edges as the system says; or none.
     AtTheEdges(bool),
     /// Those that are named.
-    At(Sides),
+    At(Box<Sides>),
 }
 
 impl Default for WallTable {
@@ -115,24 +109,43 @@ pub struct Sides {
     pub bottom: Option<TableNumber>,
 }
 
-impl Sides {
-    /// Multiplies places that are given as numbers.
-    pub fn scale(&mut self, factor: f64) {
-        for given in [&mut self.left, &mut self.right, &mut self.top, &mut self.bottom] {
-            if let Some(TableNumber::Number(place)) = given {
-                *place *= factor;
+impl EquationTable {
+    /// Multiplies lengths of walls, contacts, surfaces and strings that are given as numbers.
+    pub fn scale_lengths(&mut self, factor: f64) {
+        let sides = match &mut self.walls {
+            WallTable::At(sides) => {
+                let Sides { left, right, top, bottom } = &mut **sides;
+                [left, right, top, bottom].map(Option::as_mut)
+            }
+            WallTable::AtTheEdges(_) => [const { None }; 4],
+        };
+        let distance = self.contacts.as_mut().map(|contacts| &mut contacts.distance);
+        let surfaces = self.surfaces.iter_mut().flat_map(SurfaceTable::lengths);
+        let strings = self.strings.iter_mut().flat_map(StringTable::lengths);
+        for given in sides.into_iter().flatten().chain(distance).chain(surfaces).chain(strings) {
+            if let TableNumber::Number(length) = given {
+                *length *= factor;
             }
         }
     }
-}
 
-impl EquationTable {
+    /// Whether it has surfaces or strings.
+    pub fn is_constrained(&self) -> bool {
+        !self.surfaces.is_empty() || !self.strings.is_empty()
+    }
+
+    /// Whether anything but another object turns the objects back.
+    pub fn has_obstacles(&self) -> bool {
+        self.walls != WallTable::default() || self.is_constrained()
+    }
+
     /// Checks that walls whose places are numbers stand in or beside a frame, at most one side away: none else is ever met in sight.
     ///
     /// # Errors
     /// A wall that stands elsewhere.
     pub(crate) fn check_walls(&self, side: usize) -> Result<()> {
-        let WallTable::At(Sides { left, right, top, bottom }) = &self.walls else { return Ok(()) };
+        let WallTable::At(sides) = &self.walls else { return Ok(()) };
+        let Sides { left, right, top, bottom } = &**sides;
         let side = side as f64;
         for (name, wall) in [("left", left), ("right", right), ("top", top), ("bottom", bottom)] {
             if let Some(TableNumber::Number(place)) = wall {

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, ensure};
 use tch::{Kind, Tensor};
 
 use super::parameters::Parameters;
-use super::table::TableNumber;
+use super::table_number::TableNumber;
 use super::units::Unit;
 
 /// A number that the table gives, or a parameter by its place.
@@ -53,6 +53,39 @@ impl EquationNumber {
         );
         used[place] = true;
         Ok(EquationNumber::Parameter(place))
+    }
+
+    /// Whether it is above 0 whatever is learned.
+    pub(super) fn is_positive(self, parameters: &Parameters) -> bool {
+        match self {
+            EquationNumber::Number(number) => number > 0.0 && number.is_finite(),
+            EquationNumber::Parameter(place) => parameters.all[place].range()[0] >= 0.0,
+        }
+    }
+
+    /// Reads a mass.
+    ///
+    /// # Errors
+    /// One that can be 0 or less, and as [`Self::read`].
+    pub(super) fn mass(given: &TableNumber, key: &str, parameters: &Parameters, used: &mut [bool]) -> Result<Self> {
+        let value = Self::read(given, (key, Unit::Any, "a mass"), parameters, used)?;
+        ensure!(value.is_positive(parameters), "{key}: each must be more than 0");
+        Ok(value)
+    }
+
+    /// Reads a coefficient of friction.
+    ///
+    /// # Errors
+    /// One that can be negative, and as [`Self::read`].
+    pub(super) fn friction(given: &TableNumber, key: &str, parameters: &Parameters, used: &mut [bool]) -> Result<Self> {
+        let value = Self::read(given, (key, Unit::NONE, "a plain number"), parameters, used)?;
+        let least = match value {
+            EquationNumber::Number(number) if !number.is_finite() => f64::NAN,
+            EquationNumber::Number(number) => number,
+            EquationNumber::Parameter(place) => parameters.all[place].range()[0],
+        };
+        ensure!(least >= 0.0, "{key}: must be 0 or more");
+        Ok(value)
     }
 
     /// Reads a coefficient of restitution.

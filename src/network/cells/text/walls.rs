@@ -4,13 +4,11 @@ use anyhow::{Result, ensure};
 use tch::{Kind, Tensor};
 
 use super::parameters::Parameters;
-use super::table::{EquationTable, TableNumber, WallTable};
+use super::table::{EquationTable, WallTable};
+use super::table_number::TableNumber;
 use super::units::Unit;
 use super::value::EquationNumber;
 use crate::network::cells::state::{Coordinates, Walls};
-
-/// The least restitution that is taken back when time runs backwards: a ball that lost all its speed has no past.
-pub(super) const LEAST_RESTITUTION: f64 = 0.1;
 
 /// The walls of an equation.
 #[derive(Debug, Clone, PartialEq)]

@@ -21,8 +21,8 @@ pub fn listing(
     walls: Walls,
     dt: f64,
 ) -> Option<SubstepListing> {
-    // The kernel knows no contacts.
-    if equation.contacts.is_some() {
+    // The kernel has no contacts, surfaces or strings.
+    if equation.contacts.is_some() || equation.constraints.is_some() {
         return None;
     }
     let mut lowering = Lowering { equation, parameters: Vec::new(), numbers: Numbers::default() };

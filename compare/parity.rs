@@ -12,7 +12,6 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use paig::kernels::Kernels;
-use paig::runs::guard::check_file;
 use paig::support::atomic;
 use paig::support::output::{FileKind, has_keys};
 use tch::Kind;
@@ -68,7 +67,7 @@ pub fn run(arguments: &ParityArguments) -> Result<ExitCode> {
 fn compare(arguments: &ParityArguments) -> Result<bool> {
     let kind = if arguments.f64 { Kind::Double } else { Kind::Float };
     let files = golden_files(&arguments.goldens, arguments.file_filter.as_deref().unwrap_or_default())?;
-    let rows_file = arguments.rows.as_deref().map(|path| check_file(&ROWS, path, &[&arguments.goldens])).transpose()?;
+    let rows_file = arguments.rows.as_deref().map(|path| ROWS.check(path, &[&arguments.goldens])).transpose()?;
     let mut table = Table::new(&files);
     let mut lines = String::new();
     for path in &files {

@@ -69,4 +69,4 @@ pub mod training;
 pub mod viz;
 
 pub use paig_kernels as kernels;
-pub use support::error::{Error, ErrorKind, Result};
+pub use support::error::{Error, ErrorKind, Excerpt, Result};

@@ -165,7 +165,7 @@ impl Provenance {
 
     /// What differs from the clips that these settings would make, in lines; none if nothing does, as far as the file says.
     pub fn difference(&self, asked: &GeneratorSettings) -> Option<String> {
-        let differ = |there: &str, asked: &str| Some(format!("there: {there}\n  asked: {asked}"));
+        let differ = |there: &str, asked: &str| Some(format!("there: {there}, asked: {asked}"));
         if self.text() != asked.text() {
             return differ(&self.text(), &asked.text());
         }

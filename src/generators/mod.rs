@@ -55,7 +55,7 @@ use crate::datasets::settings::{self, GENERATOR_VERSION, GeneratorSettings, Prov
 use crate::datasets::states::{SplitStates, States};
 use crate::support::error::Error;
 use crate::support::random::fnv1a;
-use crate::support::{atomic, memory};
+use crate::support::{atomic, guard, memory};
 use crate::tasks::Task;
 
 /// Clips in the training and validation arrays of a long test file; only its test array is used.
@@ -122,7 +122,7 @@ impl DatasetJob {
 /// A file that is there stays, unless the job forces.
 ///
 /// # Errors
-/// Settings under which no clip can be made, files that cannot be written, or a file in the way that was generated with
+/// Settings under which no clip can be made, a folder that cannot be written, or a file in the way that was generated with
 /// other settings.
 pub fn generate(job: &DatasetJob, watcher: Watcher) -> Result<(), Error> {
     let begun = AtomicBool::new(false);
@@ -135,6 +135,7 @@ pub fn generate(job: &DatasetJob, watcher: Watcher) -> Result<(), Error> {
 }
 
 fn make(job: &DatasetJob, watcher: Watcher) -> Result<()> {
+    guard::check_folder(&job.folder)?;
     for (_, file) in job.variant.files() {
         let path = job.folder.join(file);
         if job.force || !path.exists() {
@@ -183,7 +184,7 @@ fn keep(job: &DatasetJob, path: &Path, frames: usize, settings: &GeneratorSettin
     let dataset = DatasetFile::read(path, &shape).with_context(advice)?;
     let states = States::read(path, &dataset).with_context(advice)?;
     if let Some(difference) = states.as_ref().and_then(|states| states.settings.difference(settings)) {
-        bail!("{path:?} is there with other settings; pass --force to replace it, or another --out\n  {difference}");
+        bail!("{path:?} is there with other settings; pass --force to replace it, or another --out: {difference}");
     }
     watcher(GeneratorEvent::Kept { path, ours: states.is_some() });
     Ok(())

@@ -6,8 +6,8 @@ use anyhow::{Context, Result, ensure};
 
 use super::Run;
 use crate::runs::folder::RunFolder;
-use crate::runs::names::CONFIG;
 use crate::support::error::Error;
+use crate::support::run_names::CONFIG;
 use crate::tasks;
 use crate::training::config::Config;
 use crate::training::layers::Overrides;

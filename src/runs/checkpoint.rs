@@ -14,12 +14,12 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
-use super::names::{CHECKPOINTS, CONFIG, LOG, METRICS};
 use super::weights::{self, NamedTensors, first_not_finite};
 use crate::datasets::dataset::are_the_same;
 use crate::support::atomic;
 use crate::support::error::{self, Error};
 use crate::support::random::fnv1a;
+use crate::support::run_names::{CHECKPOINTS, CONFIG, LOG, METRICS};
 use crate::support::storage::{self, storage};
 
 /// Version of the form of `state.json` and `index.json`. Files of before it have none.
@@ -236,7 +236,7 @@ impl Store {
     pub fn save(&self, weights: &[(String, Tensor)], slots: &[(String, Tensor)], state: &mut RunState) -> Result<()> {
         let _guard = tch::no_grad_guard();
         [state.log_bytes, state.metrics_bytes] = [self.synced_length(LOG)?, self.synced_length(METRICS)?];
-        state.metrics = self.metrics_checksum(state.metrics_bytes)?;
+        state.metrics = checksum_of_course(&self.recorded(state.metrics_bytes)?);
         state.format = FORMAT;
         ensure_finite(weights, state.steps)?;
         let folder = self.folder();
@@ -349,30 +349,26 @@ impl Store {
         data.ensure_are(&state.data())
     }
 
-    /// What was recorded until the checkpoint will be read at the end of the run.
+    /// What was recorded until the checkpoint will be read at the end of the run; what comes after it is cut off.
     fn check_metrics(&self, state: &RunState) -> Result<()> {
         let path = self.run.join(METRICS);
-        let length = match fs::metadata(&path) {
+        let bytes = match storage::read(&path) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
-            described => described.with_context(|| format!("cannot read {}", path.display()))?.len(),
+            read => read.with_context(|| format!("cannot read {}", path.display()))?,
         };
         let advice =
             "the run cannot go on: its plots and reports are made of that file; put it back from a copy, or remove it";
-        ensure!(
-            length >= state.metrics_bytes,
-            "{} was cut off: it has {length} bytes, at the checkpoint it had {}; {advice}",
-            path.display(),
-            state.metrics_bytes
-        );
-        super::metrics::read(&path)
-            .map(drop)
-            .or_else(|error| {
-                // What comes after the checkpoint is cut off.
-                let bytes = storage::read(&path)?;
-                let kept = bytes.get(..state.metrics_bytes as usize).unwrap_or(&bytes);
-                super::metrics::parse(kept).map(drop).map_err(|_| error)
-            })
-            .and_then(|()| self.check_course(state))
+        let recorded = bytes.get(..state.metrics_bytes as usize).with_context(|| {
+            format!(
+                "{} was cut off: it has {} bytes, at the checkpoint it had {}; {advice}",
+                path.display(),
+                bytes.len(),
+                state.metrics_bytes
+            )
+        })?;
+        super::metrics::parse(recorded)
+            .with_context(|| path.display().to_string())
+            .and_then(|_| self.check_course(state, recorded))
             .context(advice)
     }
 
@@ -383,27 +379,28 @@ impl Store {
     pub(super) fn check_recorded(&self) -> Result<()> {
         let Some(last) = names(&self.folder())?.into_iter().next() else { return Ok(()) };
         // A damaged checkpoint says nothing of the records.
-        let state = state_beside(&self.folder().join(last).join(WEIGHTS)).ok().flatten();
-        state.map_or(Ok(()), |state| self.check_course(&state))
+        let Some(state) = state_beside(&self.folder().join(last).join(WEIGHTS)).ok().flatten() else { return Ok(()) };
+        self.check_course(&state, &self.recorded(state.metrics_bytes)?)
     }
 
-    fn check_course(&self, state: &RunState) -> Result<()> {
+    fn check_course(&self, state: &RunState, recorded: &[u8]) -> Result<()> {
         ensure!(
-            state.metrics.is_empty() || state.metrics == self.metrics_checksum(state.metrics_bytes)?,
+            state.metrics.is_empty() || state.metrics == checksum_of_course(recorded),
             "{} is of another run, or was edited",
             self.run.join(METRICS).display()
         );
         Ok(())
     }
 
-    /// Checksum of the first bytes of metrics.jsonl; empty where there are none.
-    fn metrics_checksum(&self, bytes: u64) -> Result<String> {
+    /// The first bytes of metrics.jsonl, as many as there are of these.
+    fn recorded(&self, bytes: u64) -> Result<Vec<u8>> {
         if bytes == 0 {
-            return Ok(String::new());
+            return Ok(Vec::new());
         }
         let path = self.run.join(METRICS);
-        let all = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        Ok(checksum(all.get(..bytes as usize).unwrap_or(&all)))
+        let mut all = storage::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        all.truncate(bytes as usize);
+        Ok(all)
     }
 
     /// Length of a log in bytes, once on the disk.
@@ -433,6 +430,11 @@ impl Store {
         }
         Ok(())
     }
+}
+
+/// Empty where nothing is recorded.
+fn checksum_of_course(recorded: &[u8]) -> String {
+    if recorded.is_empty() { String::new() } else { checksum(recorded) }
 }
 
 fn ensure_finite(weights: &[(String, Tensor)], steps: u64) -> Result<()> {

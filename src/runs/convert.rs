@@ -21,8 +21,6 @@ use ndarray_npy::NpzWriter;
 use tch::{Device, Tensor};
 
 use super::checkpoint::{self, SavedWeights};
-use super::guard::check_file;
-use super::names::CHECKPOINTS;
 use super::weights::{self, is_finite};
 use crate::datasets::npz;
 use crate::network::System;
@@ -30,6 +28,7 @@ use crate::network::physics_models::{ModelOptions, PhysicsNet};
 use crate::network::variable_names::{from_tensorflow, layout_from_tensorflow, layout_to_tensorflow, to_tensorflow};
 use crate::support::atomic::{self, is_stream};
 use crate::support::output::FileKind;
+use crate::support::run_names::CHECKPOINTS;
 
 /// Form of a weights file, told by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,7 +90,7 @@ pub fn check_target(from: &Path, to: &Path, force: bool) -> Result<PathBuf> {
     ensure!(force || !to.exists() || is_stream(to), "{} is there already; --force replaces it", to.display());
     ensure!(!to.is_dir(), "{} is a folder; a file is written", to.display());
     let of_run = from.join(CHECKPOINTS);
-    check_file(&kind, to, &[if of_run.exists() { &of_run } else { from }])
+    kind.check(to, &[if of_run.exists() { &of_run } else { from }])
 }
 
 const SAFETENSORS: FileKind = FileKind { name: "weights of `paig`", recognizes: weights::is_written_here };

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 
 use super::metrics::{self, Record, RecordKind};
-use super::names::METRICS;
+use crate::support::run_names::METRICS;
 
 /// All records of a run, in their order.
 #[derive(Debug, Clone)]

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-use super::guard::is_run;
 use super::run::StoredRun;
+use crate::support::guard::is_run;
 
 /// All run folders that were found.
 #[derive(Debug, Default)]

@@ -8,11 +8,10 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 
-use super::guard::ensure_outside_checkpoints;
-use super::names::{CHECKPOINTS, CONFIG, DONE, LOCK, LOG, METRICS, OUTPUT, TENSORBOARD};
-use crate::support::atomic;
 use crate::support::error::{self, Error};
+use crate::support::run_names::{CHECKPOINTS, CONFIG, DONE, LOCK, LOG, METRICS, OUTPUT, TENSORBOARD};
 use crate::support::storage::{StorageOutput, storage};
+use crate::support::{atomic, guard};
 
 /// What a folder may hold before a run begins in it: what `sweep` writes, and what a run that was killed at its start left.
 const BEFORE: [&str; 3] = [LOCK, OUTPUT, DONE];
@@ -43,9 +42,9 @@ impl RunFolder {
     }
 
     /// # Errors
-    /// A folder that holds a run or files of someone else already.
+    /// A folder that holds a run or files of someone else already, or that cannot be written.
     pub(crate) fn ensure_free(path: &Path) -> Result<()> {
-        ensure_outside_checkpoints(path)?;
+        guard::check_folder(path)?;
         // Checkpoints alone are of a run whose config was deleted: a new run must not go on from them.
         ensure!(
             !path.join(CONFIG).exists() && !path.join(CHECKPOINTS).exists(),

@@ -7,8 +7,8 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::names::METRICS;
 use crate::network::cells::PhysicalParameter;
+use crate::support::run_names::METRICS;
 use crate::support::storage;
 
 /// Version of the file's form, in its first record; to be raised when a reader of today could misread it. Files of before

@@ -6,10 +6,10 @@ use anyhow::{Result, ensure};
 
 use super::checkpoint::Store;
 use super::course::Course;
-use super::names::{CONFIG, METRICS};
 use super::run_config::RunConfig;
 use super::summary::Summary;
 use crate::datasets::iterators::steps_per_epoch;
+use crate::support::run_names::{CONFIG, METRICS};
 use crate::support::storage;
 
 /// One run folder.

@@ -6,9 +6,9 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
-use super::names::SUMMARY;
 use super::scores::Scores;
 use super::verdict::Verdict;
+use crate::support::run_names::SUMMARY;
 use crate::support::{atomic, storage};
 
 /// Version of the file's form; to be raised when a reader of today could misread it. Files of before it have none.

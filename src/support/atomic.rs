@@ -2,9 +2,9 @@
 //!
 //! A link in a file's place is replaced itself; [`target`] follows one that a user names. A device or a pipe is written to as it is.
 
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::fs;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -19,6 +19,9 @@ pub type FileWriter = BufWriter<Box<dyn StorageOutput>>;
 const CHUNK: usize = 1 << 18;
 /// Links behind links.
 const MOST_LINKS: usize = 40;
+/// Bytes of the longest name on Linux file systems, and room in it for the ending of what is half-written.
+const LONGEST_NAME: usize = 255;
+const PARTIAL_ENDING: usize = 55;
 const PARTIAL: &str = "partial";
 
 /// Writes a file in one step; what stood there before stays until the new one is complete.
@@ -137,19 +140,26 @@ fn carry_over(from: &Path, to: &Path, stays: &dyn Fn(&OsStr) -> bool) -> Result<
 /// Tries whether a file could be written: what takes long should not fail at its end.
 ///
 /// # Errors
-/// A missing folder or one that cannot be written, a folder in the file's place.
+/// A missing folder or one that cannot be written, a folder in the file's place, a name that is too long.
 pub fn check_place(path: &Path) -> Result<()> {
-    let attempt = || -> Result<()> {
-        ensure!(path.is_symlink() || !path.is_dir(), "a folder is there");
-        if is_stream_itself(path) {
-            return Ok(());
-        }
-        let partial = partial_name(path);
-        storage().create(&partial)?;
-        // A second time where it fails once: nothing is to be left behind.
-        Ok(storage().remove_file(&partial).or_else(|_| storage().remove_file(&partial))?)
-    };
-    attempt().with_context(|| format!("cannot write {}", path.display()))
+    try_place(path).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// The same with the reason alone as the error.
+pub(super) fn try_place(path: &Path) -> Result<()> {
+    ensure!(path.is_symlink() || !path.is_dir(), "a folder is there");
+    if is_stream_itself(path) {
+        return Ok(());
+    }
+    // The half-written file's name is cut, this one is not.
+    match fs::symlink_metadata(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(error.into()),
+        _ => {}
+    }
+    let partial = partial_name(path);
+    storage().create(&partial)?;
+    // A second time where it fails once: nothing is to be left behind.
+    Ok(storage().remove_file(&partial).or_else(|_| storage().remove_file(&partial))?)
 }
 
 /// Removes what processes that are gone left half-written in a folder.
@@ -166,6 +176,7 @@ pub fn is_partial(name: &OsStr) -> bool {
 pub fn remove_leftovers(path: &Path) {
     let (folder, name) = (path.parent().unwrap_or(Path::new("")), path.file_name().unwrap_or_default());
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let name = beginning(name);
     remove_abandoned(folder, |file| file == name);
 }
 
@@ -193,9 +204,21 @@ fn split_partial(name: &str) -> Option<(&str, u32)> {
 pub fn partial_name(path: &Path) -> PathBuf {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    let mut name = beginning(path.file_name().unwrap_or_default());
     name.push(format!(".{}-{count}.{PARTIAL}", std::process::id()));
     path.with_file_name(name)
+}
+
+/// What stands of a name in that of its half-written file.
+fn beginning(name: &OsStr) -> OsString {
+    if name.len() > LONGEST_NAME - PARTIAL_ENDING { named_after(name, "", PARTIAL_ENDING).into() } else { name.into() }
+}
+
+/// A name as long as file systems take: this one with an ending, its end cut off where both, with so many bytes of `room`, would
+/// be too long.
+pub fn named_after(name: &OsStr, ending: &str, room: usize) -> String {
+    let name = name.to_string_lossy();
+    format!("{}{ending}", &name[..name.floor_char_boundary(LONGEST_NAME.saturating_sub(ending.len() + room))])
 }
 
 /// Where a path leads, through links, also to what is not there yet.
@@ -307,6 +330,23 @@ mod tests {
         remove_partials(folder.path());
         assert_eq!([there(other), there(&living)], [false, true]);
         assert!(is_partial(OsStr::new(dead)) && !is_partial(OsStr::new("a")));
+    }
+
+    #[test]
+    fn names_may_be_as_long_as_the_file_system_takes() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let longest = "é".repeat(127) + "x";
+        check_place(&at(&longest)).unwrap();
+        write(&at(&longest), "whole").unwrap();
+        let dead = PathBuf::from(format!("{}.4194305-7.partial", beginning(longest.as_ref()).display()));
+        fs::write(folder.path().join(&dead), "half").unwrap();
+        write(&at(&longest), "again").unwrap();
+        assert!(!folder.path().join(dead).exists());
+        let error = format!("{:#}", check_place(&at(&(longest.clone() + "x"))).unwrap_err());
+        assert!(error.contains("name too long"), "{error}");
+        assert_eq!(named_after(longest.as_ref(), "-measurement", 0), "é".repeat(121) + "-measurement");
+        assert_eq!(named_after("a".as_ref(), "-measurement", 0), "a-measurement");
     }
 
     #[test]

@@ -105,6 +105,11 @@ impl From<anyhow::Error> for Error {
     }
 }
 
+/// A message of several lines, which programs print as they are: a text with a mark under a place in it.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Excerpt(pub String);
+
 /// Marks errors with a kind where they arise. Their messages stay as they are.
 pub trait OfKind<T> {
     /// # Errors

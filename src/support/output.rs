@@ -1,15 +1,15 @@
 //! Rules for outputs: an output replaces only files that this program wrote, and never an input of the same call. `--force` covers
 //! the program's own files only. A set of files is replaced as a whole or not at all.
 
-use std::fs;
+use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 
-use super::atomic;
 use super::storage::{self, storage};
+use super::{atomic, guard};
 
 /// A kind of file that the program recognizes as its own.
 #[derive(Debug, Clone, Copy)]
@@ -23,8 +23,10 @@ impl FileKind {
     /// Checks that a file may be written in this place, also by a trial. Returns the place that links lead to.
     ///
     /// # Errors
-    /// An input of the same call, a file of another kind, a folder, a missing folder or one that cannot be written.
+    /// A place among the checkpoints of a run, an input of the same call, a file of another kind, a folder, a missing folder or one
+    /// that cannot be written.
     pub fn check(&self, path: &Path, inputs: &[&Path]) -> Result<PathBuf> {
+        guard::ensure_outside_checkpoints(path)?;
         let place = atomic::target(path)?;
         for input in inputs {
             ensure!(!is_of(&place, input), "{} is an input of this call; choose another file to write", path.display());
@@ -61,15 +63,9 @@ impl FileSet {
     /// Checks that the set may be written into a folder: a new one, or one with an earlier set or with none of its names.
     ///
     /// # Errors
-    /// A file in the folder's place, one of the set's names that this program did not write.
+    /// As [`guard::check_folder`]; one of the set's names that this program did not write.
     pub fn check(&self, folder: &Path) -> Result<()> {
-        match fs::metadata(folder) {
-            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
-            described => {
-                let described = described.with_context(|| format!("cannot write into {}", folder.display()))?;
-                ensure!(described.is_dir(), "{} is a file; {} takes a folder", folder.display(), self.name);
-            }
-        }
+        guard::check_folder(folder)?;
         if self.is_complete(folder)? {
             return Ok(());
         }
@@ -106,16 +102,19 @@ impl FileSet {
         Ok(())
     }
 
-    /// Replaces the set in a folder, which is made where missing: `fill` writes all of it into another folder.
+    /// Replaces the set in a folder, which is made where missing: `fill` writes all of it into another folder. Waits for another
+    /// program that replaces it now.
     ///
     /// # Errors
     /// As for [`FileSet::check`] and [`atomic::write_folder`].
     pub fn replace(&self, folder: &Path, fill: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-        self.settle(folder)?;
-        self.check(folder)?;
+        guard::check_folder(folder)?;
         storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        let _lock = locked(folder)?;
+        self.put_in_place(folder)?;
+        self.check(folder)?;
         atomic::write_folder(&folder.join(NEW), fill)?;
-        self.settle(folder)
+        self.put_in_place(folder)
     }
 
     /// Puts a complete set in its place that a killed process did not.
@@ -123,6 +122,14 @@ impl FileSet {
     /// # Errors
     /// A folder that cannot be written.
     pub fn settle(&self, folder: &Path) -> Result<()> {
+        if !folder.join(NEW).exists() {
+            return Ok(());
+        }
+        let _lock = locked(folder)?;
+        self.put_in_place(folder)
+    }
+
+    fn put_in_place(&self, folder: &Path) -> Result<()> {
         let new = folder.join(NEW);
         if !new.exists() {
             return Ok(());
@@ -157,6 +164,13 @@ impl FileSet {
     }
 }
 
+/// A folder that no other program replaces a set in as long as the lock is held. File systems without locks have none.
+fn locked(folder: &Path) -> Result<File> {
+    let lock = File::open(folder).with_context(|| format!("cannot open {}", folder.display()))?;
+    let _ = lock.lock();
+    Ok(lock)
+}
+
 /// Whether a JSON text is an object, or a list of objects, with all of these keys.
 pub fn has_keys(bytes: &[u8], keys: &[&str]) -> bool {
     let has = |value: &Value| keys.iter().all(|key| value.get(key).is_some());
@@ -167,12 +181,35 @@ pub fn has_keys(bytes: &[u8], keys: &[&str]) -> bool {
     }
 }
 
+/// Checks that the outputs of a call are different files, but for devices and pipes.
+///
+/// # Errors
+/// One place for two of them.
+pub fn check_apart(outputs: &[&Path]) -> Result<()> {
+    let mut taken = Vec::new();
+    for output in outputs.iter().filter(|output| !atomic::is_stream(output)) {
+        let place = real(output);
+        ensure!(
+            place.is_none() || !taken.contains(&place),
+            "{} is given for two outputs; choose two files",
+            output.display()
+        );
+        taken.push(place);
+    }
+    Ok(())
+}
+
 /// Whether a place, where nothing need be yet, is an input or lies in it.
 fn is_of(place: &Path, input: &Path) -> bool {
+    real(place).zip(fs::canonicalize(input).ok()).is_some_and(|(place, input)| place.starts_with(input))
+}
+
+/// A place without links, where nothing need be yet.
+fn real(place: &Path) -> Option<PathBuf> {
     let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let there = fs::canonicalize(place)
         .or_else(|_| fs::canonicalize(folder).map(|folder| folder.join(place.file_name().unwrap_or_default())));
-    there.ok().zip(fs::canonicalize(input).ok()).is_some_and(|(place, input)| place.starts_with(input))
+    there.ok()
 }
 
 #[cfg(test)]
@@ -204,6 +241,13 @@ mod tests {
         }
         let error = SCORES.check(&at("ours"), &[&at("./ours")]).unwrap_err().to_string();
         assert!(error.contains("input of this call"), "{error}");
+        let two = |one: &str, other: &str| check_apart(&[&at(one), &at(other)]);
+        two("ours", "new").unwrap();
+        two("new", "newer").unwrap();
+        check_apart(&[Path::new("/dev/null"); 2]).unwrap();
+        for (one, other) in [("new", "./new"), ("other", "link"), ("ours", "ours")] {
+            assert!(two(one, other).unwrap_err().to_string().contains("two outputs"), "{one} {other}");
+        }
         // A file beside the pictures of a folder would be one of them.
         assert!(SCORES.check(&at("new"), &[folder.path()]).is_err());
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 5, "a trial left something");
@@ -238,5 +282,30 @@ mod tests {
         assert_eq!(["page", "mark", "diary"].map(text), ["second", "ours", "dear diary"].map(|it| Some(it.into())));
         assert!(folder.join("pictures/second").exists() && !folder.join("pictures/first").exists());
         assert!(!folder.join(NEW).exists());
+    }
+
+    /// Each of them finds the others' sets whole, and the last one's stays.
+    #[test]
+    fn sets_replaced_at_once_stay_whole() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("out");
+        let replace = |number: usize| {
+            SET.replace(&folder, |new| {
+                fs::create_dir(new.join("pictures"))?;
+                fs::write(new.join(format!("pictures/{number}")), "")?;
+                fs::write(new.join("page"), number.to_string())?;
+                Ok(fs::write(new.join("mark"), "ours")?)
+            })
+        };
+        std::thread::scope(|scope| {
+            let all: Vec<_> =
+                (0..8).map(|number| scope.spawn(move || (0..5).try_for_each(|_| replace(number)))).collect();
+            all.into_iter().for_each(|one| one.join().unwrap().unwrap());
+        });
+        let page = fs::read_to_string(folder.join("page")).unwrap();
+        let pictures: Vec<_> =
+            fs::read_dir(folder.join("pictures")).unwrap().map(|it| it.unwrap().file_name()).collect();
+        assert_eq!(pictures, [page.as_str()]);
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 3);
     }
 }

@@ -5,7 +5,7 @@ use anyhow::{Context, Result};
 use super::observer::{TrainingEvent, TrainingObserver};
 use crate::runs::folder::RunFolder;
 use crate::runs::metrics::{Record, RecordKind};
-use crate::runs::names::LOG;
+use crate::support::run_names::LOG;
 use crate::support::storage::StorageOutput;
 
 /// The run folder's logs.

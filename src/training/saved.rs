@@ -9,9 +9,9 @@ use super::config::Config;
 use crate::network::cells::Equations;
 use crate::network::physics_models::PhysicsNet;
 use crate::runs::checkpoint::{self, SavedWeights};
-use crate::runs::names::CONFIG;
 use crate::runs::weights;
 use crate::support::error::{Error, ErrorKind, Result};
+use crate::support::run_names::CONFIG;
 
 /// A run's config and its model with the weights that it saved.
 ///

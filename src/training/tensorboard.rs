@@ -8,8 +8,8 @@ use anyhow::{Context, Result};
 use super::observer::{TrainingEvent, TrainingObserver};
 use crate::runs::folder::RunFolder;
 use crate::runs::metrics::{self, Record};
-use crate::runs::names::{METRICS, TENSORBOARD};
 use crate::runs::tensorboard::{beginning, scalars};
+use crate::support::run_names::{METRICS, TENSORBOARD};
 use crate::support::storage::StorageOutput;
 
 /// The run folder's file for TensorBoard.

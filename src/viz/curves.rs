@@ -8,8 +8,8 @@ use plotters::style::RGBColor;
 
 use super::chart::{self, BLUE, Chart, GREEN, GREY, Line, ORANGE, RED, Span, Stroke};
 use crate::runs::metrics::{self, RecordKind, Stretch, points};
-use crate::runs::names::METRICS;
 use crate::support::error::Error;
+use crate::support::run_names::METRICS;
 use crate::tasks::{Task, TrueParameter};
 
 const LOSSES_HEIGHT: u32 = 900;

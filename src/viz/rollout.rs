@@ -64,9 +64,10 @@ const HEAD: &str = "frame,time,";
 /// Checks that a roll-out may be written into a folder: an earlier one is replaced, nothing else.
 ///
 /// # Errors
-/// A run's folder, or one that holds anything but a roll-out.
+/// A folder that holds anything but a roll-out, as a run's does, or that cannot be written.
 pub fn check_rollout_folder(folder: &Path) -> Result<(), Error> {
     FILES.settle(folder)?;
+    FILES.check(folder)?;
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         entries => entries.with_context(|| format!("cannot write into {}", folder.display()))?,
@@ -81,7 +82,7 @@ pub fn check_rollout_folder(folder: &Path) -> Result<(), Error> {
             return Err(strange.into());
         }
     }
-    Ok(FILES.check(folder)?)
+    Ok(())
 }
 
 /// What is shown: for each moment the clip's frame, if there is one, and the model's (the input, then the prediction).

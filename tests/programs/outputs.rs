@@ -191,15 +191,19 @@ fn a_run_folder_is_no_output_of_other_commands() {
         assert_refused(&call(place, line, "run"), line);
         assert!(contents(&place.join("run")) == before, "{line}: the run was changed");
     }
-    for line in FOLDERS.into_iter().chain([sweep]) {
-        assert_refused(&call(place, line, "run/checkpoints/other"), line);
-        assert!(contents(&place.join("run")) == before, "{line}: the checkpoints were changed");
-    }
-    // A training of its own kind of model reports errors of work.
     let baseline = "train-baseline ddpae --task spring_color --data data --steps 1 --threads 1 --out OUT";
     let done = call(place, baseline, "run");
-    assert!(!done.status.success() && text(&done).contains("holds a run already"), "{}", text(&done));
+    assert_refused(&done, baseline);
+    assert!(text(&done).contains("holds a run already"), "{}", text(&done));
     assert!(contents(&place.join("run")) == before, "{baseline}: the run was changed");
+    // A link to a folder among the checkpoints that is not there.
+    symlink("run/checkpoints/other", place.join("link")).unwrap();
+    for line in FOLDERS.into_iter().chain([sweep, baseline]) {
+        let done = call(place, line, "link");
+        assert_refused(&done, line);
+        assert!(text(&done).contains("link is a link that leads nowhere"), "{line}: {}", text(&done));
+        assert!(contents(&place.join("run")) == before, "{line}: the checkpoints were changed");
+    }
 }
 
 /// A folder that a report cannot be written into is refused before the trainings that it is of.

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use paig::network::cells::{Coordinates, PhysicalParameter};
 use paig::run::{Mode, Request};
 use paig::runs::find::find_runs;
-use paig::runs::names::CONFIG;
+use paig::support::run_names::CONFIG;
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
 use paig_video::run::{VideoRunEnding, execute};

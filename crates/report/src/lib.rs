@@ -27,7 +27,7 @@ use anyhow::{Result, ensure};
 use self::groups::RunGroup;
 use self::results::Results;
 use paig::Error;
-use paig::runs::guard::ensure_no_run;
+use paig::support::guard::ensure_no_run;
 use paig::support::output::FileSet;
 use paig::support::{atomic, json_lines};
 

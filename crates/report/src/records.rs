@@ -10,8 +10,8 @@ use anyhow::{Context, Result, ensure};
 
 use super::groups::{RunGroup, numbered};
 use paig::runs::find::{FoundRuns, find_runs};
-use paig::runs::names::{CONFIG, RECORDS, SUMMARY};
 use paig::support::atomic;
+use paig::support::run_names::{CONFIG, RECORDS, SUMMARY};
 use paig::support::storage::{self, storage};
 
 /// The folder of all records, in that of a report.

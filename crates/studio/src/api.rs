@@ -11,7 +11,7 @@ use axum::http::StatusCode;
 use axum::response::IntoResponse;
 use axum::routing::{get, post, put};
 use axum::{Json, Router};
-use paig::runs::names::METRICS;
+use paig::support::run_names::METRICS;
 use serde::Deserialize;
 use serde_json::json;
 

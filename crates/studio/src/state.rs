@@ -3,7 +3,7 @@
 use std::fs;
 
 use anyhow::Result;
-use paig::runs::names::{METRICS, SUMMARY};
+use paig::support::run_names::{METRICS, SUMMARY};
 use paig_video::measure::results::{MEASUREMENT, Measurement};
 use serde::Serialize;
 

@@ -11,7 +11,7 @@ use anyhow::{Context, Result, ensure};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::imageops;
 use paig::run::{Event, Mode, Observer, Preview, Program, Request, Stage};
-use paig::runs::names::CONFIG;
+use paig::support::run_names::CONFIG;
 use paig::training::layers::Overrides;
 use paig_video::run::execute;
 use serde::{Deserialize, Serialize};

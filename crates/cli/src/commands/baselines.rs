@@ -17,8 +17,8 @@ use paig_terminal::generate_display::GenerateDisplay;
 use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
-use paig::runs::guard::ensure_no_run;
 use paig::support::device;
+use paig::support::guard::ensure_no_run;
 
 /// Trains other dynamics, other decoders and end-to-end baselines beside the physics, and shows what each predicts.
 ///

@@ -7,8 +7,9 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, FromArgMatches};
-use paig::runs::guard::ensure_no_run;
-use paig::runs::names::DONE;
+use paig::runs::folder;
+use paig::support::guard::ensure_no_run;
+use paig::support::run_names::DONE;
 use paig::support::{atomic, device, storage};
 use paig_experiments::sweep::{self, JobStage, Work};
 use paig_terminal::{interrupt, say};
@@ -85,6 +86,8 @@ pub fn run(arguments: BatchArguments) -> Result<ExitCode> {
     FILES.check(&arguments.out)?;
     jobs.iter().try_for_each(BatchJob::check_folder)?;
     storage::storage().create_folder(&arguments.out).with_context(|| format!("folder {}", arguments.out.display()))?;
+    // Two with other options would mix their results.
+    let _lock = folder::lock(&arguments.out)?;
     for job in jobs.iter().filter(|job| job.stage().is_ok_and(|stage| stage == JobStage::New)) {
         job.begin()?;
     }
@@ -128,8 +131,9 @@ fn folder_name(like: &str, names: &mut BTreeSet<String>) -> Result<String> {
         "" => "video",
         visible => visible,
     };
-    let numbered = (2..).map(|number| format!("{visible}-{number}"));
-    let name = std::iter::once(visible.to_string()).chain(numbered).find(|name| names.insert(name.clone()));
+    let named = |ending: &str| atomic::named_after(visible.as_ref(), ending, 0);
+    let numbered = (2..).map(|number| named(&format!("-{number}")));
+    let name = std::iter::once(named("")).chain(numbered).find(|name| names.insert(name.clone()));
     name.context("no name is left")
 }
 
@@ -289,6 +293,9 @@ mod tests {
             ["a", "a", "..", ".", ".b", "batch.csv"].map(&mut name),
             ["a", "a-2", "video", "video-2", "b", "batch.csv-2"]
         );
+        // As long as the file system takes.
+        let long = "x".repeat(255);
+        assert_eq!([&*long, &long].map(name), [long.clone(), "x".repeat(253) + "-2"]);
     }
 
     #[test]

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use paig::runs::guard::check_file;
 use paig::support::atomic;
 use paig::support::output::{FileKind, has_keys};
 use paig::support::significant::significant;
@@ -38,7 +37,7 @@ const COMPARISON: FileKind = FileKind {
 };
 
 pub fn run(arguments: &CompareTrackArguments) -> Result<()> {
-    let json = arguments.json.as_deref().map(|path| check_file(&COMPARISON, path, &[&arguments.track])).transpose()?;
+    let json = arguments.json.as_deref().map(|path| COMPARISON.check(path, &[&arguments.track])).transpose()?;
     let track = ReferenceTrack::read(&arguments.track)?;
     let comparison = compare_track(&arguments.measurement, &track)?;
     show(&comparison);
@@ -57,8 +56,9 @@ fn show(comparison: &TrackComparison) {
         alignment.degrees,
         alignment.shift
     );
+    say!();
     say!(
-        "\n{:<20}{:>8}{:>8}{:>12}{:>12}{:>12}  of the diameter",
+        "{:<20}{:>8}{:>8}{:>12}{:>12}{:>12}  of the diameter",
         "point",
         "object",
         "frames",
@@ -81,7 +81,8 @@ fn show(comparison: &TrackComparison) {
     if quantities.is_empty() {
         return;
     }
-    say!("\n{:<24}{:>34}{:>34}{:>34}  unit", "quantity", "measured", "our track, shared frames", "the other track");
+    say!();
+    say!("{:<24}{:>34}{:>34}{:>34}  unit", "quantity", "measured", "our track, shared frames", "the other track");
     for quantity in quantities {
         let text = |estimate: Option<&Estimate>| estimate.map_or("-".into(), text);
         let other = quantity

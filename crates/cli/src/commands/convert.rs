@@ -6,7 +6,7 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use paig::network::physics_models::ModelOptions;
 use paig::runs::convert::{check_target, convert};
-use paig::runs::names::CONFIG;
+use paig::support::run_names::CONFIG;
 use paig::tasks::{self, Task};
 use paig::training::config::Config;
 use paig::training::layers::Overrides;

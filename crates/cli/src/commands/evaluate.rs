@@ -8,9 +8,8 @@ use clap::Args;
 use paig::Error;
 use paig::evaluation::{self, ScoredClips};
 use paig::network::physics_models::losses::MeanLosses;
-use paig::runs::guard::check_file;
 use paig::runs::scores::{FrameSpread, ScoresFile};
-use paig::support::output::FileKind;
+use paig::support::output::{FileKind, check_apart};
 use paig::viz;
 use paig_terminal::arguments::{ClipsOfRun, ScoredRun};
 use paig_terminal::say;
@@ -47,7 +46,8 @@ pub fn run(arguments: &EvaluateArguments) -> Result<ExitCode> {
 fn score(run: &Path, places: &Places, opened: ClipsOfRun, clips: &ScoredClips) -> Result<()> {
     let ClipsOfRun { config, model, file, split, .. } = opened;
     let scores = evaluation::evaluate(&model, clips)?;
-    say!("{} on the {} clips of {} ({})\n", run.display(), scores.clips, file.display(), split.name());
+    say!("{} on the {} clips of {} ({})", run.display(), scores.clips, file.display(), split.name());
+    say!();
     clips.notes.iter().for_each(|note| say!("note: {note}"));
     print_losses(&scores.losses);
     print_frames_and_states(&model.system, &scores);
@@ -79,11 +79,11 @@ struct Places {
 impl Places {
     fn check(arguments: &EvaluateArguments) -> Result<Self> {
         let inputs: Vec<&Path> = arguments.run.file.as_deref().into_iter().collect();
-        let place = |kind: FileKind, path: &Option<PathBuf>| {
-            path.as_ref().map(|path| check_file(&kind, path, &inputs)).transpose()
-        };
+        let place =
+            |kind: FileKind, path: &Option<PathBuf>| path.as_ref().map(|path| kind.check(path, &inputs)).transpose();
         let (json, picture) =
             (place(ScoresFile::KIND, &arguments.json)?, place(viz::FRAME_SCORES, &arguments.picture)?);
+        check_apart(&[&json, &picture].into_iter().flatten().map(PathBuf::as_path).collect::<Vec<_>>())?;
         if let Some(picture) = &arguments.picture {
             let png = picture.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
             ensure!(png, "--picture {}: a PNG is written, its name must end in .png", picture.display());

@@ -8,7 +8,6 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use paig::generators::source_images::SourceImages;
 use paig::generators::variant::{Changes, Variant};
 use paig::generators::{Counts, DatasetJob, generate};
-use paig::runs::guard::ensure_outside_checkpoints;
 use paig::support::device;
 use paig::tasks;
 use paig::tasks::scene::{Background, Look};
@@ -161,7 +160,6 @@ pub fn run(arguments: GenerateArguments) -> Result<()> {
     let images = source_images(&arguments, &variant)?;
     // Where a training looks for them.
     let folder = arguments.out.unwrap_or_else(|| usual_data_folder(&task, &arguments.task).into());
-    ensure_outside_checkpoints(&folder)?;
     let job = DatasetJob {
         variant,
         counts: Counts { train: arguments.train, valid: arguments.valid, test: arguments.test },

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use paig::support::device;
+use paig::support::{atomic, device};
 use paig::tasks::equation_file::EquationFile;
 use paig_terminal::progress::PhaseProgress;
 use paig_terminal::say;
@@ -133,7 +133,7 @@ fn crop(text: &str) -> Result<CropRectangle> {
 /// A folder in the present one.
 fn named_after(video: &Path) -> PathBuf {
     let stem = video.file_stem().unwrap_or(video.as_os_str());
-    PathBuf::from(format!("{}-measurement", stem.to_string_lossy()))
+    PathBuf::from(atomic::named_after(stem, "-measurement", 0))
 }
 
 /// None where it is to be chosen, or is a run's own.

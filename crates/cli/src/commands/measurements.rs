@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
-use paig::runs::guard::check_file;
 use paig::support::significant::significant;
 use paig_terminal::say;
 use paig_video::batch;
@@ -31,7 +30,7 @@ pub struct MeasurementsArguments {
 
 pub fn run(arguments: &MeasurementsArguments) -> Result<()> {
     let inputs: Vec<&Path> = arguments.references.as_deref().into_iter().collect();
-    let json = arguments.json.as_deref().map(|path| check_file(&ROWS, path, &inputs)).transpose()?;
+    let json = arguments.json.as_deref().map(|path| ROWS.check(path, &inputs)).transpose()?;
     let references = arguments.references.as_deref().map(read_references).transpose()?;
     let references: References = references.unwrap_or_default();
     let of_folders: Vec<Vec<QuantityRow>> =

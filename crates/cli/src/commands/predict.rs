@@ -8,7 +8,6 @@ use clap::Args;
 use paig::Error;
 use paig::evaluation::ScoredClips;
 use paig::evaluation::rollout::{self, MOST_FRAMES};
-use paig::runs::guard::ensure_outside_checkpoints;
 use paig::viz;
 use paig_terminal::arguments::{ClipsOfRun, ScoredRun};
 use paig_terminal::progress::PhaseProgress;
@@ -40,7 +39,6 @@ pub struct PredictArguments {
 const MANY_FRAMES: usize = 1000;
 
 pub fn run(arguments: &PredictArguments) -> Result<ExitCode> {
-    ensure_outside_checkpoints(&arguments.out)?;
     viz::check_rollout_folder(&arguments.out)?;
     ensure!(
         arguments.frames.is_none_or(|frames| frames <= MOST_FRAMES),

@@ -14,7 +14,7 @@ use paig_terminal::{interrupt, say};
 
 use crate::sweep_display::SweepDisplay;
 use paig::Error;
-use paig::runs::guard::ensure_no_run;
+use paig::support::guard::ensure_no_run;
 
 /// Learns scenes unlike the paper's with the plain recipe, and writes a matrix of what became of them.
 ///

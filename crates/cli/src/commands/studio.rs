@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use paig::runs::guard::ensure_no_run;
+use paig::support::guard::ensure_no_run;
 use paig_studio::{ServerOptions, Studio, prepare, train};
 use paig_terminal::{interrupt, say};
 

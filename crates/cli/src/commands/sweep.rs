@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use paig::runs::guard::ensure_no_run;
 use paig::support::device;
+use paig::support::guard::ensure_no_run;
 use paig::tasks;
 use paig_experiments::sweep::{self, JobState, RunStatus, SweepPlan, SweepRequest, parse_seeds};
 use paig_terminal::{interrupt, say};

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use paig::runs::guard::check_file;
+use paig::support::output::check_apart;
 use paig_terminal::progress::PhaseProgress;
 use paig_terminal::say;
 use paig_track::TrackingOptions;
@@ -49,11 +49,12 @@ pub struct TrackArguments {
 pub fn run(arguments: &TrackArguments) -> Result<()> {
     ensure!(arguments.objects > 0, "--objects must be at least 1");
     let camera = arguments.camera.read(None)?;
-    let out = check_file(&TABLE, &arguments.out, &[&arguments.video])?;
-    let picture = check_file(&PICTURE, &arguments.picture, &[&arguments.video])?;
+    let out = TABLE.check(&arguments.out, &[&arguments.video])?;
+    let picture = PICTURE.check(&arguments.picture, &[&arguments.video])?;
+    check_apart(&[&out, &picture])?;
     let video = camera.open(&arguments.video)?;
     let (hints, ignore) = arguments.objects_shown.read()?;
-    let calibration = camera.calibration(&video).context("--plane")?;
+    let calibration = camera.calibration(&video)?;
     let options = TrackingOptions {
         frames: arguments.frames.as_deref().map(|text| frames(text, video.frames)).transpose()?,
         objects: arguments.objects,
@@ -67,6 +68,7 @@ pub fn run(arguments: &TrackArguments) -> Result<()> {
     let tracking = track(&video, &options);
     waiting.finish();
     let Followed { tracking, segments } = tracking?;
+    video.remarks.iter().for_each(|remark| say!("warning: {remark}"));
     say!("camera: {}", tracking.camera.line());
     tracking.time.lines().iter().for_each(|line| say!("time: {line}"));
     say!("{:<8}{:>10}{:>12}{:>14}{:>14}{:>10}", "object", "frames", "diameter", "deviation x", "deviation y", "misfit");

@@ -15,10 +15,10 @@ use paig::network::dynamics::DynamicsKind;
 use paig::network::physics_models::{PhysicsNet, VariableGroup};
 use paig::runs::course::Course;
 use paig::runs::metrics::RecordKind;
-use paig::runs::names::CONFIG;
 use paig::runs::run::StoredRun;
 use paig::runs::scores::{PredictedFrame, Scores};
 use paig::runs::summary::LearnedParameter;
+use paig::support::run_names::CONFIG;
 use paig::training::config::Config;
 
 /// The report's files that hold them: the rows, the search, and the frames of each model that the gallery shows.

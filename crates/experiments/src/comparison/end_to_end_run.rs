@@ -67,7 +67,7 @@ impl EndToEndRun {
     ) -> Result<TrainingOutcome, Error> {
         let EndToEndRun { config, task, train, valid, test, rewards, checksums } = self;
         let data = EndToEndData { train, rewards: rewards.as_ref(), valid, test, checksums };
-        training::train(config, &task.system, data, folder, stop, observe).map_err(Error::of_work)
+        Ok(training::train(config, &task.system, data, folder, stop, observe)?)
     }
 }
 

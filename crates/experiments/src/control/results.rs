@@ -7,7 +7,6 @@ use anyhow::{Context, Result, ensure};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use paig::runs::guard::ensure_outside_checkpoints;
 use paig::support::atomic;
 use paig::support::output::{FileSet, has_keys};
 use paig::support::random::named_generator;
@@ -90,7 +89,6 @@ impl ControlResults {
     /// # Errors
     /// A folder with files that this program did not write, or that cannot be written.
     pub fn claim(folder: &Path) -> Result<()> {
-        ensure_outside_checkpoints(folder)?;
         Self::MARK.check_alone(folder)?;
         storage().create_folder(folder).with_context(|| format!("cannot create {}", folder.display()))?;
         let path = folder.join(Self::FILE);

@@ -9,7 +9,7 @@ mod request;
 mod seeds;
 mod status;
 
-pub use paig::runs::names::{DONE, OUTPUT};
+pub use paig::support::run_names::{DONE, OUTPUT};
 pub use plan::{JobStage, SweepJob, SweepPlan};
 pub use processes::{
     SweepEvent, SweepSummary, Work, failure, forget_failure, last_line, note_failure, run, training_program,

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 
-use paig::runs::names::{CONFIG, DONE};
 use paig::support::command_line::CommandOptions;
+use paig::support::run_names::{CONFIG, DONE};
 use paig::training::config::Config;
 use paig::training::layers::Overrides;
 

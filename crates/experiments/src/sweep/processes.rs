@@ -15,9 +15,9 @@ use nix::unistd::Pid;
 use super::plan::{JobStage, SweepJob};
 use paig::Error;
 use paig::runs::folder::RunFolder;
-use paig::runs::names::{DONE, OUTPUT};
 use paig::support::atomic;
 use paig::support::exit_codes::SIGNALLED;
+use paig::support::run_names::{DONE, OUTPUT};
 use paig::support::storage::{self, storage};
 
 /// The program that trains.
@@ -172,6 +172,7 @@ pub fn run<W: Work>(
                 Some(_) if RunFolder::is_in_use(folder) => tell(SweepEvent::InUse(folder)),
                 Some(status) => {
                     let reason = reason(&folder.join(OUTPUT), one.from).unwrap_or_default();
+                    let reason = if reason.is_empty() { "it printed nothing; is the disk full?" } else { &reason };
                     tell(SweepEvent::Failed(folder, &anyhow!("the run ended with {status}: {reason}")));
                 }
             }

@@ -39,9 +39,9 @@ use paig::datasets::film::FILM;
 use paig::network::System;
 use paig::network::cells::Equations;
 use paig::network::system::SystemTable;
-use paig::runs::guard::ensure_no_run;
 use paig::runs::metrics;
 use paig::support::atomic;
+use paig::support::guard::ensure_no_run;
 use paig::support::output::FileSet;
 
 /// Most frames that are kept of all videos.
@@ -175,8 +175,8 @@ fn imported(request: &ImportRequest, progress: ImportProgress) -> Result<Importe
         frames: video.frames,
         kept: kept.clone(),
     });
-    let mut warnings = [doubtful, reel.left_out.clone()].concat();
-    warnings.extend(warnings::of(request, &reel, square, &cut, &moving, counts));
+    let found = warnings::of(request, &reel, square, &cut, &moving, counts);
+    let warnings = each_once([doubtful, reel.left_out.clone(), found].concat());
     Ok(Imported {
         task_file: request.out.join(TASK),
         takes: used.collect(),
@@ -187,6 +187,13 @@ fn imported(request: &ImportRequest, progress: ImportProgress) -> Result<Importe
         clips: counts,
         warnings,
     })
+}
+
+/// Lines in their order without those that repeat an earlier one.
+pub(crate) fn each_once(lines: Vec<String>) -> Vec<String> {
+    let mut once: Vec<String> = Vec::new();
+    lines.into_iter().for_each(|line| once.extend((!once.contains(&line)).then_some(line)));
+    once
 }
 
 /// Refuses a system that cannot be before a video is opened.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 
 use super::compile::Compiler;
 use super::contacts::TextContacts;
@@ -15,6 +15,7 @@ use super::walls::TextWalls;
 use crate::network::cells::parameter::PhysicalParameter;
 use crate::network::cells::plain::PlainCell;
 use crate::network::cells::state::MOST_OBJECTS;
+use crate::support::error::Excerpt;
 
 /// Most steps for a frame.
 const MOST_SUBSTEPS: usize = 1000;
@@ -160,7 +161,7 @@ impl Equation {
         let mut accelerations = Vec::new();
         for (object, text) in texts {
             let place = parse(text).and_then(|parsed| compiler.acceleration(object, &parsed));
-            let place = place.map_err(|complaint| anyhow!("{}", complaint.shown(text)));
+            let place = place.map_err(|complaint| Excerpt(complaint.shown(text)));
             let whose =
                 || object.map_or("acceleration".into(), |object| format!("acceleration of object {}", object + 1));
             accelerations.push(place.with_context(whose)?);
@@ -202,7 +203,7 @@ fn definitions(table: &EquationTable, parameters: &Parameters) -> Result<BTreeMa
         check_name(name).with_context(of_name)?;
         let taken = parameters.place(name).is_some() || parameters.each.contains_key(name);
         ensure!(!taken, "where.{name}: a parameter is called so, too; rename one");
-        let parsed = parse(text).map_err(|complaint| anyhow!("{}", complaint.shown(text)));
+        let parsed = parse(text).map_err(|complaint| Excerpt(complaint.shown(text)));
         Ok((name.clone(), (text.clone(), parsed.with_context(of_name)?)))
     };
     table.definitions.iter().map(read).collect()

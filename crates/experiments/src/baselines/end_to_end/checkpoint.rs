@@ -10,8 +10,8 @@ use super::descent::PHASE;
 use super::frame_model::{FrameModel, named_variables};
 use super::scores::SCORES;
 use paig::runs::checkpoint::{BestOf, Store};
-use paig::runs::names::CHECKPOINTS;
 use paig::runs::weights;
+use paig::support::run_names::CHECKPOINTS;
 use paig::support::storage;
 
 /// The checkpoint of earlier versions: the last weights by name, and besides them much else.

@@ -23,7 +23,7 @@ use paig::training::objective::Objective;
 use paig::training::observer::{TrainingEvent, TrainingObserver};
 use paig::training::optimizers::OptimizerKind;
 use paig::training::recorder::Recorder;
-use paig::viz;
+use paig::{Error, viz};
 use paig_kernels::own_stream;
 
 pub use super::data::EndToEndData;
@@ -71,12 +71,14 @@ pub fn train(
     if session.state.step == 0 {
         model.begin(data.train);
     }
-    if session.train_phase(PHASE, &mut descent, OptimizerKind::Adam, 0.0)? == TrainingOutcome::Interrupted {
-        return Ok(TrainingOutcome::Interrupted);
+    let trained = session.train_phase(PHASE, &mut descent, OptimizerKind::Adam, 0.0).map_err(Error::of_work)?;
+    if trained == TrainingOutcome::Interrupted {
+        return Ok(trained);
     }
     let (step, error) = session.best_validation(descent.timetable());
     let best = scores::ValidationScore { step, error };
-    write_results(config, model.as_ref(), system, data, (session.elapsed(), best), folder)?;
+    let results = write_results(config, model.as_ref(), system, data, (session.elapsed(), best), folder);
+    results.map_err(Error::of_work)?;
     Ok(TrainingOutcome::Finished)
 }
 

@@ -7,7 +7,8 @@ use paig_video::measure::results::Measurement;
 
 /// Prints the quantities with their intervals, the prediction of what was held out, and the comparison of equations.
 pub fn print_measurement(it: &Measurement) {
-    say!("\n{:<30}{:>12}   {:<26}{:<8}{:>12}  {}", "measured", "", "95 % interval", "", "cross-check", "");
+    say!();
+    say!("{:<30}{:>12}   {:<26}{:<8}{:>12}  {}", "measured", "", "95 % interval", "", "cross-check", "");
     for quantity in &it.quantities {
         let tracker = quantity.by_tracker.map_or("-".into(), |value| significant(value, 6));
         let interval = quantity.interval(|end| significant(end, 6)).unwrap_or("-".into());
@@ -25,7 +26,8 @@ pub fn print_measurement(it: &Measurement) {
     }
     let held_out = &it.held_out;
     let unit = &held_out.unit;
-    say!("\nthe last {} of {} frames, predicted from the rest ({})", held_out.frames, it.frames, it.by);
+    say!();
+    say!("the last {} of {} frames, predicted from the rest ({})", held_out.frames, it.frames, it.by);
     say!("  distance {:.4} {unit}, {:.2} % of the amplitude", held_out.error, held_out.percent_of_amplitude);
     say!("  by constant velocity {:.4} {unit}", held_out.constant_velocity);
     if let Some(error) = held_out.tracker_fit {
@@ -35,7 +37,8 @@ pub fn print_measurement(it: &Measurement) {
     let first = left.autocorrelation.first().copied().unwrap_or(0.0);
     say!("residual {:.4} {unit}; residuals of neighbouring frames correlate by {first:.2}", left.usual);
     if !it.alternatives.is_empty() {
-        say!("\n{:<44}{:>9}{:>10}{:>10}{:>12}{:>12}", "equation", "unknowns", "residual", "held out", "AIC", "BIC");
+        say!();
+        say!("{:<44}{:>9}{:>10}{:>10}{:>12}{:>12}", "equation", "unknowns", "residual", "held out", "AIC", "BIC");
     }
     for other in &it.alternatives {
         let name = &other.equation;
@@ -43,7 +46,8 @@ pub fn print_measurement(it: &Measurement) {
         say!("{name:<44}{:>9}{left:>10.4}{held_out:>10.4}{:>12.1}{:>12.1}", other.unknowns, other.aic, other.bic);
     }
     if let Some(missing) = &it.missing {
-        say!("\nmissing term: {} (BIC better by {:.0})", missing.name, missing.gain);
+        say!();
+        say!("missing term: {} (BIC better by {:.0})", missing.name, missing.gain);
         for quantity in &missing.quantities {
             let interval = quantity.interval(|end| significant(end, 4)).unwrap_or("-".into());
             say!("  {} {} {} [{interval}]", quantity.name, significant(quantity.value, 4), quantity.unit);
@@ -55,7 +59,8 @@ pub fn print_measurement(it: &Measurement) {
     }
     it.notes.iter().for_each(|note| say!("note: {note}"));
     if let Some(verdict) = &it.verdict {
-        say!("\nverdict: {}", verdict.outcome);
+        say!();
+        say!("verdict: {}", verdict.outcome);
         verdict.reasons.iter().for_each(|reason| say!("  {reason}"));
     }
 }

@@ -61,7 +61,7 @@ impl SweepDisplay {
             let bar = self.bars.add(ProgressBar::new_spinner());
             let style = ProgressStyle::with_template("{prefix} {elapsed} {wide_msg}");
             bar.set_style(style.expect("the template is sound"));
-            bar.set_prefix(folder.display().to_string());
+            bar.set_prefix(escaped(&folder.display().to_string()).into_owned());
             self.running.push((folder.into(), bar));
         }
         self.line(&format!("{}: {word}", folder.display()));
@@ -83,7 +83,8 @@ impl SweepDisplay {
         self.refreshed = Instant::now();
         self.all.tick();
         for (folder, bar) in &self.running {
-            bar.set_message(last_line(&folder.join(OUTPUT)).unwrap_or_default());
+            let last = last_line(&folder.join(OUTPUT)).unwrap_or_default();
+            bar.set_message(escaped(&last).into_owned());
         }
     }
 

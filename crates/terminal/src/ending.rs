@@ -4,6 +4,7 @@
 //! little memory are no exception to that.
 
 use std::any::Any;
+use std::error::Error as StdError;
 use std::io;
 use std::panic::{self, AssertUnwindSafe, PanicHookInfo};
 use std::process::ExitCode;
@@ -12,10 +13,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Result, anyhow};
 use nix::errno::Errno;
-use paig::{Error, ErrorKind};
+use paig::{Error, ErrorKind, Excerpt};
 
 use super::interrupt;
-use super::progress::{ensure_written, write_error_line};
+use super::progress::{ensure_written, escaped, write_error};
 use super::surroundings;
 use paig_kernels::{flush_subnormals, vector_path};
 
@@ -69,9 +70,8 @@ fn one_line_on_abort() {
 
 fn failed(error: anyhow::Error) -> ExitCode {
     let text = without_long_numbers(&text(&error));
-    let marks = |line: &str| line.contains('^') && line.chars().all(|c| c == '^' || c.is_whitespace());
-    let said = if text.lines().any(marks) { text.trim_end().to_string() } else { one_line(&text) };
-    write_error_line(&format!("error: {said}"));
+    let said = if error.chain().any(|cause| cause.is::<Excerpt>()) { text } else { one_line(&text) };
+    write_error(&format!("error: {}", said.trim_end()));
     code_of(Error::from(error).kind())
 }
 
@@ -90,10 +90,11 @@ fn is_hung_up(error: &anyhow::Error) -> bool {
     of_system.any(|error| error.raw_os_error() == Some(Errno::EIO as i32))
 }
 
-/// An error with its causes, each once: many an error repeats its cause in its own words.
+/// An error with its causes, each once: many an error repeats its cause in its own words. Control characters of names in it are
+/// escaped.
 pub fn text(error: &anyhow::Error) -> String {
     let mut text = String::new();
-    for cause in error.chain().map(ToString::to_string) {
+    for cause in error.chain().map(escaped_cause) {
         if text.is_empty() {
             text = cause;
         } else if !text.contains(cause.trim()) {
@@ -101,6 +102,13 @@ pub fn text(error: &anyhow::Error) -> String {
         }
     }
     text
+}
+
+/// A cause without control characters but for line breaks of its own.
+fn escaped_cause(cause: &(dyn StdError + 'static)) -> String {
+    let in_lines = cause.is::<Excerpt>() || cause.is::<toml::de::Error>() || cause.is::<tch::TchError>();
+    let text = cause.to_string();
+    if in_lines { text } else { escaped(&text).into_owned() }
 }
 
 /// A text whose numbers of very many digits, as a float of 1e300 has them, are cut in their middle.
@@ -158,6 +166,20 @@ mod tests {
         let error =
             anyhow::anyhow!("No space left (os error 28)").context("cannot write a: No space left (os error 28)");
         assert_eq!(text(&error.context("the run ended")), "the run ended: cannot write a: No space left (os error 28)");
+    }
+
+    /// A message's own line breaks are joined or stay; those of a name are shown.
+    #[test]
+    fn line_breaks_in_names_are_escaped() {
+        let named = |error: anyhow::Error| text(&error.context("cannot read a\nerror: b"));
+        let table = toml::from_str::<toml::Table>("words").unwrap_err();
+        assert!(
+            one_line(&named(table.into()))
+                .starts_with("cannot read a\\nerror: b: TOML parse error at line 1, column 6 | 1")
+        );
+        let marked = named(Excerpt("column 1: wrong\n  x\n  ^".into()).into());
+        assert_eq!(marked, "cannot read a\\nerror: b: column 1: wrong\n  x\n  ^");
+        assert_eq!(named(anyhow!("no\tfile")), "cannot read a\\nerror: b: no\\tfile");
     }
 
     #[test]

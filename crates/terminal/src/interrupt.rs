@@ -12,7 +12,7 @@ use anyhow::{Context, Result};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::iterator::Signals;
 
-use super::progress::write_error_line;
+use super::progress::write_error;
 use paig::support::exit_codes::SIGNALLED;
 
 /// The first signal that came; 0 before.
@@ -46,7 +46,7 @@ fn watch(signals: &mut Signals) {
                 first = Some(Instant::now());
                 ASKED.store(signal, Ordering::SeqCst);
                 let seconds = ONE_REQUEST.as_secs();
-                write_error_line(&format!("stopping after this step; once more after {seconds} s to stop at once"));
+                write_error(&format!("stopping after this step; once more after {seconds} s to stop at once"));
             }
             Some(first) if first.elapsed() < ONE_REQUEST => {}
             Some(_) => std::process::exit(SIGNALLED + signal),

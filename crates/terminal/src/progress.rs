@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::fmt::Arguments;
 use std::io::{ErrorKind, IsTerminal, Write};
-use std::ops::RangeInclusive;
 use std::sync::Mutex;
 use std::time::Duration;
 
@@ -13,44 +12,66 @@ use indicatif::{ProgressBar, ProgressStyle};
 /// Why the first line that could not be written was not, unless its reader had gone away.
 static UNWRITTEN: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
-/// `println!` that does not panic: a reader that went away (`| head`) is no error, and a full disk stops no training; the
-/// program says it at its end (see [`ensure_written`]).
+/// `println!` of one line that does not panic: a reader that went away (`| head`) is no error, and a full disk stops no
+/// training; the program says it at its end (see [`ensure_written`]). Line breaks in the line are those of a name: they are
+/// escaped.
 #[macro_export]
 macro_rules! say {
     () => {
         $crate::say!("")
     };
     ($($line:tt)*) => {{
-        $crate::progress::write_line(format_args!("{}\n", format_args!($($line)*)));
+        $crate::progress::write_line(format_args!($($line)*));
     }};
 }
 
 /// What [`say!`] does.
 pub fn write_line(line: Arguments) {
-    if let Err(error) = std::io::stdout().write_all(escaped(&line.to_string()).as_bytes())
+    write(&format!("{}\n", escaped(&line.to_string())));
+}
+
+/// The same of a text with line breaks of its own, the last one included.
+pub fn write_text(text: &str) {
+    write(&escaped_in_lines(text));
+}
+
+fn write(text: &str) {
+    if let Err(error) = std::io::stdout().write_all(text.as_bytes())
         && error.kind() != ErrorKind::BrokenPipe
     {
         UNWRITTEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(error);
     }
 }
 
-/// `eprintln!` that does not panic: where nobody reads it, as on a terminal that has closed, it is lost, no more.
-pub fn write_error_line(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{}", escaped(line));
+/// `eprintln!` that does not panic: where nobody reads it, as on a terminal that has closed, it is lost, no more. Line breaks
+/// in the text are its own: those of names in it are escaped before.
+pub fn write_error(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{}", escaped_in_lines(text));
 }
 
-/// A text without the control characters by which a file's name could steer a terminal; line breaks and tabs stay.
-pub fn escaped(text: &str) -> Cow<'_, str> {
-    let steers = |c: char| (c.is_control() && !['\n', '\t'].contains(&c)) || TURNS.contains(&c);
+/// A line without the characters by which a file's name could steer a terminal or begin a line of its own.
+pub fn escaped(line: &str) -> Cow<'_, str> {
+    without(line, steers)
+}
+
+/// A text of several lines without the characters that steer a terminal; its line breaks and tabs stay.
+fn escaped_in_lines(text: &str) -> Cow<'_, str> {
+    without(text, |c| steers(c) && !['\n', '\t'].contains(&c))
+}
+
+/// Control characters, line and paragraph separators, and what turns the direction of the text that follows.
+fn steers(c: char) -> bool {
+    c.is_control()
+        || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+fn without(text: &str, steers: impl Fn(char) -> bool + Copy) -> Cow<'_, str> {
     if !text.contains(steers) {
         return Cow::Borrowed(text);
     }
-    let one = |c: char| if steers(c) { c.escape_unicode().to_string() } else { c.to_string() };
+    let one = |c: char| if steers(c) { c.escape_default().to_string() } else { c.to_string() };
     Cow::Owned(text.chars().map(one).collect())
 }
-
-/// Characters that turn the direction of what follows.
-const TURNS: RangeInclusive<char> = '\u{202a}'..='\u{202e}';
 
 /// # Errors
 /// A line that could not be written to standard output, to a full disk for example.
@@ -77,7 +98,7 @@ impl PhaseProgress {
         let style = ProgressStyle::with_template("{prefix:>9} {bar:30} {pos}/{len} {elapsed} (left {eta}) {msg}")
             .expect("the template is sound");
         bar.set_style(style);
-        bar.set_prefix(name.to_string());
+        bar.set_prefix(escaped(name).into_owned());
         bar.set_position(done);
         PhaseProgress { bar, terminal }
     }
@@ -87,7 +108,7 @@ impl PhaseProgress {
         let terminal = std::io::stderr().is_terminal();
         let bar = if terminal { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
         bar.set_style(ProgressStyle::with_template("{prefix:>9} {spinner} {elapsed}").expect("the template is sound"));
-        bar.set_prefix(name.to_string());
+        bar.set_prefix(escaped(name).into_owned());
         bar.enable_steady_tick(TICK);
         PhaseProgress { bar, terminal }
     }
@@ -95,7 +116,7 @@ impl PhaseProgress {
     /// One step further.
     pub fn step(&self, message: impl FnOnce() -> String) {
         if self.terminal {
-            self.bar.set_message(message());
+            self.bar.set_message(escaped(&message()).into_owned());
             self.bar.inc(1);
         }
     }
@@ -112,11 +133,18 @@ impl PhaseProgress {
 
 #[cfg(test)]
 mod tests {
-    use super::escaped;
+    use super::*;
 
     #[test]
     fn control_characters_are_shown_and_not_obeyed() {
-        assert_eq!(escaped("a\u{1b}[31mb\r\n\tc\u{9b}\u{202e}d"), "a\\u{1b}[31mb\\u{d}\n\tc\\u{9b}\\u{202e}d");
-        assert!(matches!(escaped("Größe 1 µm"), std::borrow::Cow::Borrowed(_)));
+        for (text, shown) in [
+            ("a\u{1b}[31mb\r\n\tc\u{9b}\0", "a\\u{1b}[31mb\\r\\n\\tc\\u{9b}\\u{0}"),
+            ("\u{202e}4pm\u{2066}.\u{2069}\u{200f}\u{61c}", "\\u{202e}4pm\\u{2066}.\\u{2069}\\u{200f}\\u{61c}"),
+            ("a\u{2028}error: b\u{85}", "a\\u{2028}error: b\\u{85}"),
+        ] {
+            assert_eq!(escaped(text), shown);
+        }
+        assert_eq!(escaped_in_lines("a\n\tb\r\u{7f}"), "a\n\tb\\r\\u{7f}");
+        assert!(matches!(escaped("Größe 1 µm"), Cow::Borrowed(_)));
     }
 }

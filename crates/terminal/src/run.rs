@@ -14,6 +14,7 @@ use paig::training::layers::Overrides;
 
 use crate::ending::exit_code;
 use crate::generate_display::GenerateDisplay;
+use crate::progress::write_text;
 use crate::screen::Screen;
 use crate::{interrupt, say, usage};
 
@@ -82,7 +83,7 @@ impl RunArgs {
     /// A config that cannot be read.
     pub fn printed_config(&self, task: Option<&str>) -> Result<bool> {
         if self.print_config {
-            say!("{}", self.request(task).config()?.to_toml().trim_end());
+            write_text(&format!("{}\n", self.request(task).config()?.to_toml().trim_end()));
         }
         Ok(self.print_config)
     }
@@ -137,7 +138,7 @@ pub fn one_task(task: &str, program: Program) -> ExitCode {
         interrupt::catch()?;
         match run.execute(program, &mut screen, &interrupt::asked)? {
             Ending::Finished(summary) => {
-                summary.verdict.iter().for_each(|verdict| say!("{verdict}"));
+                summary.verdict.iter().for_each(|verdict| write_text(&format!("{verdict}\n")));
                 Ok(ExitCode::SUCCESS)
             }
             Ending::Scored => Ok(ExitCode::SUCCESS),

@@ -16,7 +16,8 @@ const MEANINGS: [(&str, &str, &str); 2] =
 
 /// Prints the learned parameters beside the truth, and the losses beside the paper's.
 pub fn print_results(task: &Task, model: &PhysicsNet, test: &ScoredClips, losses: &MeanLosses) {
-    say!("\n{:<28}{:>12}{:>12}{:>10}", task.name, "learned", "true", "error");
+    say!();
+    say!("{:<28}{:>12}{:>12}{:>10}", task.name, "learned", "true", "error");
     for (name, learned) in model.parameter_values() {
         match test.truth_of(name) {
             Some(truth) => {
@@ -33,7 +34,8 @@ pub fn print_results(task: &Task, model: &PhysicsNet, test: &ScoredClips, losses
         }
     }
     test.notes.iter().for_each(|note| say!("note: {note}"));
-    say!("\n{:<28}{:>12}{:>12}", "test loss (squared error)", "here", "paper");
+    say!();
+    say!("{:<28}{:>12}{:>12}", "test loss (squared error)", "here", "paper");
     let row = |name: &str, value: f64, loss: Loss| {
         let paper = published().paper_loss(&task.name, loss).map_or("-".to_string(), |paper| format!("{paper:.2}"));
         say!("{name:<28}{value:>12.4}{paper:>12}");
@@ -60,7 +62,8 @@ pub fn print_frames_and_states(system: &System, scores: &Scores) {
     }
     let Some(states) = &scores.states else { return };
     let unit = system.cell.coordinates.unit();
-    say!("\n{:<38}{:>10}{:>22}", format!("root mean square error, {unit}"), "", "without the offset");
+    say!();
+    say!("{:<38}{:>10}{:>22}", format!("root mean square error, {unit}"), "", "without the offset");
     let row = |name: &str, error: f64, without: f64| say!("{name:<38}{error:>10.4}{without:>22.4}");
     row("encoded positions", states.encoded, states.encoded_without_offset);
     row("predicted positions, T_pred", states.predicted, states.predicted_without_offset);

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::{Args, CommandFactory};
 use clap_complete::{Shell, generate};
-use paig_terminal::progress::write_line;
+use paig_terminal::progress::write_text;
 
 use crate::Paig;
 
@@ -17,6 +17,6 @@ pub struct CompletionsArguments {
 pub fn run(arguments: &CompletionsArguments) -> Result<()> {
     let mut script = Vec::new();
     generate(arguments.shell, &mut Paig::command(), "paig", &mut script);
-    write_line(format_args!("{}", String::from_utf8(script)?));
+    write_text(&String::from_utf8(script)?);
     Ok(())
 }

@@ -217,7 +217,10 @@ impl ControlArguments {
 /// Prints what happens in a study.
 fn show_study(event: StudyEvent) {
     match event {
-        StudyEvent::Begins(name) => say!("\n{name}"),
+        StudyEvent::Begins(name) => {
+            say!();
+            say!("{name}");
+        }
         StudyEvent::TakenOver => say!("played before"),
         StudyEvent::Experiment(event) => show(event),
     }

@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::Args;
 use paig::runs::verdict::Verdict;
 use paig::tasks;
+use paig_terminal::progress::write_text;
 use paig_terminal::run::{RunArgs, interrupted};
 use paig_terminal::screen::Screen;
 use paig_terminal::{interrupt, say};
@@ -46,7 +47,7 @@ pub fn run(arguments: &TrainArguments) -> Result<ExitCode> {
     interrupt::catch()?;
     match execute(&run, PROGRAM, &mut screen, &interrupt::asked)? {
         VideoRunEnding::Finished { summary, measurement: None } => {
-            summary.verdict.iter().for_each(|verdict| say!("{verdict}"));
+            summary.verdict.iter().for_each(|verdict| write_text(&format!("{verdict}\n")));
             Ok(ExitCode::SUCCESS)
         }
         VideoRunEnding::Finished { summary, measurement: Some(measured) } => {
@@ -56,7 +57,7 @@ pub fn run(arguments: &TrainArguments) -> Result<ExitCode> {
             });
             // What is to be quoted are the measurement's intervals, not those of short clips in pixels of small frames.
             summary.verdict.iter().for_each(|verdict| {
-                say!("{}", Verdict { intervals: BTreeMap::new(), ..verdict.clone() });
+                write_text(&format!("{}\n", Verdict { intervals: BTreeMap::new(), ..verdict.clone() }));
             });
             Ok(measured.map(|_| ExitCode::SUCCESS)?)
         }

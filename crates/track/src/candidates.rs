@@ -3,7 +3,8 @@
 use crate::background::{KeptFrames, StaticScene};
 use crate::components::Blob;
 use crate::detection::Detection;
-use crate::linking::{LinkNode, paths};
+use crate::error::TrackError;
+use crate::linking::{LinkNode, missed, paths};
 use crate::mask::Mask;
 use crate::options::TrackingOptions;
 use crate::pieces::{Stop, pieces};
@@ -61,7 +62,14 @@ impl PathCandidate {
 }
 
 /// Paths through the detections by descending rank.
-pub(crate) fn candidates(detections: &[Detection], size: Size, options: &TrackingOptions) -> Vec<PathCandidate> {
+///
+/// # Errors
+/// [`TrackError::HintOnNothing`].
+pub(crate) fn candidates(
+    detections: &[Detection],
+    size: Size,
+    options: &TrackingOptions,
+) -> Result<Vec<PathCandidate>, TrackError> {
     let mut places = Vec::new();
     let mut nodes = Vec::new();
     for (index, detection) in detections.iter().enumerate() {
@@ -76,8 +84,12 @@ pub(crate) fn candidates(detections: &[Detection], size: Size, options: &Trackin
             });
         }
     }
+    let frames = detections.first().map_or(0..0, |first| first.frame..first.frame + detections.len());
+    if let Some((hint, nearest)) = missed(&nodes, &options.hints, &frames) {
+        return Err(TrackError::HintOnNothing { hint, nearest });
+    }
     let scale = LONGEST_STEP * (size.width as f64).hypot(size.height as f64);
-    let mut found: Vec<PathCandidate> = paths(&nodes, &options.hints, scale, options.movers)
+    let mut found: Vec<PathCandidate> = paths(&nodes, &options.hints, scale, options.most_movers())
         .into_iter()
         .flat_map(|path| {
             let stop = |&node: &usize| {
@@ -94,7 +106,7 @@ pub(crate) fn candidates(detections: &[Detection], size: Size, options: &Trackin
         .map(|(nodes, score)| candidate(nodes.iter().map(|&node| places[node]).collect(), score, detections, size))
         .collect();
     found.sort_by(|a, b| b.rank().total_cmp(&a.rank()));
-    found
+    Ok(found)
 }
 
 fn candidate(nodes: Vec<(usize, usize)>, score: f64, detections: &[Detection], size: Size) -> PathCandidate {

@@ -76,7 +76,7 @@ pub(crate) fn detect(
         let exposure = exposure(bytes, background);
         let image = difference(bytes, background, &exposure, &kernel);
         let moving = image.iter().filter(|&&value| value > threshold).count();
-        let blobs = components(&image, width, threshold, LEAST_AREA, options.movers)
+        let blobs = components(&image, width, threshold, LEAST_AREA, options.most_movers())
             .into_iter()
             .map(|blob| {
                 let core = core(bytes, background, &exposure, &blob.mask);

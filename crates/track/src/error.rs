@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use crate::options::Hint;
+
 /// Reasons why a video yields no track.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
@@ -30,7 +32,18 @@ pub enum TrackError {
     /// Blobs exist, but no two of them join into a path.
     #[error("nothing can be followed: no path joins two of the {blobs} moving regions")]
     NoPath { blobs: usize },
+    /// A hint is on no moving region. Positions are pixels of the video; pixel centres are integers.
+    #[error("nothing moves at {:.0},{:.0} in frame {}{}", hint.position[0], hint.position[1], hint.frame, nearest_words(*nearest))]
+    HintOnNothing {
+        hint: Hint,
+        /// Middle of the nearest moving region of the frame; none where nothing moves in it.
+        nearest: Option<[f64; 2]>,
+    },
     /// The source failed to decode.
     #[error("reading the video failed: {0}")]
     Source(String),
+}
+
+fn nearest_words(nearest: Option<[f64; 2]>) -> String {
+    nearest.map_or_else(String::new, |[x, y]| format!("; the nearest moving region is at {x:.0},{y:.0}"))
 }

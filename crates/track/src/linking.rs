@@ -4,6 +4,8 @@
 //! less the penalties of its edges and of the change of velocity between two edges. The search over edges is exact, so
 //! one wrong blob cannot lead a path astray.
 
+use std::ops::Range;
+
 use crate::options::Hint;
 
 /// Earlier frames with blobs from which an edge may come.
@@ -22,6 +24,8 @@ const CHANGE: f64 = 0.3;
 const MOST_CHANGE: f64 = 1.0;
 /// Reward of a node at a hint, in frames.
 const HINT: f64 = 1000.0;
+/// Distance within which a hint is on a small node, pixels.
+const LEAST_AIM: f64 = 4.0;
 
 /// What linking needs of a blob.
 #[derive(Debug, Clone, Copy)]
@@ -33,6 +37,13 @@ pub(crate) struct LinkNode {
     pub(crate) diameter: f64,
     /// Share of the reward that the node's looks leave, 0..=1.
     pub(crate) preference: f64,
+}
+
+impl LinkNode {
+    /// Whether a hint is on it.
+    fn is_at(&self, hint: &Hint) -> bool {
+        hint.frame == self.frame && distance(hint.position, self.centre) < self.diameter.max(LEAST_AIM)
+    }
 }
 
 /// Path through nodes.
@@ -76,11 +87,7 @@ fn heaviest(nodes: &[LinkNode]) -> f64 {
 
 /// Reward of every node: its weight against the heaviest ones, or its likeness to the hinted nodes where there are any.
 fn rewards(nodes: &[LinkNode], hints: &[Hint]) -> Vec<f64> {
-    let hinted = |node: &LinkNode| {
-        let near =
-            |hint: &Hint| hint.frame == node.frame && distance(hint.position, node.centre) < node.diameter.max(4.0);
-        hints.iter().any(near)
-    };
+    let hinted = |node: &LinkNode| hints.iter().any(|hint| node.is_at(hint));
     let mut chosen: Vec<f64> = nodes.iter().filter(|node| hinted(node)).map(|node| node.weight).collect();
     let (typical, heavy) = crate::statistics::median(&mut chosen).map_or((heaviest(nodes), false), |w| (w, true));
     let reward = |node: &LinkNode| {
@@ -89,6 +96,16 @@ fn rewards(nodes: &[LinkNode], hints: &[Hint]) -> Vec<f64> {
         likeness.clamp(0.01, 1.0).sqrt() * node.preference + if hinted(node) { HINT } else { 0.0 }
     };
     nodes.iter().map(reward).collect()
+}
+
+/// The first hint in a tracked frame that is on no node, with the middle of the nearest one in its frame.
+pub(crate) fn missed(nodes: &[LinkNode], hints: &[Hint], frames: &Range<usize>) -> Option<(Hint, Option<[f64; 2]>)> {
+    let on_none = |hint: &&Hint| frames.contains(&hint.frame) && !nodes.iter().any(|node| node.is_at(hint));
+    hints.iter().find(on_none).map(|hint| {
+        let away = |node: &&LinkNode| distance(hint.position, node.centre);
+        let nearest = nodes.iter().filter(|node| node.frame == hint.frame).min_by(|a, b| away(a).total_cmp(&away(b)));
+        (*hint, nearest.map(|node| node.centre))
+    })
 }
 
 fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
@@ -208,5 +225,11 @@ mod tests {
             .collect();
         let hint = Hint { frame: 7, position: [151.0, 22.0] };
         assert_eq!(nodes[paths(&nodes, &[hint], 100.0, 1)[0].nodes[0]].weight, 10.0);
+        assert_eq!(missed(&nodes, &[hint], &(0..20)), None);
+        let beside = Hint { position: [80.0, 28.0], ..hint };
+        assert_eq!(missed(&nodes, &[hint, beside], &(0..20)), Some((beside, Some([50.0, 28.0]))));
+        let later = Hint { frame: 25, ..hint };
+        assert_eq!(missed(&nodes, &[later], &(0..20)), None);
+        assert_eq!(missed(&nodes, &[later], &(0..30)), Some((later, None)));
     }
 }

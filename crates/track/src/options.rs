@@ -22,17 +22,20 @@ pub struct Region {
     pub last: [usize; 2],
 }
 
+/// Most objects that are told apart.
+pub const MOST_OBJECTS: usize = 16;
+
 /// Settings of tracking. The defaults suit videos of 10 to 5000 frames.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackingOptions {
     /// Frames to track; all where absent.
     pub frames: Option<Range<usize>>,
-    /// Most objects to return.
+    /// Most objects to return, at most [`MOST_OBJECTS`].
     pub objects: usize,
-    /// Most moving regions kept of a frame, and most paths that are looked for.
+    /// Most moving regions kept of a frame, and most paths that are looked for; no fewer than objects.
     pub movers: usize,
-    /// Points on the object.
+    /// Points on the object. Those in frames that are not tracked do not count.
     pub hints: Vec<Hint>,
     /// Regions in which nothing is looked for.
     pub ignore: Vec<Region>,
@@ -51,6 +54,13 @@ pub struct TrackingOptions {
     pub background_bytes: usize,
     /// Memory for the windows of one object, bytes.
     pub window_bytes: usize,
+}
+
+impl TrackingOptions {
+    /// Moving regions of a frame and paths that are looked for.
+    pub(crate) fn most_movers(&self) -> usize {
+        self.movers.max(self.objects.min(MOST_OBJECTS))
+    }
 }
 
 impl Default for TrackingOptions {

@@ -38,7 +38,7 @@ const CHANGED: f64 = 0.05;
 /// # Errors
 /// [`TrackError::TooFewFrames`], [`TrackError::FrameTooSmall`] and [`TrackError::Range`] for unsuitable videos and ranges,
 /// [`TrackError::Camera`] for a camera that moves so that frames cannot be registered, [`TrackError::NothingMoves`] and
-/// [`TrackError::NoPath`] where there is no mover, and errors of the source.
+/// [`TrackError::NoPath`] where there is no mover, [`TrackError::HintOnNothing`], and errors of the source.
 pub fn track(video: &dyn FrameSource, options: &TrackingOptions) -> Result<Tracking, TrackError> {
     let size = video.size();
     if size.width.min(size.height) < LEAST_SIDE {
@@ -72,7 +72,16 @@ pub fn track(video: &dyn FrameSource, options: &TrackingOptions) -> Result<Track
                 Hint { position, ..*hint }
             };
             let options = TrackingOptions { hints: options.hints.iter().map(hint).collect(), ..options.clone() };
-            let mut tracking = follow(&steady, samples, camera.clone(), &options)?;
+            let filmed = |error: TrackError| match error {
+                TrackError::HintOnNothing { hint, nearest } => {
+                    let place =
+                        |place: [f64; 2]| camera.pose(hint.frame).map_or(place, |pose| pose.inverse().apply(place));
+                    let hint = Hint { position: place(hint.position), ..hint };
+                    TrackError::HintOnNothing { hint, nearest: nearest.map(place) }
+                }
+                error => error,
+            };
+            let mut tracking = follow(&steady, samples, camera.clone(), &options).map_err(filmed)?;
             for track in &mut tracking.tracks {
                 let reach = 0.5 * track.diameter;
                 track.points.iter_mut().for_each(|point| within_frame(point, &camera, video.size(), reach));
@@ -207,7 +216,7 @@ impl SceneMovers {
     ) -> Result<Self, TrackError> {
         let threshold = threshold(samples, &background, options)?;
         let detections = detect(video, range.clone(), &background, threshold, options)?;
-        let candidates = candidates(&detections, video.size(), options);
+        let candidates = candidates(&detections, video.size(), options)?;
         if candidates.is_empty() {
             return Err(TrackError::NoPath { blobs: detections.iter().map(|d| d.blobs.len()).sum() });
         }

@@ -14,6 +14,8 @@ pub struct Calibration {
     lens: Option<Lens>,
     /// Pixels of a rectified frame to a metre.
     pub pixels_per_metre: f64,
+    /// See [`MotionPlane::foreshortening`], at the middle of the rectangle.
+    pub foreshortening: f64,
     /// Place of the plane's origin in a rectified frame, pixels; pixel centres are integers.
     origin: [f64; 2],
 }
@@ -33,7 +35,7 @@ impl Calibration {
         let pixels_per_metre = 1.0 / plane.metres_per_pixel(seen);
         let shown = lens.map_or(seen, |lens| lens.bent(seen));
         let origin = [shown[0] - pixels_per_metre * middle[0], shown[1] + pixels_per_metre * middle[1]];
-        Ok(Calibration { plane, lens, pixels_per_metre, origin })
+        Ok(Calibration { plane, lens, pixels_per_metre, foreshortening: plane.foreshortening(seen), origin })
     }
 
     /// Position and deviations on the plane, metres, of a position of the tracker.
@@ -65,7 +67,7 @@ mod tests {
     #[test]
     fn a_rectangle_becomes_one_with_level_sides_and_the_given_size() {
         let corners = [[100.0, 300.0], [300.0, 270.0], [300.0, 110.0], [100.0, 80.0]];
-        for lens in [None, Some(Lens::new(-0.1, 400, 400))] {
+        for lens in [None, Some(Lens::new(-0.1, 400, 400).unwrap())] {
             let calibration = Calibration::new(corners, [0.4, 0.4], lens).unwrap();
             let corner = |x: f64, y: f64| calibration.rectified([x - HALF_PIXEL, y - HALF_PIXEL]);
             let [a, b, c] = [corner(100.0, 300.0), corner(300.0, 270.0), corner(300.0, 110.0)];

@@ -5,14 +5,14 @@ use std::path::Path;
 use std::sync::mpsc::sync_channel;
 use std::thread;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use image::{Rgb, RgbImage};
 use paig::support::output::FileKind;
 use paig::support::significant::significant;
 use paig::support::{atomic, picture_file};
 use paig_track::{
-    CameraMotion, HALF_PIXEL, Hint, Point, Region, Role, Segment, Size, StatedTime, Tracking, TrackingOptions,
-    Visibility, Visitor, segments,
+    CameraMotion, HALF_PIXEL, Hint, MOST_OBJECTS, Point, Region, Role, Segment, Size, StatedTime, TrackError, Tracking,
+    TrackingOptions, Visibility, Visitor, segments,
 };
 
 use crate::calibration::Calibration;
@@ -74,36 +74,85 @@ pub struct Followed {
     pub segments: Vec<Segment>,
 }
 
+/// Factor of the second, lower threshold.
+const FAINTER: f32 = 3.0;
+/// Most movers, and moving regions of a frame, where a large one is not the object.
+pub(crate) const SMALLER_MOVERS: usize = 16;
+
+/// The same options with the lower threshold.
+pub(crate) fn fainter(options: &TrackingOptions) -> TrackingOptions {
+    TrackingOptions { threshold: options.threshold / FAINTER, ..options.clone() }
+}
+
+/// # Errors
+/// More objects than are told apart.
+pub(crate) fn check_objects(objects: usize) -> Result<()> {
+    ensure!(objects <= MOST_OBJECTS, "--objects {objects}: at most {MOST_OBJECTS} are told apart; take fewer");
+    Ok(())
+}
+
 /// Holds points and regions that a person names against the video.
 fn check_places(video: &SourceVideo, options: &TrackingOptions) -> Result<()> {
+    check_objects(options.objects)?;
     let (width, height) = (video.width, video.height);
+    let tracked = options.frames.clone().unwrap_or(0..video.frames);
     for Hint { frame, position } in &options.hints {
         // As a person gives it: from the corner of the first pixel.
         let [x, y] = position.map(|place| place + HALF_PIXEL);
         ensure!(*frame < video.frames, "--at {frame}:{x},{y}: it has {} frames, counted from 0", video.frames);
         ensure!(
+            tracked.contains(frame),
+            "--at {frame}:{x},{y}: frames {}..{} are tracked; name one of them",
+            tracked.start,
+            tracked.end
+        );
+        ensure!(
             (0.0..=f64::from(width)).contains(&x) && (0.0..=f64::from(height)).contains(&y),
             "--at {frame}:{x},{y}: the point is outside the picture of {width} x {height} pixels"
         );
     }
-    for Region { first: [x, y], .. } in &options.ignore {
+    for Region { first: [x, y], last: [right, bottom] } in &options.ignore {
         ensure!(
-            *x < width as usize && *y < height as usize,
-            "--ignore {x},{y},..: the rectangle is outside the picture of {width} x {height} pixels"
+            *right < width as usize && *bottom < height as usize,
+            "--ignore {x},{y},{},{}: must lie within the frames of {width} x {height}",
+            (right - x).saturating_add(1),
+            (bottom - y).saturating_add(1)
         );
     }
     Ok(())
 }
 
+/// Tracks movers on which all hints are: where there are none, smaller and fainter ones.
+fn movers(video: &SourceVideo, options: &TrackingOptions) -> Result<Tracking> {
+    let follow = |options: &TrackingOptions| paig_track::track(&TrackerFrames(video), options);
+    let rectified = |hint: &Hint| {
+        let position = video.calibration().map_or(hint.position, |calibration| calibration.rectified(hint.position));
+        Hint { position, ..*hint }
+    };
+    let options = TrackingOptions { hints: options.hints.iter().map(rectified).collect(), ..options.clone() };
+    let tracked = follow(&options);
+    let Err(TrackError::HintOnNothing { hint, nearest }) = tracked else { return Ok(tracked?) };
+    follow(&TrackingOptions { movers: SMALLER_MOVERS, ..fainter(&options) }).map_err(|_| {
+        // As a person gives it.
+        let text = |place: [f64; 2]| {
+            let [x, y] = video.calibration().map_or(place, |calibration| calibration.filmed(place));
+            format!("{:.0},{:.0}", x + HALF_PIXEL, y + HALF_PIXEL)
+        };
+        let nearest = nearest
+            .map_or("nor elsewhere in this frame".into(), |place| format!("the nearest mover is at {}", text(place)));
+        let (frame, place) = (hint.frame, text(hint.position));
+        anyhow!("--at {frame}:{place}: nothing moves there, {nearest}; name a point on the object where it moves")
+    })
+}
+
 /// Tracks the objects of a video. Shadows, hands and arms are told apart from objects and left out.
 ///
 /// # Errors
-/// Damage, frames outside the video, nothing that moves or can be followed, a camera that moves so that frames cannot be
-/// registered.
+/// Damage, frames outside the video, nothing that moves or can be followed, a hint where nothing moves, a region beyond the picture, a
+/// camera that moves so that frames cannot be registered.
 pub fn track(video: &SourceVideo, options: &TrackingOptions) -> Result<Followed> {
     check_places(video, options).with_context(|| format!("video {}", video.name()))?;
-    let mut tracking =
-        paig_track::track(&TrackerFrames(video), options).with_context(|| format!("video {}", video.name()))?;
+    let mut tracking = movers(video, options).with_context(|| format!("video {}", video.name()))?;
     ensure!(
         tracking.moving_share <= MOVING_CAMERA || tracking.camera.motion != CameraMotion::Unknown,
         "video {}: {:.0} % of its pixels differ from a still background; the camera seems to move",
@@ -266,6 +315,40 @@ mod tests {
         let seconds: Vec<f64> = rows.iter().map(|row| number(row[2])).collect();
         assert!((seconds[29] - 29.0 * 0.04).abs() < 1e-6, "{seconds:?}");
         assert_eq!(image::open(&picture).unwrap().into_rgb8().dimensions(), (140, 90));
+    }
+
+    /// The disc is at 50,40 in frame 10.
+    #[test]
+    fn places_that_the_video_contradicts_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let film = folder.path().join("a.gif");
+        write_gif(&film);
+        let video = SourceVideo::open(&film).unwrap();
+        let at = |frame, x: f64, y: f64| TrackingOptions {
+            frames: Some(0..20),
+            hints: vec![Hint { frame, position: [x - HALF_PIXEL, y - HALF_PIXEL] }],
+            ..TrackingOptions::default()
+        };
+        let ignore =
+            |last| TrackingOptions { ignore: vec![Region { first: [100, 60], last }], ..TrackingOptions::default() };
+        for (options, reason) in [
+            (at(10, 110.0, 70.0), "--at 10:110,70: nothing moves there, the nearest mover is at 50,40; name a point"),
+            (at(25, 95.0, 55.0), "--at 25:95,55: frames 0..20 are tracked"),
+            (at(30, 1.0, 1.0), "it has 30 frames"),
+            (at(10, 141.0, 70.0), "outside the picture of 140 x 90"),
+            (ignore([140, 70]), "--ignore 100,60,41,11: must lie within the frames of 140 x 90"),
+            (ignore([usize::MAX; 2]), "must lie within the frames"),
+            (
+                TrackingOptions { objects: 1000, ..TrackingOptions::default() },
+                "--objects 1000: at most 16 are told apart",
+            ),
+        ] {
+            let error = format!("{:#}", track(&video, &options).unwrap_err());
+            assert!(error.contains(reason), "{error}");
+        }
+        for options in [at(10, 52.0, 41.0), ignore([139, 89])] {
+            assert_eq!(track(&video, &options).unwrap().tracking.tracks.len(), 1);
+        }
     }
 
     #[test]

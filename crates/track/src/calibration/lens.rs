@@ -20,7 +20,20 @@ pub struct Lens {
 
 impl Lens {
     /// Lens of a picture of `width` by `height` pixels whose axis goes through the middle.
-    pub fn new(coefficient: f64, width: usize, height: usize) -> Self {
+    ///
+    /// # Errors
+    /// A coefficient beyond (-1, 1): the map from pixels to places without distortion is not monotonic along a radius of the
+    /// picture.
+    pub fn new(coefficient: f64, width: usize, height: usize) -> Result<Self, CalibrationError> {
+        // The map's derivative (1 - k r^2) / (1 + k r^2)^2 changes its sign or its value is infinite at r^2 = 1 / |k|.
+        if coefficient.abs() < 1.0 {
+            Ok(Self::of(coefficient, width, height))
+        } else {
+            Err(CalibrationError::Folded { coefficient, radius: coefficient.abs().powf(-0.5) })
+        }
+    }
+
+    fn of(coefficient: f64, width: usize, height: usize) -> Self {
         let middle = [0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0)];
         Self { coefficient, middle, radius: middle[0].hypot(middle[1]) }
     }
@@ -35,7 +48,7 @@ impl Lens {
             return Err(CalibrationError::FewPoints { least: LEAST_POINTS, found });
         }
         let bend = |coefficient: f64| {
-            let lens = Self::new(coefficient, width, height);
+            let lens = Self::of(coefficient, width, height);
             lines.iter().map(|line| bend(line.iter().map(|point| lens.straight(*point)))).sum::<f64>()
         };
         // The bend has one minimum: golden section.
@@ -53,7 +66,7 @@ impl Lens {
         if (bend(MOST).max(bend(-MOST)) - bend(best)).sqrt() < LEAST_BEND {
             return Err(CalibrationError::Unidentifiable);
         }
-        Ok(Self::new(best, width, height))
+        Ok(Self::of(best, width, height))
     }
 
     /// Place of a pixel without distortion.
@@ -94,7 +107,7 @@ mod tests {
 
     #[test]
     fn straight_lines_give_the_coefficient() {
-        let lens = Lens::new(-0.12, 1280, 720);
+        let lens = Lens::new(-0.12, 1280, 720).unwrap();
         let line = |from: [f64; 2], to: [f64; 2]| -> Vec<[f64; 2]> {
             (0..8)
                 .map(|k| f64::from(k) / 7.0)
@@ -109,12 +122,28 @@ mod tests {
     #[test]
     fn a_bent_place_is_straightened_to_where_it_was() {
         for coefficient in [-0.2, 0.0, 0.15] {
-            let lens = Lens::new(coefficient, 1280, 720);
+            let lens = Lens::new(coefficient, 1280, 720).unwrap();
             for place in [[100.0, 80.0], [640.0, 360.0], [1100.0, 500.0]] {
                 let [x, y] = lens.straight(lens.bent(place));
                 assert!((x - place[0]).hypot(y - place[1]) < 1e-9, "{coefficient} {place:?}: {x} {y}");
             }
         }
+    }
+
+    /// The largest coefficients that are taken still map each radius to another place; larger ones do not.
+    #[test]
+    fn a_lens_that_folds_the_picture_is_refused() {
+        for coefficient in [-0.999, 0.999] {
+            let lens = Lens::new(coefficient, 641, 481).unwrap();
+            let along =
+                (0..=100).map(|step| lens.straight([320.0 + 3.2 * f64::from(step), 240.0 + 2.4 * f64::from(step)])[0]);
+            assert!(along.collect::<Vec<_>>().windows(2).all(|pair| pair[0] < pair[1]), "{coefficient}");
+        }
+        for coefficient in [-1.0, 1.0, -4.0, 100.0, f64::NAN] {
+            assert!(Lens::new(coefficient, 641, 481).is_err(), "{coefficient}");
+        }
+        let said = Lens::new(100.0, 641, 481).unwrap_err().to_string();
+        assert!(said.contains("100") && said.contains("at 0.100 of"), "{said}");
     }
 
     #[test]

@@ -18,6 +18,18 @@ pub enum CalibrationError {
     /// The corners of a rectangle seen from its front go round a convex quadrilateral.
     #[error("expected four corners in order around the rectangle, found a shape that is not convex")]
     Corners,
+    /// Each pixel is to show a place of its own.
+    #[error(
+        "expected a coefficient of distortion between -1 and 1, found {coefficient:?}, which folds the picture over at \
+         {radius:.3} of its half diagonal"
+    )]
+    Folded { coefficient: f64, radius: f64 },
+    /// A plane seen from its edge shows no place in it.
+    #[error(
+        "expected a rectangle of {width:?} x {height:?} m, found corners of another shape: a pixel would be more than {most} times \
+         as long one way as the other; check its width and height"
+    )]
+    EdgeOn { width: f64, height: f64, most: f64 },
     /// A straight line needs points to show its bend.
     #[error("expected at least {least} points on each line, found {found}")]
     FewPoints { least: usize, found: usize },

@@ -4,6 +4,9 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector3};
 
 use super::CalibrationError;
 
+/// Foreshortening of a rectangle beyond which its corners are not those of its sides: 87 degrees from the front.
+const EDGE_ON: f64 = 20.0;
+
 /// Plane of the motion: maps pixels to metres and back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionPlane {
@@ -16,7 +19,8 @@ impl MotionPlane {
     /// right, top right, top left. The origin is the bottom left corner, x runs along the bottom, y up.
     ///
     /// # Errors
-    /// Sides that are not positive; corners that are not in order around a convex shape.
+    /// Sides that are not positive; corners that are not in order around a convex shape, or show a rectangle of these sides from its
+    /// edge.
     pub fn of_rectangle(corners: [[f64; 2]; 4], width: f64, height: f64) -> Result<Self, CalibrationError> {
         if !(width > 0.0 && height > 0.0 && width.is_finite() && height.is_finite()) {
             return Err(CalibrationError::Sides { width, height });
@@ -32,7 +36,19 @@ impl MotionPlane {
         let metres = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
         let to_pixels = homography(metres, corners).ok_or(CalibrationError::Corners)?;
         let to_metres = to_pixels.try_inverse().ok_or(CalibrationError::Corners)?;
-        Ok(Self { to_metres, to_pixels })
+        let plane = Self { to_metres, to_pixels };
+        let ratio = plane.foreshortening(plane.pixel([0.5 * width, 0.5 * height]));
+        if ratio.is_nan() || ratio > EDGE_ON {
+            return Err(CalibrationError::EdgeOn { width, height, most: EDGE_ON });
+        }
+        Ok(plane)
+    }
+
+    /// Metres per pixel in the direction in which they are most over those in the direction in which they are least, at a pixel: 1
+    /// from the front, 1 / cos of the angle obliquely.
+    pub fn foreshortening(&self, pixel: [f64; 2]) -> f64 {
+        let sizes = self.jacobian(pixel).singular_values();
+        sizes[0].max(sizes[1]) / sizes[0].min(sizes[1])
     }
 
     /// Place on the plane of a pixel, metres.
@@ -126,5 +142,19 @@ mod tests {
         assert_eq!(MotionPlane::of_rectangle(corners, 1.0, 1.0), Err(CalibrationError::Corners));
         let corners = [[0.0, 0.0], [100.0, 0.0], [100.0, 80.0], [0.0, 80.0]];
         assert!(matches!(MotionPlane::of_rectangle(corners, 0.0, 1.0), Err(CalibrationError::Sides { .. })));
+    }
+
+    #[test]
+    fn sides_that_the_corners_cannot_show_are_refused() {
+        let corners = [[0.0, 80.0], [100.0, 80.0], [100.0, 0.0], [0.0, 0.0]];
+        let ratio = |width: f64, height: f64| {
+            let plane = MotionPlane::of_rectangle(corners, width, height)?;
+            Ok::<_, CalibrationError>(plane.foreshortening([50.0, 40.0]))
+        };
+        // From the front, and where the height is seen at half its length.
+        assert!((ratio(1.0, 0.8).unwrap() - 1.0).abs() < 1e-9 && (ratio(1.0, 1.6).unwrap() - 2.0).abs() < 1e-9);
+        for (width, height) in [(1e9, 1e-9), (1e-9, 1e9), (1.0, 0.03)] {
+            assert!(matches!(ratio(width, height), Err(CalibrationError::EdgeOn { .. })), "{width} x {height}");
+        }
     }
 }

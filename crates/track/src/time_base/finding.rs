@@ -29,6 +29,8 @@ pub enum Finding {
     RateChange { frame: usize, before: f64, after: f64 },
     /// No camera films at this rate, frames a second.
     Impossible { rate: f64 },
+    /// A stated rate at which hardly any camera films, frames a second.
+    TooFast { rate: f64 },
     /// An unusual rate, frames a second.
     Unusual { rate: f64 },
     /// The header claims another rate than the stamps; frames a second.
@@ -71,6 +73,9 @@ impl Finding {
                 format!(
                     "{rate:.0} frames a second are no camera's rate; times in seconds are wrong until --fps is given"
                 )
+            }
+            Self::TooFast { rate } => {
+                format!("{rate:.0} frames a second are more than nearly all cameras film; check --fps or --slow-motion")
             }
             Self::Unusual { rate } => format!(
                 "{rate:.2} frames a second are unusual; 1 % in the time is 2 % in an acceleration: give --fps if you know it"

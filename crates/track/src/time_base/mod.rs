@@ -12,6 +12,7 @@ mod stamps;
 
 pub use finding::Finding;
 pub use gravity::gravity_line;
+pub use stamps::FASTEST;
 
 use crate::pictures::Change;
 use crate::track::Track;
@@ -23,7 +24,7 @@ pub struct StatedTime {
     pub times: Option<Vec<f64>>,
     /// Frame rate that a header claims, frames a second.
     pub claimed_rate: Option<f64>,
-    /// Frame rate at which a tag says the camera recorded, frames a second.
+    /// Frame rate at which the camera recorded by a tag or a person, frames a second.
     pub capture_rate: Option<f64>,
     /// Pieces of the recording that are shown: presentation time at which each begins, seconds, and its speed.
     pub pieces: Vec<(f64, f64)>,

@@ -12,6 +12,8 @@ const USUAL: [f64; 22] = [
 const SAME_RATE: f64 = 0.01;
 /// Rate from which on only a tag or a person is believed, frames a second.
 const IMPOSSIBLE: f64 = 499.0;
+/// Frames a second beyond which a statement is rather a mistake: only few cameras film faster.
+pub const FASTEST: f64 = 1e5;
 /// Distance of a stamp from a regular clock, as a share of the interval, up to which stamps are regular.
 const REGULAR: f64 = 0.25;
 /// Distance of a gap from a whole number of intervals, as a share of one.
@@ -47,7 +49,10 @@ pub(super) fn read(base: &mut TimeBase, clock: &StatedTime, slow_motion: Option<
         }
     }
     let filmed = rate * base.slow_motion;
-    if filmed >= IMPOSSIBLE && clock.capture_rate.is_none() && slow_motion.is_none() {
+    let stated = clock.capture_rate.is_some() || slow_motion.is_some();
+    if filmed > FASTEST && stated {
+        base.findings.push(Finding::TooFast { rate: filmed });
+    } else if filmed >= IMPOSSIBLE && !stated {
         base.findings.push(Finding::Impossible { rate: filmed });
     } else if !USUAL.iter().any(|usual| (filmed / usual - 1.0).abs() <= SAME_RATE) {
         base.findings.push(Finding::Unusual { rate: filmed });
@@ -193,6 +198,17 @@ mod tests {
 
     #[test]
     fn impossible_rates_are_named() {
+        for (factor, too_fast) in [(8.0, false), (1000.0, false), (1e6, true)] {
+            let found = of(regular(20, 30.0), StatedTime::default(), Some(factor)).findings;
+            let rates = found
+                .iter()
+                .filter(|it| matches!(it, Finding::TooFast { rate } if (rate / 30.0 / factor - 1.0).abs() < 1e-6));
+            assert_eq!(rates.count(), usize::from(too_fast), "{found:?}");
+        }
+        let given =
+            |rate: f64| of(regular(20, rate), StatedTime { capture_rate: Some(rate), ..StatedTime::default() }, None);
+        assert!(matches!(given(1e7).findings[..], [Finding::TooFast { .. }]));
+        assert!(!given(1000.0).findings.iter().any(|it| matches!(it, Finding::Impossible { .. })));
         assert_eq!(
             of(regular(20, 1000.0), StatedTime::default(), None).findings,
             [Finding::Impossible { rate: 1000.0 }]

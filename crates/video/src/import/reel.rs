@@ -1,6 +1,5 @@
 //! The takes of one request: videos, or parts of them, and the frames that are used.
 
-use std::fs;
 use std::path::{self, PathBuf};
 use std::rc::Rc;
 
@@ -13,7 +12,7 @@ use super::crop::{CropChoice, CropRectangle, Square};
 use super::hold_out::HoldOut;
 use super::motion::{self, MovingArea, spread};
 use super::request::ImportRequest;
-use super::sources::{Passes, SourceVideo, check_slow_motion};
+use super::sources::{Passes, SourceVideo, check_slow_motion, ensure_each_once};
 use super::time_base::{Kept, VideoPart};
 use super::{ImportProgress, MOST_KEPT};
 use paig::tasks::video;
@@ -68,13 +67,7 @@ impl Reel {
                 path.display()
             );
         }
-        // One file may have several names.
-        let real = |path: &PathBuf| fs::canonicalize(path).with_context(|| format!("video {}", path.display()));
-        let real = request.videos.iter().map(real).collect::<Result<Vec<_>>>()?;
-        for (place, path) in request.videos.iter().enumerate() {
-            let again = real[..place].contains(&real[place]);
-            ensure!(!again, "video {} is given twice; what one holds out, the other would train on", path.display());
-        }
+        ensure_each_once(&request.videos)?;
         let parts = || videos.iter().flat_map(|video| request.parts.iter().map(move |part| (video, *part)));
         let every = |step: usize| {
             let choose = |(video, part): (&Rc<SourceVideo>, VideoPart)| {

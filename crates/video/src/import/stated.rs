@@ -1,12 +1,15 @@
 //! Statements of the user about videos, held against the videos themselves.
 
 use anyhow::{Result, ensure};
+use paig_track::{FASTEST, Finding};
 
 use super::sources::SourceVideo;
 use super::tracker::TrackerFile;
 
 /// Widths of a picture that can be, metres: from a few atoms to the inner solar system.
-pub(super) const WIDTHS: [f64; 2] = [1e-9, 1e12];
+const WIDTHS: [f64; 2] = [1e-9, 1e12];
+/// Widths that are usual, metres: from one through a microscope to one from a satellite.
+const USUAL_WIDTHS: [f64; 2] = [1e-6, 1e5];
 /// Frames a second that can be: one in a month, and a streak camera.
 const RATES: [f64; 2] = [1e-7, 1e12];
 /// Picture sides by which the origin of the axes may lie outside.
@@ -15,6 +18,23 @@ const FAR: f64 = 1000.0;
 const FULL_TURN: f64 = 360.0;
 /// Part by which the frame rate of a Tracker file may differ from the video's.
 const SAME_RATE: f64 = 0.02;
+
+/// Holds the width that a statement gives the picture, metres, against what is filmed. Returns a warning about an unusual one.
+///
+/// # Errors
+/// A width that cannot be.
+pub(super) fn check_width(stated: &str, width: f64) -> Result<Option<String>> {
+    let within = |[least, most]: [f64; 2]| (least..=most).contains(&width);
+    let [least, most] = WIDTHS;
+    ensure!(within(WIDTHS), "{stated} the picture {width:e} m wide; expected {least:e} to {most:e} m");
+    let [least, most] = USUAL_WIDTHS;
+    let advice = || {
+        format!(
+            "{stated} the picture {width:.3e} m wide; usual are {least:e} to {most:e} m: check the lengths, in metres"
+        )
+    };
+    Ok((!within(USUAL_WIDTHS)).then(advice))
+}
 
 /// Scale, axes and time of videos as the user states them.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -57,15 +77,8 @@ impl Stated {
                 "--scale: the point {x},{y} is outside the picture of {width} x {height} pixels"
             );
         }
-        if let Some(pixels) = self.pixels_per_metre {
-            ensure!(
-                pixels > 0.0 && (WIDTHS[0]..=WIDTHS[1]).contains(&(width / pixels)),
-                "{pixels:e} pixels to a metre make the picture {:e} m wide; expected {:e} to {:e} m",
-                width / pixels,
-                WIDTHS[0],
-                WIDTHS[1]
-            );
-        }
+        let of_width = |pixels: f64| check_width(&format!("{pixels:e} pixels to a metre make"), width / pixels);
+        let doubt = self.pixels_per_metre.map(of_width).transpose()?.flatten();
         if let Some([x, y]) = self.origin {
             let far = FAR * width.max(height);
             ensure!(
@@ -73,7 +86,9 @@ impl Stated {
                 "--origin {x:e},{y:e}: more than {FAR} picture sides away from the picture of {width} x {height} pixels"
             );
         }
-        Ok(self.tracker.iter().filter_map(|tracker| self.time_of(tracker, video)).collect())
+        let other_time = self.tracker.iter().filter_map(|tracker| self.time_of(tracker, video));
+        let too_fast = self.fps.filter(|fps| *fps > FASTEST).map(|rate| Finding::TooFast { rate }.line());
+        Ok(doubt.into_iter().chain(too_fast).chain(other_time).collect())
     }
 
     /// A warning where the time base of a Tracker file is not the video's, and no frame rate is given besides.
@@ -141,6 +156,18 @@ mod tests {
             ..stated
         };
         assert_eq!(right.check(&video).unwrap(), [""; 0]);
+    }
+
+    /// Microscopes and satellites are usual; what is 1000 times beyond them is rather a mistake in the unit.
+    #[test]
+    fn unusual_widths_are_warned_about() {
+        let (_folder, video) = video();
+        for (width, doubtful) in [(2e-6, false), (3.0, false), (9e4, false), (4e-9, true), (1e9, true)] {
+            let stated = Stated { pixels_per_metre: Some(40.0 / width), ..Stated::default() };
+            let warnings = stated.check(&video).unwrap();
+            assert_eq!(warnings.len(), usize::from(doubtful), "{width}: {warnings:?}");
+            assert!(warnings.iter().all(|it| it.contains(&format!("{width:.3e} m wide"))), "{warnings:?}");
+        }
     }
 
     #[test]

@@ -42,11 +42,7 @@ pub(super) fn of(
     let mut warnings = Vec::new();
     for VideoTake { video, kept, .. } in &reel.takes {
         let (name, rate) = (video.name(), request.step as f64 / kept.interval);
-        for remark in video.remarks.iter().map(|remark| format!("{name}: {remark}")) {
-            if !warnings.contains(&remark) {
-                warnings.push(remark);
-            }
-        }
+        warnings.extend(video.remarks.iter().map(|remark| format!("{name}: {remark}")));
         match kept.clock {
             FrameSpacing::Given => {}
             FrameSpacing::Regular => {

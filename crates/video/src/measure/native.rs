@@ -5,14 +5,15 @@ use std::ops::Range;
 
 use anyhow::{Result, bail};
 use paig_track::{
-    CameraMotion, CameraPath, Finding, HALF_PIXEL, Method, Point, Segment, Track, Tracking, TrackingOptions, Visibility,
+    CameraMotion, CameraPath, Finding, HALF_PIXEL, MOST_OBJECTS, Method, Point, Segment, Track, Tracking,
+    TrackingOptions, Visibility,
 };
 
 use super::proposals::{Proposal, proposals};
 use super::recording::Positions;
 use super::scale::Scale;
 use crate::import::sources::SourceVideo;
-use crate::track::{Followed, track};
+use crate::track::{Followed, SMALLER_MOVERS, check_objects, fainter, track};
 use paig::network::System;
 use paig::network::cells::Coordinates;
 use paig::support::statistics::upper_median;
@@ -23,14 +24,10 @@ const LEAST_WEIGHT: f64 = 0.1;
 const PANS: f64 = 0.35;
 /// Factor beyond which a speed that changes at once, in the same direction, is slow motion rather than a blow.
 const SLOW_MOTION: f64 = 4.0;
-/// Factor of the second, lower threshold.
-const FAINTER: f32 = 3.0;
 /// Extent of a path over the mover's diameter from which on it may be the object in place of a larger one.
 const TRAVELS: f64 = 0.2;
 /// Median second difference of its positions over that in shuffled order, up to which it may.
 const SMOOTH: f64 = 0.2;
-/// Most movers, and moving regions of a frame, of the search for others than the likeliest.
-const SMALLER_MOVERS: usize = 16;
 /// Extents, in diameters, beyond which a longer way makes a mover no likelier.
 const FAR: f64 = 4.0;
 /// Most tracks that are looked for beyond the objects: shadows, hands, and what else moves.
@@ -69,12 +66,12 @@ impl TrackedVideo {
     /// # Errors
     /// As [`track`], and fewer objects than the system has.
     pub fn of(video: &SourceVideo, options: &TrackingOptions, objects: usize) -> Result<Self> {
-        let options = TrackingOptions { objects: objects + OTHERS, ..options.clone() };
+        check_objects(objects)?;
+        let options = TrackingOptions { objects: (objects + OTHERS).min(MOST_OBJECTS), ..options.clone() };
         let mut followed = track(video, &options)?;
         if followed.tracking.tracks.len() < objects {
             // A faint or small object is below the threshold that a bright one sets.
-            let fainter = TrackingOptions { threshold: options.threshold / FAINTER, ..options };
-            followed = track(video, &fainter)?;
+            followed = track(video, &fainter(&options))?;
         }
         let Followed { tracking: Tracking { mut tracks, camera, time, .. }, segments } = followed;
         let mut others = Vec::new();
@@ -115,12 +112,7 @@ impl TrackedVideo {
     /// # Errors
     /// As [`track`].
     pub fn others(&self, video: &SourceVideo, options: &TrackingOptions) -> Result<Vec<Self>> {
-        let options = TrackingOptions {
-            objects: SMALLER_MOVERS,
-            movers: SMALLER_MOVERS,
-            threshold: options.threshold / FAINTER,
-            ..options.clone()
-        };
+        let options = TrackingOptions { objects: SMALLER_MOVERS, movers: SMALLER_MOVERS, ..fainter(options) };
         let Followed { tracking: Tracking { tracks, camera, time, .. }, segments } = track(video, &options)?;
         let mut found = Vec::new();
         for (index, mut track) in tracks.into_iter().enumerate() {

@@ -15,6 +15,7 @@ use super::recording::{Observation, RecordedSystem, Recording, learned_from};
 use super::scale::Scale;
 use super::{ComparedEquation, Subject};
 use crate::import::crop::CropRectangle;
+use crate::import::each_once;
 use crate::import::sources::{self, Filming};
 use crate::import::stated::Stated;
 use crate::import::time_base::{VideoPart, range};
@@ -101,6 +102,11 @@ struct TrackedTake {
     first_seconds: f64,
 }
 
+/// The points that are named in these frames.
+fn hints_in(hints: &[Hint], frames: &Range<usize>) -> Vec<Hint> {
+    hints.iter().filter(|hint| frames.contains(&hint.frame)).copied().collect()
+}
+
 /// Frames of the pieces with which a fit to recordings begins, the shortest of which has so many frames to learn from.
 pub(super) fn piece_of(shortest: usize) -> usize {
     (shortest / PIECE_SHARE).clamp(PIECES.start, PIECES.end)
@@ -122,9 +128,22 @@ impl VideoRequest {
     pub(super) fn films(&self) -> Result<Vec<TrackedPart>> {
         ensure!(!self.videos.is_empty(), "no video given");
         let (_, objects) = self.system()?;
-        let each =
-            self.videos.iter().flat_map(|path| self.parts.iter().map(move |part| self.film(path, *part, objects)));
-        each.collect()
+        let each = self.videos.iter().flat_map(|path| self.parts.iter().map(move |part| self.opened(path, *part)));
+        let opened = each.collect::<Result<Vec<_>>>()?;
+        sources::ensure_each_once(&self.videos)?;
+        for Hint { frame, .. } in &self.hints {
+            let parts = opened.iter().map(|(_, part)| format!("{}..{}", part.start, part.end));
+            ensure!(
+                opened.iter().any(|(_, part)| part.contains(frame)),
+                "--at {frame}:..: frames {} are tracked; name one of them",
+                parts.collect::<Vec<_>>().join(", ")
+            );
+        }
+        opened
+            .into_iter()
+            .zip(self.parts.iter().cycle())
+            .map(|((video, part), of)| self.film(video, part, *of, objects))
+            .collect()
     }
 
     pub(super) fn subject(&self, films: &[TrackedPart], parts: MeasuredParts) -> Result<(Subject, EquationChoice)> {
@@ -216,7 +235,7 @@ impl VideoRequest {
         let doubts = tracked().flat_map(|take| take.tracked.doubts.iter().cloned()).collect();
         let notes = tracked().flat_map(|take| take.video.remarks.iter().chain(&take.tracked.notes).cloned());
         let diameters = takes[0].tracked.tracks.iter().map(|track| track.diameter).collect();
-        let notes = doubtful.into_iter().chain(notes).chain(proposed).collect();
+        let notes = each_once(doubtful.into_iter().chain(notes).chain(proposed).collect());
         let subject = Subject {
             task: names.join(", "),
             pictures: takes.into_iter().map(|take| pictures::PictureSource::Filmed(take.video)).collect(),
@@ -263,20 +282,26 @@ impl VideoRequest {
         }
     }
 
-    /// A part of a video with its objects tracked.
-    fn film(&self, path: &Path, part: VideoPart, objects: usize) -> Result<TrackedPart> {
+    /// A video and the frames of its part.
+    fn opened(&self, path: &Path, part: VideoPart) -> Result<(sources::SourceVideo, Range<usize>)> {
         let video = self.filming.open(path)?;
-        let named = || format!("video {}", path.display());
-        let named_part = part != VideoPart::All;
-        let part = range(video.frames, video.times.as_deref(), None, part).with_context(named)?;
-        let calibration = self.filming.calibration(&video).context("--plane").with_context(named)?;
-        let hint = |hint: &Hint| match &calibration {
-            Some(calibration) => Hint { position: calibration.rectified(hint.position), ..*hint },
-            None => *hint,
-        };
+        let part = range(video.frames, video.times.as_deref(), None, part);
+        let part = part.with_context(|| format!("video {}", path.display()))?;
+        Ok((video, part))
+    }
+
+    /// A part of a video with its objects tracked.
+    fn film(
+        &self,
+        video: sources::SourceVideo,
+        frames: Range<usize>,
+        part: VideoPart,
+        objects: usize,
+    ) -> Result<TrackedPart> {
+        let calibration = self.filming.calibration(&video)?;
         let options = TrackingOptions {
-            frames: Some(part),
-            hints: self.hints.iter().map(hint).collect(),
+            hints: hints_in(&self.hints, &frames),
+            frames: Some(frames),
             ignore: self.ignore.clone(),
             slow_motion: self.filming.slow_motion,
             readout: self.filming.readout,
@@ -284,7 +309,7 @@ impl VideoRequest {
         };
         let video = calibration.iter().fold(video, sources::SourceVideo::rectified);
         let tracked = TrackedVideo::of(&video, &options, objects)?;
-        Ok(TrackedPart::new(Rc::new(video), tracked, options, named_part))
+        Ok(TrackedPart::new(Rc::new(video), tracked, options, part != VideoPart::All))
     }
 }
 
@@ -300,7 +325,8 @@ impl TrackedPart {
         let TrackedPart { video, tracked, options, .. } = self;
         let Proposal { frames, reason } = self.free.iter().max_by_key(|part| part.frames.len())?;
         let all = options.frames.as_ref().map_or(video.frames, Range::len);
-        let alone = TrackingOptions { frames: Some(frames.clone()), ..options.clone() };
+        let hints = hints_in(&options.hints, frames);
+        let alone = TrackingOptions { frames: Some(frames.clone()), hints, ..options.clone() };
         let tracked = (frames.len() < all).then(|| TrackedVideo::of(video, &alone, tracked.tracks.len()).ok())??;
         let Range { start, end } = *frames;
         let note = format!(

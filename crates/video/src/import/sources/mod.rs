@@ -17,7 +17,7 @@ use paig_track::{Finding, StatedTime, TimeBase};
 use self::film::FilmPass;
 pub(super) use self::filming::check_slow_motion;
 pub use self::filming::{Filming, ReferenceRectangle};
-use self::rectified::{Rectified, Samples};
+use self::rectified::{Rectification, Rectified};
 use crate::calibration::Calibration;
 use crate::import::names::{TASK, TRAIN};
 use paig::support::random::Fnv1a;
@@ -44,8 +44,8 @@ pub struct SourceVideo {
     /// Remarks on the file, for people.
     pub remarks: Vec<String>,
     source: OpenedSource,
-    /// Where the pixels of rectified frames lie, if frames are rectified.
-    samples: Option<Samples>,
+    /// How frames are rectified, if they are.
+    rectification: Option<Rectification>,
 }
 
 #[derive(Debug)]
@@ -96,7 +96,8 @@ impl SourceVideo {
             let times = clock.times.clone();
             let file_rate = times.as_deref().and_then(mean_rate);
             let path = path.into();
-            Ok(SourceVideo { path, width, height, frames, times, file_rate, clock, remarks, source, samples: None })
+            let rectification = None;
+            Ok(SourceVideo { path, width, height, frames, times, file_rate, clock, remarks, source, rectification })
         };
         read().with_context(|| format!("video {}", path.display()))
     }
@@ -110,8 +111,8 @@ impl SourceVideo {
             OpenedSource::Film(film) => Box::new(FilmPass::new(film, (self.width, self.height))),
             OpenedSource::Array(film) => Box::new(film),
         };
-        Ok(match &self.samples {
-            Some(samples) => Box::new(Rectified { frames, samples }),
+        Ok(match &self.rectification {
+            Some(rectification) => Box::new(Rectified { frames, rectification }),
             None => frames,
         })
     }
@@ -165,8 +166,9 @@ impl SourceVideo {
     pub fn timed(self, slow_motion: Option<f64>) -> Self {
         let TimeBase { times, findings, .. } = TimeBase::new(&self.clock, slow_motion);
         let concerns = |finding: &&Finding| {
-            let all = matches!(finding, Finding::SlowMotion { .. } | Finding::Impossible { .. });
-            all || matches!(finding, Finding::Claimed { .. } | Finding::EditedSpeed { .. })
+            let rates =
+                matches!(finding, Finding::SlowMotion { .. } | Finding::Impossible { .. } | Finding::TooFast { .. });
+            rates || matches!(finding, Finding::Claimed { .. } | Finding::EditedSpeed { .. })
         };
         let lines = findings.iter().filter(concerns).map(Finding::line);
         let remarks = self.remarks.into_iter().chain(lines).collect();
@@ -177,15 +179,20 @@ impl SourceVideo {
     #[must_use]
     pub fn at_rate(self, fps: f64) -> Self {
         let times: Vec<f64> = (0..self.frames).map(|frame| frame as f64 / fps).collect();
-        let clock = StatedTime { times: Some(times.clone()), ..StatedTime::default() };
+        let clock = StatedTime { times: Some(times.clone()), capture_rate: Some(fps), ..StatedTime::default() };
         SourceVideo { times: Some(times), clock, ..self }
     }
 
     /// The same with frames as a camera in front of the plane of the motion would film them.
     #[must_use]
     pub fn rectified(self, calibration: &Calibration) -> Self {
-        let samples = Samples::of(calibration, (self.width, self.height));
-        SourceVideo { samples: Some(samples), ..self }
+        let rectification = Rectification::new(calibration, (self.width, self.height));
+        SourceVideo { rectification: Some(rectification), ..self }
+    }
+
+    /// By what the frames are rectified, if they are.
+    pub(crate) fn calibration(&self) -> Option<&Calibration> {
+        self.rectification.as_ref().map(|rectification| &rectification.calibration)
     }
 
     /// Whether a new decoder goes to the first frame it is asked for at once, or nearly so; else it decodes all before it.
@@ -201,6 +208,17 @@ impl SourceVideo {
         let name = self.path.file_name().unwrap_or(self.path.as_os_str());
         name.to_string_lossy().into_owned()
     }
+}
+
+/// # Errors
+/// A video that is given twice, also by another name: what one of them holds out, the other would fit.
+pub(crate) fn ensure_each_once(videos: &[PathBuf]) -> Result<()> {
+    let real = |path: &PathBuf| std::fs::canonicalize(path).with_context(|| format!("video {}", path.display()));
+    let real = videos.iter().map(real).collect::<Result<Vec<_>>>()?;
+    for (place, path) in videos.iter().enumerate() {
+        ensure!(!real[..place].contains(&real[place]), "video {} is given twice; each counts once", path.display());
+    }
+    Ok(())
 }
 
 /// Decodes parts of videos, one after the other. Parts of one video that follow each other are decoded in one pass, unless a

@@ -14,12 +14,16 @@ struct BilinearSample {
     part: [f32; 2],
 }
 
-/// Where each pixel of a rectified frame lies in the filmed one; none of pixels beyond it.
+/// How frames are rectified.
 #[derive(Debug)]
-pub(super) struct Samples(Vec<Option<BilinearSample>>);
+pub(super) struct Rectification {
+    pub calibration: Calibration,
+    /// Where each pixel of a rectified frame lies in the filmed one; none of pixels beyond it.
+    samples: Vec<Option<BilinearSample>>,
+}
 
-impl Samples {
-    pub(super) fn of(calibration: &Calibration, (width, height): (u32, u32)) -> Self {
+impl Rectification {
+    pub(super) fn new(calibration: &Calibration, (width, height): (u32, u32)) -> Self {
         let sample = |place: usize| {
             let at = [place % width as usize, place / width as usize].map(|it| it as f64);
             let [x, y] = calibration.filmed(at);
@@ -27,14 +31,15 @@ impl Samples {
             let part = [x.fract() as f32, y.fract() as f32];
             inside.then(|| BilinearSample { corner: y as usize * width as usize + x as usize, part })
         };
-        Samples((0..width as usize * height as usize).map(sample).collect())
+        let samples = (0..width as usize * height as usize).map(sample).collect();
+        Rectification { calibration: *calibration, samples }
     }
 }
 
 /// A pass whose frames are rectified. Pixels beyond the filmed frame are black.
 pub(super) struct Rectified<'a> {
     pub frames: Box<dyn FrameReader + 'a>,
-    pub samples: &'a Samples,
+    pub rectification: &'a Rectification,
 }
 
 impl FrameReader for Rectified<'_> {
@@ -43,7 +48,7 @@ impl FrameReader for Rectified<'_> {
         let (width, height) = filmed.dimensions();
         let (bytes, row) = (filmed.as_raw(), 3 * width as usize);
         let mut rectified = RgbImage::new(width, height);
-        for (pixel, sample) in rectified.pixels_mut().zip(&self.samples.0) {
+        for (pixel, sample) in rectified.pixels_mut().zip(&self.rectification.samples) {
             let Some(BilinearSample { corner, part: [across, down] }) = sample else { continue };
             for channel in 0..3 {
                 let at = |offset: usize| f32::from(bytes[3 * corner + offset + channel]);
@@ -73,8 +78,8 @@ mod tests {
     fn pixels_show_what_was_filmed_at_their_places() {
         let corners = [[100.0, 300.0], [300.0, 270.0], [300.0, 110.0], [100.0, 80.0]];
         let calibration = Calibration::new(corners, [0.4, 0.4], None).unwrap();
-        let samples = Samples::of(&calibration, (400, 400));
-        let frame = Rectified { frames: Box::new(Ramp), samples: &samples }.frame(0).unwrap();
+        let rectification = Rectification::new(&calibration, (400, 400));
+        let frame = Rectified { frames: Box::new(Ramp), rectification: &rectification }.frame(0).unwrap();
         let [x, _] = calibration.filmed([180.0, 190.0]);
         // The ramp's steps are one level high and two pixels wide.
         assert!((f64::from(frame.get_pixel(180, 190).0[1]) - (x - 0.5) / 2.0).abs() < 1.1);

@@ -218,7 +218,9 @@ fn beginning(name: &OsStr) -> OsString {
 /// be too long.
 pub fn named_after(name: &OsStr, ending: &str, room: usize) -> String {
     let name = name.to_string_lossy();
-    format!("{}{ending}", &name[..name.floor_char_boundary(LONGEST_NAME.saturating_sub(ending.len() + room))])
+    let most = LONGEST_NAME.saturating_sub(ending.len() + room);
+    let end = (0..=most.min(name.len())).rfind(|end| name.is_char_boundary(*end)).unwrap_or(0);
+    format!("{}{ending}", &name[..end])
 }
 
 /// Where a path leads, through links, also to what is not there yet.

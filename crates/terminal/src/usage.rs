@@ -1,8 +1,8 @@
 //! Help and complaints about a command line, printed as all other text: escaped, and a full disk is an error.
 
-use std::env;
 use std::process::ExitCode;
 
+use clap::error::ContextValue;
 use clap::{Error, Parser};
 
 use crate::progress::{escaped, write_error, write_text};
@@ -19,7 +19,11 @@ pub fn parsed<P: Parser>() -> Result<P, ExitCode> {
 pub fn print(error: &Error) -> ExitCode {
     let text = error.render().to_string();
     if error.use_stderr() {
-        let words = env::args_os().map(|word| word.to_string_lossy().into_owned());
+        let words = error.context().flat_map(|(_, value)| match value {
+            ContextValue::String(word) => vec![word.clone()],
+            ContextValue::Strings(words) => words.clone(),
+            _ => Vec::new(),
+        });
         write_error(escaped_words(text, words).trim_end());
     } else {
         write_text(&text);

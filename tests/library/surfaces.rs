@@ -1,7 +1,7 @@
 //! Surfaces and strings of an equation: closed forms of bounces, rest, sliding and slack strings, conservation laws, agreement of
 //! plain numbers and tensors, mistakes.
 
-use std::f64::consts::FRAC_PI_3;
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_3};
 use std::sync::Arc;
 
 use paig::network::cells::text::{Equation, EquationTable, SingleEquation};
@@ -164,6 +164,7 @@ fn a_string_goes_slack_at_the_known_angle_and_catches_again() {
     let equation = fall(&format!("strings = [{{ at = [0.0, 0.0], length = {length:?} }}]"), 40);
     let all = states(&equation, &[0.0, length, (3.5 * G * length).sqrt(), 0.0], 4 * FRAMES);
     let gap = |state: &Vec<f64>| length - state[0].hypot(state[1]);
+    // One frame is a coarse clock: the exact angle is that of the energy at the first slack state.
     let slack = all.iter().position(|state| gap(state) > 1e-6).unwrap();
     let energy = |state: &Vec<f64>| (state[2].powi(2) + state[3].powi(2)) / 2.0 - G * state[1];
     let begin = energy(&all[0]);
@@ -177,6 +178,15 @@ fn a_string_goes_slack_at_the_known_angle_and_catches_again() {
         angle(&all[slack - 1]),
         angle(&all[slack])
     );
+    // The parabola from 120 degrees on, traced back from any state on it, and forward to the lowest point.
+    let flying = &all[slack];
+    let [u, w] = [flying[2], flying[3]];
+    // On the way back to where the speed along y was that of the release.
+    let release = (G * length * 3.0 / 8.0).sqrt();
+    let since = (w + release) / G;
+    let from = [flying[0] - u * since, flying[1] - w * since + G * since * since / 2.0];
+    // Release is found to a substep: h = 1/800 of a speed of about 3.
+    close(&from, &[length * 3.0_f64.sqrt() / 2.0, -length / 2.0], 4e-3, "release");
     let caught = all[slack..].iter().position(|state| gap(state) < 1e-9).unwrap() + slack;
     let flight = 6.0_f64.sqrt() * (length / G).sqrt();
     let took = (caught - slack) as f64 / FRAMES as f64;
@@ -187,7 +197,7 @@ fn a_string_goes_slack_at_the_known_angle_and_catches_again() {
     assert!(all[caught..].iter().all(|state| gap(state).abs() < 1e-9), "stays taut");
 }
 
-/// A frictionless slide in a bowl is a pendulum; on a bump a ball leaves at cos = 2/3.
+/// A frictionless slide in a bowl is a pendulum; on a bump a ball leaves at cos = 2/3; elastic bounces in a bowl keep the energy.
 #[test]
 fn circles_hold_from_inside_and_outside() {
     let radius = 5.0;
@@ -201,6 +211,13 @@ fn circles_hold_from_inside_and_outside() {
         assert!((state[0].hypot(state[1]) - radius).abs() < 1e-8, "{state:?}");
     }
     assert!((all.iter().map(|state| state[0]).fold(0.0, f64::min) + 0.8 * radius).abs() < 0.02, "to the other side");
+
+    let elastic = format!("surfaces = [{{ bowl = [0.0, 0.0], distance = {radius:?} }}]");
+    for state in states(&fall(&elastic, 40), &[1.0, 0.0, 0.0, 0.0], 100) {
+        assert!(state[0].hypot(state[1]) < radius + 1e-9, "{state:?}");
+        // Of the kinetic energy of 40; each of some 10 impacts is found to the square of a substep.
+        assert!((energy(&state) - 0.0).abs() < 0.05, "{state:?}, {}", energy(&state));
+    }
 
     let bump = format!("surfaces = [{{ bump = [0.0, 0.0], distance = {radius:?}, restitution = 0.0 }}]");
     let all = states(&fall(&bump, 40), &[0.0, -radius, 0.05, 0.0], 80);
@@ -277,6 +294,12 @@ fn tensors_give_the_same_path_with_gradients() {
             [0.3, 6.0, 0.01, 9.0, 8.0],
             [2.0, 7.0, 0.5, 0.5],
         ),
+        // A bump.
+        (
+            "surfaces = [{ bump = [\"a\", \"y\"], distance = \"d\", restitution = \"e\" }]",
+            [0.3, 6.0, 0.6, 9.0, 20.0],
+            [2.0, 7.0, 0.5, 0.5],
+        ),
         // A string that becomes taut and swings.
         (
             "strings = [{ at = [\"a\", \"y\"], length = \"d\", restitution = \"e\" }]",
@@ -323,18 +346,47 @@ fn tensors_give_the_same_path_with_gradients() {
     }
 }
 
+/// A wall at the left by its angle is one by its name.
+#[test]
+fn a_line_upright_is_a_wall() {
+    let wall = fall("walls = { left = 4.0 }\nrestitution = 0.5", 5);
+    let line = fall(
+        &format!("surfaces = [{{ line = [0.0, 0.0], angle = {FRAC_PI_2}, distance = 4.0, restitution = 0.5 }}]"),
+        5,
+    );
+    let begin = [9.0, 0.0, -8.0, 0.0];
+    let [wall, line] = [wall, line].map(|table| states(&table, &begin, 40).pop().unwrap());
+    close(&line, &wall, 1e-9, "the same path");
+}
+
 #[test]
 fn mistakes_are_named() {
     let parameters = "parameters.d = { unit = [1, 0] }\nparameters.e = { unit = [0, 0], low = 0.0, high = 1.0 }\n\
                       parameters.m = { unit = [0, 0], low = -1.0 }";
     for (text, objects, expected) in [
         ("surfaces = [{ angle = 0.1 }]", 1, "surfaces[1]: expected one of line, bowl and bump"),
+        ("surfaces = [{ line = [0, 1], bowl = [1, 1] }]", 1, "surfaces[1]: expected one of line, bowl and bump"),
         ("surfaces = [{ bowl = [0.0, 1.0] }]", 1, "surfaces[1]: a circle needs a distance"),
         ("surfaces = [{ bowl = [0.0, 1.0], distance = 2.0, angle = 0.1 }]", 1, "surfaces[1].angle: a circle has none"),
+        ("surfaces = [{ bump = [0.0, 1.0], distance = -2.0 }]", 1, "surfaces[1].distance: must be more than 0"),
+        ("surfaces = [{ line = [0.0, \"q\"] }]", 1, "surfaces[1].line = \"q\": there is no such parameter"),
         ("surfaces = [{ line = [0.0, \"e\"] }]", 1, "surfaces[1].line = \"e\": has the unit [0, 0], but is a position"),
+        ("surfaces = [{ line = [0.0, 1.0], angle = \"d\" }]", 1, "but is an angle in radians"),
+        ("surfaces = [{ line = [0.0, nan] }]", 1, "surfaces[1].line: expected a finite number"),
+        ("surfaces = [{ line = [0.0, 1.0], restitution = 2.0 }]", 1, "surfaces[1].restitution = 2: must be 0 to 1"),
         ("surfaces = [{ line = [0.0, 1.0], friction = \"m\" }]", 1, "surfaces[1].friction: must be 0 or more"),
         ("surfaces = [{ line = [0.0, 1.0], object = 2 }]", 1, "surfaces[1].object = 2: expected 1 to 1"),
+        ("strings = [{ length = 3.0 }]", 1, "strings[1]: expected one of at"),
+        ("strings = [{ at = [0.0, 0.0], length = 0.0 }]", 1, "strings[1].length: must be more than 0"),
+        (
+            "strings = [{ at = [0.0, 0.0], length = 1.0, masses = [1.0, 1.0] }]",
+            1,
+            "strings[1].masses: only a string between",
+        ),
         ("strings = [{ between = [1, 2], length = 3.0 }]", 1, "strings[1].between = 2: expected 1 to 1"),
+        ("strings = [{ between = [2, 2], length = 3.0 }]", 2, "strings[1].between: expected two objects"),
+        ("strings = [{ between = [1, 2], length = 3.0, masses = [0.0, 1.0] }]", 2, "strings[1].masses: each must be"),
+        ("contacts = { distance = 1.0, friction = -0.1 }", 2, "contacts.friction: must be 0 or more"),
         (
             "state = \"angle\"\nstrings = [{ at = [0.0, 0.0], length = 1.0 }]",
             1,

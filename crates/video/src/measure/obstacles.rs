@@ -287,3 +287,34 @@ fn circle([a, b, c]: [[f64; 2]; 3]) -> Option<([f64; 2], f64)> {
     let radius = arm[0].hypot(arm[1]);
     radius.is_finite().then_some(([a[0] + arm[0], a[1] + arm[1]], radius))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_circle_encloses_a_swing_and_a_flight() {
+        let swing = (0..40)
+            .map(|place| 0.05 * f64::from(place))
+            .map(|angle: f64| [30.0 + 20.0 * angle.cos(), 10.0 + 20.0 * angle.sin()]);
+        let flight = (0..20).map(|place| [48.0 - f64::from(place), 0.0 + 0.05 * f64::from(place * place)]);
+        let (centre, radius) = enclosing_circle(&swing.chain(flight).collect::<Vec<_>>()).unwrap();
+        // Positions touch to a hundredth of the extent.
+        assert!((radius - 20.0).abs() < 1.0 && (centre[0] - 30.0).hypot(centre[1] - 10.0) < 1.0, "{centre:?} {radius}");
+    }
+
+    #[test]
+    fn the_struck_edge_is_the_incline() {
+        let (angle, steps) = (0.3_f64, 60);
+        // Bounces of 10 frames each along the incline, y down.
+        let path: Vec<[f64; 2]> = (0..steps)
+            .map(|frame| {
+                let phase = f64::from(frame % 10) - 5.0;
+                let (along, height) = (f64::from(frame), 0.5 * (25.0 - phase * phase));
+                [along * angle.cos() + height * angle.sin(), along * angle.sin() - height * angle.cos()]
+            })
+            .collect();
+        let found = struck_edge(&vec![path.clone()], &path).unwrap();
+        assert!((found - angle).abs() < 1e-9, "{found}");
+    }
+}
